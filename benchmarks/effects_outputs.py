@@ -14,7 +14,7 @@ import pandas as pd
 
 from contactimg import generate_asperities
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS
-from contactimg.effects.output_change import WRITTEN, Answer, Asperities, output_changes
+from contactimg.effects.output_change import WRITTEN, Answer, output_changes
 from contactimg.effects.plan import make_plan
 from contactimg.errors import ContactimgError
 from contactimg.prediction import predict_contacts
@@ -84,8 +84,8 @@ def judge(number: int, seed: int, relative: float, output: str) -> dict[str, obj
     sites = composite_apexes(table, indenter_radius=scene.indenter.radius, apex=scene.indenter.apex)
     x0, y0 = scene.indenter.apex
     distance = np.hypot(sites["x_m"] - x0, sites["y_m"] - y0).to_numpy(float)
-    asperities = Asperities.about(distance, sites["radius_m"].to_numpy(float))
-    true = output_changes(asperities, without=planned, complete=complete)
+    radius = sites["radius_m"].to_numpy(float)
+    true = output_changes(distance, radius, without=planned, complete=complete)
     row |= {"refused": "", "contacts": int(np.count_nonzero(complete.radius)), "off": " ".join(plan.left_out)}
     for name in WRITTEN:
         row |= {f"true_{name}": true[name], f"said_{name}": plan.expected_errors[name]}

@@ -53,7 +53,9 @@ from .mechanics.profiles import PowerLawProfile as PowerLawProfile
 from .mechanics.profiles import TabulatedProfile as TabulatedProfile
 from .models.adhesive import solve_adhesive as solve_adhesive
 from .models.adhesive import solve_adhesive_path as solve_adhesive_path
+from .models.ensemble import area_bands as area_bands
 from .models.ensemble import solve_ensemble as solve_ensemble
+from .models.ensemble import tabulate_areas as tabulate_areas
 from .models.greenwood_tripp import solve_greenwood_tripp as solve_greenwood_tripp
 from .models.greenwood_williamson import AsperityLayer as AsperityLayer
 from .models.greenwood_williamson import solve_greenwood_williamson as solve_greenwood_williamson
@@ -63,8 +65,6 @@ from .models.height_distributions import UniformHeights as UniformHeights
 from .models.interacting import solve_interacting as solve_interacting
 from .models.interacting import solve_loads as solve_loads
 from .models.load_spring import LoadSpring as LoadSpring
-from .models.simulated_areas import area_bands as area_bands
-from .models.simulated_areas import tabulate_areas as tabulate_areas
 from .models.solution import InteractingSolution as InteractingSolution
 from .pipeline.analyse.analysis import AnalysisOptions as AnalysisOptions
 from .pipeline.analyse.analysis import analyse_places as analyse_places
@@ -96,5 +96,6 @@ from .surfaces import UniformCaps as UniformCaps
 from .surfaces import base_radius as base_radius
 from .surfaces import check_asperities as check_asperities
 from .surfaces import composite_apexes as composite_apexes
+from .surfaces import draw_surface as draw_surface
 from .surfaces import generate_asperities as generate_asperities
 from .tables import Flag as Flag

@@ -79,7 +79,7 @@ class PowerLaw:
         return self.exponent.scaled(float(np.sqrt(2 - measured**2)))
 
     def value(self, x: ArrayLike) -> Values:
-        """The law at x."""
+        """The value of the law at x."""
         return self.amplitude.value * (np.asarray(x, dtype=np.float64) / self.reference) ** (
             self.exponent.value
         )
@@ -116,7 +116,7 @@ class BrokenLaw:
         return bool(self.p_value < 1 - self.single.confidence)
 
     def value(self, x: ArrayLike) -> Values:
-        """The law at x."""
+        """The value of the law at x."""
         ratio = np.asarray(x, dtype=np.float64) / self.break_x.value
         exponent = np.where(ratio < 1, self.low_exponent.value, self.high_exponent.value)
         return self.break_y * ratio**exponent

@@ -147,7 +147,7 @@ def choose_in_rings(
     width: float,
     rng: np.random.Generator,
 ) -> NDArray[np.bool_]:
-    """As many points of every ring around a centre as were chosen there, but others: contacts at random.
+    """Draw as many points of every ring around a centre as were chosen there: contacts at random.
 
     Parameters
     ----------

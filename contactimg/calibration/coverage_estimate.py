@@ -50,7 +50,7 @@ class CoverageEstimate(Estimate):
         return cls(value, std, value - half, value + half)
 
     def record(self, unit: str) -> dict[str, Any]:
-        """As ``calibration.json`` states it.
+        """The number as ``calibration.json`` states it.
 
         Examples
         --------

@@ -122,7 +122,7 @@ class JkrSeries:
         return 1 + self.branches.shape[1]
 
     def part(self, used: Mask) -> "JkrSeries":
-        """Some of the frames."""
+        """The series of some of the frames."""
         names = ("load", "radius", "radius_std", "branches", "extra")
         return replace(self, **{name: getattr(self, name)[used] for name in names})
 
@@ -419,7 +419,7 @@ class JkrEstimates:
     correlation: float
 
     def widened(self, other: "JkrEstimates", doubt: float) -> "JkrEstimates":
-        """With the uncertainty added by a rival of probability ``doubt``."""
+        """The estimates with the uncertainty that a rival of probability ``doubt`` adds."""
 
         def wide(estimate: CoverageEstimate, rival: CoverageEstimate) -> CoverageEstimate:
             return estimate.widened(np.sqrt(doubt) * abs(rival.value - estimate.value))

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from contactimg.effects.output_change import (
     WRITTEN,
     Answer,
-    Asperities,
     EffectEstimate,
     output_changes,
     requested_outputs,
@@ -312,14 +311,14 @@ class Comparison:
         if not steps:
             return dict.fromkeys(WRITTEN, 0.0)
         distance = np.hypot(self.base.x - self.apex[0], self.base.y - self.apex[1])
-        about = Asperities.about(distance, self.base.law_radius)
         found, may_form = dict.fromkeys(WRITTEN, 0.0), stretch > 1
         for beyond in {0.0, stretch - 1}:  # contacts may form or vanish at either end
             complete = without = self.complete
             for step in steps:
                 complete, without = complete.plus(step, beyond), without.plus(step, beyond - stretch)
             changes = output_changes(
-                about,
+                distance,
+                self.base.law_radius,
                 without=self.answer(without, may_form=may_form),
                 complete=self.answer(complete, may_form=may_form),
             )

@@ -217,7 +217,7 @@ class Camera:
         ).image
 
     def measure(self, shown: Shown) -> list[tuple[NDArray[np.intp], Values]]:
-        """For each realisation the nearest contact of every measured disk, and the disk's radius, px."""
+        """The nearest contact of every measured disk and the disk's radius, px, for each realisation."""
         if shown in self.radii:
             return self.radii[shown]
         frame, reference = self.light(shown)

@@ -60,28 +60,9 @@ class Answer:
     indentation: float
 
 
-@dataclass(frozen=True, eq=False)
-class Asperities:
-    """What the norms need of the asperities beside their contacts.
-
-    Parameters
-    ----------
-    curvature_radius : ndarray, shape (n,)
-        Composite radius R, for Hertz's law.
-    annulus : ndarray of int, shape (n,)
-        Number of the annulus in which each lies, from 0.
-    """
-
-    curvature_radius: Values
-    annulus: NDArray[np.intp]
-
-    @classmethod
-    def about(cls, distance: Values, curvature_radius: Values, width: float = ANNULUS) -> "Asperities":
-        """Asperities at distances (m) from the apex, in annuli of a width (m)."""
-        return cls(curvature_radius, np.floor_divide(distance, width).astype(np.intp))
-
-
-def output_changes(asperities: Asperities, *, without: Answer, complete: Answer) -> dict[str, float]:
+def output_changes(
+    distance: Values, curvature_radius: Values, *, without: Answer, complete: Answer
+) -> dict[str, float]:
     """Relative change of every written output if an effect is left out.
 
     ``area``, ``force``, ``radius`` as in `relative_change`. ``hertz``: ``sum |d(a^3/R)| / sum a^3/R``.
@@ -92,7 +73,10 @@ def output_changes(asperities: Asperities, *, without: Answer, complete: Answer)
 
     Parameters
     ----------
-    asperities : Asperities
+    distance : ndarray, shape (n,), m
+        Of each asperity from the apex, for the annuli of the profile.
+    curvature_radius : ndarray, shape (n,)
+        Composite radius R, for Hertz's law.
     without, complete : Answer
         Of all asperities, in the same order, without the effect and with it.
 
@@ -103,24 +87,23 @@ def output_changes(asperities: Asperities, *, without: Answer, complete: Answer)
 
     Examples
     --------
-    >>> two = Asperities(np.ones(2), np.array([0, 0]))
     >>> before = Answer(np.array([1.0, 1.0]), np.array([1.0, 2.0]), 4.0)
     >>> after = Answer(np.array([2.0, 0.0]), np.array([2.0, 0.0]), 5.0)
-    >>> changes = output_changes(two, without=after, complete=before)
+    >>> changes = output_changes(np.zeros(2), np.ones(2), without=after, complete=before)
     >>> {name: round(value, 3) for name, value in changes.items()}  # doctest: +NORMALIZE_WHITESPACE
     {'area': 0.2, 'force': 1.0, 'radius': 1.0, 'hertz': 1.667, 'contacts': 0.5, 'profile': 0.5,
      'indentation': 0.25}
     """
     pairs = {"without": (without.force, without.radius), "complete": (complete.force, complete.radius)}
     found = {name: relative_change(name, **pairs) for name in OUTPUTS}
-    R = asperities.curvature_radius
+    R, annulus = curvature_radius, np.floor_divide(distance, ANNULUS).astype(np.intp)
     hertz, full_hertz = without.radius**3 / R, complete.radius**3 / R
     touching, complete_touching = without.radius > 0, complete.radius > 0
     flips = float(np.count_nonzero(touching != complete_touching))
     deepest = max(abs(complete.indentation), float(np.max(complete.radius**2 / R, initial=0.0)))
     found["hertz"] = _ratio(float(np.abs(full_hertz - hertz).sum()), float(full_hertz.sum()))
     found["contacts"] = _ratio(flips, float(np.count_nonzero(complete_touching)))
-    found["profile"] = _profile_change(asperities.annulus, without, complete)
+    found["profile"] = _profile_change(annulus, without, complete)
     found["indentation"] = _ratio(abs(complete.indentation - without.indentation), deepest)
     return found
 

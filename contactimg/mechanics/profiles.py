@@ -33,10 +33,10 @@ class AxisymmetricProfile(Protocol):
         """``delta``, m; it must increase with the radius."""
 
     def force(self, radius: Values) -> Values:
-        """``P/E*``, m^2."""
+        """The force over ``E*`` at a contact radius, m^2."""
 
     def steepness(self, radius: Values) -> Values:
-        """``d delta/d a``."""
+        """The slope ``d delta/d a`` at a contact radius."""
 
 
 @dataclass(frozen=True)
@@ -85,16 +85,16 @@ class PowerLawProfile:
         return float(np.sqrt(np.pi) * gamma(n / 2 + 1) / gamma((n + 1) / 2))
 
     def indentation(self, radius: Values) -> Values:
-        """``delta``, m."""
+        """The indentation ``delta`` at a contact radius, m."""
         return self._kappa * self.drop * (radius / self.width) ** self.exponent
 
     def force(self, radius: Values) -> Values:
-        """``P/E*``, m^2."""
+        """The force over ``E*`` at a contact radius, m^2."""
         n = self.exponent
         return 2 * n / (n + 1) * radius * self.indentation(radius)
 
     def steepness(self, radius: Values) -> Values:
-        """``d delta/d a``."""
+        """The slope ``d delta/d a`` at a contact radius."""
         return self.exponent * self.indentation(radius) / radius
 
 
@@ -160,12 +160,12 @@ class TabulatedProfile:
         return np.stack([np.diff(values, axis=1) for values in antiderivatives])
 
     def indentation(self, radius: Values) -> Values:
-        """``delta``, m."""
+        """The indentation ``delta`` at a contact radius, m."""
         m = self._moments(radius)
         return np.asarray(radius) * np.einsum("js,jas->a", self._slopes[1], m[:3])
 
     def force(self, radius: Values) -> Values:
-        """``P/E*``, m^2."""
+        """The force over ``E*`` at a contact radius, m^2."""
         return 2 * np.einsum("js,jas->a", self._slopes[1], self._moments(radius)[2:])
 
     def steepness(self, radius: Values) -> Values:
@@ -203,13 +203,13 @@ class ProfileUnderLens:
         return self.profile.widest
 
     def indentation(self, radius: Values) -> Values:
-        """``delta``, m."""
+        """The indentation ``delta`` at a contact radius, m."""
         return self.profile.indentation(radius) + radius**2 / self.indenter_radius
 
     def force(self, radius: Values) -> Values:
-        """``P/E*``, m^2."""
+        """The force over ``E*`` at a contact radius, m^2."""
         return self.profile.force(radius) + 4 * radius**3 / (3 * self.indenter_radius)
 
     def steepness(self, radius: Values) -> Values:
-        """``d delta/d a``."""
+        """The slope ``d delta/d a`` at a contact radius."""
         return self.profile.steepness(radius) + 2 * radius / self.indenter_radius

@@ -10,15 +10,13 @@ Read in this order:
 - ``interacting``: every contact of a pattern, elastically coupled. Below it ``composite_summits``
   (asperities and lens combined, for all loads), ``scaled_problem`` (removes the dimensions),
   ``asperity_laws`` (one contact), ``cap_shapes`` (ellipsoids, unequal moduli), ``profile_law`` (any
-  axisymmetric profile), ``coupling`` and ``fast_coupling`` with ``near_field_sum`` (displacement by the
-  neighbours), ``full_coupling`` (their field over the width of a contact), ``newton_iteration``,
-  ``cells`` (averages over square cells, for the linear systems of many contacts) and ``coarse_grid`` (for
-  their start),
-  ``contact_solver`` (puts these together), ``work_limit`` (what one solution may cost);
+  axisymmetric profile), ``coupling`` and ``fast_coupling`` (displacement by the neighbours),
+  ``full_coupling`` (their field over the width of a contact), ``newton_iteration``, ``contact_solver`` (puts
+  these together);
 - ``base_gap``: whether the base planes touch between the asperities; ``surroundings``: what a pattern that
   goes on beyond the table would carry;
-- ``adhesive``: the same with JKR adhesion, on ``adhesive_asperity_law``, ``adhesive_path``
-  (contacts that break and form, with their fields under full coupling) and ``adhesive_proof``;
+- ``adhesive``: the same with JKR adhesion, on ``adhesive_path``
+  (contacts that break and form, with their fields under full coupling);
 - ``height_distributions``, ``greenwood_williamson``, ``greenwood_tripp``: averages over random surfaces;
 - ``ensemble``: many random patterns, one after the other.
 """

@@ -10,22 +10,31 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from typing import TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from contactimg.errors import ConvergenceError, InputError
-from contactimg.models.adhesive_asperity_law import AdhesiveLaw
-from contactimg.models.adhesive_path import AdhesivePath
-from contactimg.models.adhesive_proof import AdhesiveProof
-from contactimg.models.asperity_laws import LAWS
-from contactimg.models.coupling import Kernel
+from contactimg.models.adhesive_path import AdhesivePath, AdhesiveState
+from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, Caps
+from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.interacting import check_layer, solve_interacting
 from contactimg.models.load_spring import ContactConditions, LoadSpring, prescribed
-from contactimg.models.proof import ADHESION_RANGE_J_M2, check_range, refuse_beyond_floats
+from contactimg.models.proof import (
+    ADHESION_RANGE_J_M2,
+    MAX_RELATIVE_ERROR,
+    check_finite,
+    check_range,
+    judge,
+    refuse_beyond_floats,
+)
 from contactimg.models.scaled_problem import check_choice, scale_problem
 from contactimg.models.solution import InteractingSolution
+
+Values = NDArray[np.float64]
 
 COUPLINGS = ("none", "asymptotic", "full")
 
@@ -33,17 +42,10 @@ FIRST_SUBSTEPS, MOST_SUBSTEPS = 8, 128
 """Steps between two loads of a path, at first and at most. Chosen: in one step from 20 to 1 mN a pattern lost
 two of its twelve contacts, in eight none."""
 
-
-class AdhesiveOptions(TypedDict, total=False):
-    """Keywords of `solve_adhesive` that hold for every load of a series."""
-
-    apex: tuple[float, float]
-    coupling: str
-    law: str
-    thickness: float
-    poisson_ratio: float
-    tolerance: float
-    max_iterations: int
+ROUNDING_FRACTION = 1e-11
+"""Error of the sum of adhesive forces, relative to the sum of their magnitudes, that counts as rounding.
+Theory: the Hertz part and the punch part of a force cancel, and the iteration stops at relative errors of
+1e-11."""
 
 
 @refuse_beyond_floats
@@ -181,7 +183,12 @@ def solve_adhesive(
     )
     check_layer(solution.radius, float(thickness))
     law_in_si = AdhesiveLaw(w / conditions.contact_modulus, aspect, *layer)
-    return AdhesiveProof(path, state, law_in_si, conditions, start).judge(solution)
+    return replace(
+        solution,
+        status=_status(solution, path, state, law_in_si),
+        branch=_branch(solution, start),
+        stability_check=_stability_check(path, state),
+    )
 
 
 def solve_adhesive_path(
@@ -191,7 +198,7 @@ def solve_adhesive_path(
     indenter_radius: float,
     contact_modulus: float,
     work_of_adhesion: float,
-    **options: Unpack[AdhesiveOptions],
+    **options: Any,
 ) -> Iterator[InteractingSolution]:
     """Load and unload: one solution per load, in order, with contacts persisting from load to load.
 
@@ -204,7 +211,7 @@ def solve_adhesive_path(
     contact_modulus : float, Pa
     work_of_adhesion : float, J/m^2
     **options
-        Further keywords of `solve_adhesive`: those of `AdhesiveOptions`.
+        Further keywords of `solve_adhesive` that hold for every load.
 
     Yields
     ------
@@ -240,7 +247,7 @@ def solve_adhesive_after(
     indenter_radius: float,
     contact_modulus: float,
     work_of_adhesion: float,
-    **options: Unpack[AdhesiveOptions],
+    **options: Any,
 ) -> InteractingSolution:
     """The solution at a load that is reached slowly after other loads.
 
@@ -276,7 +283,7 @@ def _continuous(
     first: float | LoadSpring,
     last: float | LoadSpring,
 ) -> InteractingSolution:
-    """From one load to the next, in steps so small that half of them lead to the same contacts."""
+    """Follow the contacts between two loads in steps so small that half of them lead to the same set."""
     coarse: InteractingSolution | None = None
     steps = FIRST_SUBSTEPS
     while steps <= MOST_SUBSTEPS:
@@ -334,3 +341,125 @@ def _without_adhesion(
         thickness=conditions.thickness,
         poisson_ratio=conditions.poisson_ratio,
     )
+
+
+def _status(solution: InteractingSolution, path: AdhesivePath, state: AdhesiveState, law: AdhesiveLaw) -> str:
+    """Status of a solution whose numbers follow from each other, recomputed in SI units; an error if not.
+
+    ``law`` has ``w/E*`` in m and forces over ``E*`` in m^2.
+    """
+    check_finite(
+        {"force": solution.force, "contact radius": solution.radius, "indentation": solution.indentation}
+    )
+    p, rows, conditions = path.problem, state.rows, solution.conditions
+    radius, force = solution.radius[p.order[rows]], solution.force[p.order[rows]]
+    depth = solution.indentation - p.depths[rows]
+    size = max(float(np.abs(depth).max(initial=0.0)), p.depth)
+    punch = np.sqrt(8 * np.pi * law.adhesion * radius**3) * conditions.contact_modulus
+    total, borne = float(np.sum(np.abs(force) + punch)), float(force.sum())
+    load = conditions.force if conditions.spring is None else None
+    away = abs(borne - (load or 0.0))
+    errors = {"sum of the forces": 0.0 if load is None else away / (abs(load) or total or 1.0)}
+    if conditions.spring is not None:
+        errors["sum of the forces"] = conditions.spring.imbalance(borne, solution.indentation)
+    if state.contacts is not None:
+        state.contacts.refuse_engulfed(state.contact_radius)
+        caps = p.caps_in_metres(p.caps[rows])
+        law_force = law.force(radius, caps) * conditions.contact_modulus
+        errors["forces at the contact radii"] = float(np.abs(law_force - force).sum()) / total
+        lowered = (path.field_gap(rows) + state.contacts.matrix @ (force / p.force_unit)) * p.depth
+        errors["penetrations"] = float(np.abs(law.penetration(radius, caps) - depth + lowered).max()) / size
+    below = load and errors["sum of the forces"] > MAX_RELATIVE_ERROR and away <= ROUNDING_FRACTION * total
+    if below:
+        errors["sum of the forces"] = 0.0
+    status = judge(errors, path.tolerance)
+    if below:
+        return (
+            f"the load of {load:.6g} N is below the accuracy of the adhesive forces, {total:.3g} N: "
+            f"they sum to the load within {away:.3g} N"
+        )
+    if state.unsettled > MAX_RELATIVE_ERROR:
+        return (
+            "full coupling of the adhesive contacts did not settle: with the fields of the neighbours "
+            f"the contact radii still change by {state.unsettled:.2g} of the largest"
+        )
+    overlap = _overlap(path, state)
+    if overlap.size and float(overlap.max()) > MAX_RELATIVE_ERROR * size:
+        return (
+            f"{overlap.size} asperities without contact overlap the indenter, by up to "
+            f"{float(overlap.max()) * 1e6:.3g} um: their contacts broke on the way to this solution; "
+            "approach it in smaller steps"
+        )
+    return status
+
+
+def _overlap(path: AdhesivePath, state: AdhesiveState) -> Values:
+    """Overlaps of the asperities without contact with the indenter, m: positive ones only."""
+    p, kernel = path.problem, path.kernel
+    penetration = state.indentation - p.gap
+    if kernel is not None and state.rows.size:
+        sources = np.stack([p.x, p.y])[:, state.rows]
+        penetration -= kernel.displacement(p.x, p.y, sources, state.force)
+    penetration[state.rows] = -np.inf
+    return penetration[penetration > 0] * p.depth
+
+
+def _branch(solution: InteractingSolution, previous: InteractingSolution | None) -> str:
+    """How the solution was reached from the previous one."""
+    if previous is None:
+        return "first loading"
+    conditions = solution.conditions
+    now, then = solution.indentation, previous.indentation
+    if conditions.spring is not None:
+        now = conditions.spring.displacement
+        then += previous.load / conditions.spring.stiffness
+    elif conditions.force is not None:
+        now, then = conditions.force, previous.load
+    if abs(now - then) <= MAX_RELATIVE_ERROR * abs(now):
+        return "held"
+    return "loading" if now > then else "unloading"
+
+
+def _stability_check(path: AdhesivePath, state: AdhesiveState) -> Callable[[], str] | None:
+    """The check of the stability, for when it is asked for; None without coupling or contacts."""
+    p, rows = path.problem, state.rows
+    if path.kernel is None or not rows.size:
+        return None
+    stiffness = p.stiffness if p.load is not None else np.inf
+    place = p.x[rows], p.y[rows], path.kernel
+    check = partial(_stability, place, p.caps[rows], path.law)
+    return partial(check, contact_radius=state.contact_radius, stiffness=stiffness)
+
+
+def _stability(
+    place: tuple[Values, Values, Kernel],
+    caps: Caps,
+    law: AdhesiveLaw,
+    *,
+    contact_radius: Values,
+    stiffness: float,
+) -> str:
+    """``"stable"``, ``"stable only at fixed indentation"`` or ``"unstable"``: the energy's second variation.
+
+    A contact alone is stable at fixed indentation where its penetration grows with its radius. Coupled
+    contacts with the tangent stiffnesses ``k`` are stable while ``diag(1/k) + C`` has as many negative
+    eigenvalues as ``diag(1/k)``. Under a prescribed load the sum of the forces must also grow with the
+    indentation; with a load cell it may fall, more slowly than the force of the cell, whose ``stiffness`` is
+    infinite at a prescribed indentation.
+    """
+    force_slope, penetration_slope = law.slopes(contact_radius, caps)
+    if np.any(penetration_slope < 0):
+        return "unstable"
+    compliance = penetration_slope / np.where(force_slope == 0, np.finfo(float).tiny, force_slope)
+    matrix = DenseCoupling(*place).matrix
+    matrix[np.diag_indices_from(matrix)] += compliance
+    factor, pivots, failed = lapack.dsytrf(matrix, lower=1)
+    # eigenvalues by Sylvester's law of inertia: a pivot of order two has one of each sign
+    single = pivots > 0
+    negative = int(np.sum(np.diag(factor)[single] < 0)) + int(np.sum(~single)) // 2
+    if failed or negative != int(np.sum(compliance < 0)):
+        return "unstable"
+    if np.isinf(stiffness):
+        return "stable"
+    rise, _ = lapack.dsytrs(factor, pivots, np.ones((contact_radius.size, 1)), lower=1)
+    return "stable" if float(np.sum(rise)) + stiffness > 0 else "stable only at fixed indentation"

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, ModelRangeError
-from contactimg.models.adhesive_asperity_law import AdhesiveLaw
-from contactimg.models.asperity_laws import Caps
+from contactimg.models.asperity_laws import AdhesiveLaw, Caps
 from contactimg.models.coupling import QUARTIC, DenseCoupling, Kernel
 from contactimg.models.full_coupling import CapCorrection, bounded_saddle, pressure_radius
 from contactimg.models.scaled_problem import ScaledProblem
@@ -243,9 +242,8 @@ class AdhesiveContacts:
         caps = p.caps[rows]
         matrix = np.zeros((rows.size, rows.size))
         if path.kernel is not None:
+            p.part(rows).refuse_duplicates()
             matrix = DenseCoupling(p.x[rows], p.y[rows], path.kernel).matrix
-            if not np.isfinite(matrix.max(initial=0.0)):
-                replace(p, x=p.x[rows], y=p.y[rows], order=p.order[rows]).refuse_duplicates()
         fold, widest = path.law.fold(caps), path.law.widest(caps)
         return cls(path, rows, caps, p.gap[rows], fold, widest, matrix)
 
@@ -304,10 +302,9 @@ class AdhesiveContacts:
         penetration[self.rows] = 0.0
         near = np.flatnonzero(penetration > 0)
         if self.path.kernel is not None:
-            r = np.hypot(p.x[near, None] - p.x[self.rows], p.y[near, None] - p.y[self.rows])
-            if not r.all():
-                p.refuse_duplicates()
-            penetration[near] -= (1 / r - self.path.kernel.deficit(r)) @ force / np.pi
+            p.part(np.union1d(near, self.rows)).refuse_duplicates()
+            sources = np.stack([p.x, p.y])[:, self.rows]
+            penetration[near] -= self.path.kernel.displacement(p.x[near], p.y[near], sources, force)
         penetration[self.rows] = law.penetration(a, self.caps)
         return AdhesiveState(self.rows, a, force, penetration, depth, residual, self)
 

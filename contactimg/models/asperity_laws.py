@@ -1,4 +1,4 @@
-"""Contact radius and force of one asperity as functions of its penetration, dimensionless (E* = 1).
+"""Contact radius, force and penetration of one asperity, dimensionless (E* = 1): Hertz, sphere, layer, JKR.
 
 A law takes arrays of penetrations and `Caps` of the same length. For every axisymmetric profile the stiffness
 of a contact is ``dp/d delta = 2 E* a``; the solvers rely on this relation. For other contacts, ellipses and
@@ -6,18 +6,22 @@ those on a base, a law returns half the stiffness in place of ``a``.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from contactimg.compiled import njit
 from contactimg.mechanics import sphere
+from contactimg.mechanics.layer_contact import LARGEST_RATIO, factor_table
 
 Values = NDArray[np.float64]
 
 _MAX_STEPS = 60
-"""Most Newton steps for a contact on a base. A safety limit: four to eight suffice."""
+"""Most steps of a scalar iteration. Theory: a convergence by halves reaches rounding in 53; Newton's
+method takes four to eight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,3 +178,219 @@ def left_out_for(words: str) -> str:
 def asperity_law(name: str, *, aspect: float) -> AsperityLaw:
     """The law of a name, for units with the given aspect (height over length)."""
     return HertzLaw() if name == "hertz" else SphereLaw(aspect)
+
+
+TABLE_NODES = 401
+"""Nodes of `paraboloid_table`: interpolation is good to 1e-10, and a Newton step leaves the square of it."""
+
+
+@dataclass(frozen=True)
+class AdhesiveLaw:
+    """JKR's law in terms of the contact radius.
+
+    Parameters
+    ----------
+    adhesion : float
+        ``w``.
+    aspect : float
+        Unit of height over unit of length for a sphere; zero for a paraboloid.
+    thickness : float
+        Of the layer: factors of `contactimg.mechanics.layer_contact` act on the parts with and without
+        adhesion of force and penetration. Exact for a paraboloid. Infinite for a half-space.
+    poisson_ratio : float
+        Of the layer.
+
+    References
+    ----------
+    Maugis, Langmuir 11 (1995) 679, doi:10.1021/la00002a055, for the sphere's exact profile.
+
+    Examples
+    --------
+    Contacts of zero penetration have ``a^3 = 2 pi w R^2``:
+
+    >>> law = AdhesiveLaw(0.5)
+    >>> cap = Caps(np.ones(1))
+    >>> a = law.touch_radius(cap)
+    >>> round(float(a[0] ** 3 / np.pi), 9), abs(float(law.penetration(a, cap)[0])) < 1e-12
+    (1.0, True)
+    """
+
+    adhesion: float
+    aspect: float = 0.0
+    thickness: float = np.inf
+    poisson_ratio: float = 0.5
+
+    def _factors(self, contact_radius: Values, derivative: int = 0) -> Values:
+        """``H``, ``A``, ``D`` and ``B`` of a layer, one row each, or their derivatives with the radius."""
+        if np.isinf(self.thickness):
+            return np.full((4, 1), 0.0 if derivative else 1.0)
+        ratio = np.minimum(contact_radius / self.thickness, LARGEST_RATIO)
+        return factor_table(self.poisson_ratio)(ratio, derivative).T / self.thickness**derivative
+
+    def force(self, contact_radius: Values, caps: Caps) -> Values:
+        """Force at a contact radius."""
+        pressing, adhesive, _, _ = self._factors(contact_radius)
+        pull = np.sqrt(8 * np.pi * self.adhesion * contact_radius**3)
+        return pressing * self._plain_force(contact_radius, caps) - adhesive * pull
+
+    def penetration(self, contact_radius: Values, caps: Caps) -> Values:
+        """Penetration at a contact radius."""
+        _, _, pressed, pulled = self._factors(contact_radius)
+        rise = np.sqrt(2 * np.pi * self.adhesion * contact_radius)
+        return pressed * self._plain_penetration(contact_radius, caps) - pulled * rise
+
+    def _plain_force(self, a: Values, caps: Caps) -> Values:
+        """Force without adhesion on a half-space."""
+        radius = caps.radius
+        if self.aspect:
+            plain = radius**2 / self.aspect**3 * sphere.scaled_load(self.aspect * a / radius)
+        else:
+            plain = (4 / 3) * a**3 / radius
+        if caps.bends is not None:
+            curvature, quartic = caps.bends.T
+            plain = plain + a**3 * (4 / 3 * curvature + 64 / 15 * quartic * a**2)
+        return plain
+
+    def _plain_penetration(self, a: Values, caps: Caps) -> Values:
+        """Penetration without adhesion on a half-space."""
+        radius = caps.radius
+        if self.aspect:
+            plain = radius / self.aspect**2 * sphere.scaled_indentation(self.aspect * a / radius)
+        else:
+            plain = a**2 / radius
+        if caps.bends is not None:
+            curvature, quartic = caps.bends.T
+            plain = plain + a**2 * (curvature + 8 / 3 * quartic * a**2)
+        return plain
+
+    def slopes(self, contact_radius: Values, caps: Caps) -> tuple[Values, Values]:
+        """Derivatives of force and penetration with the contact radius."""
+        a, w = contact_radius, self.adhesion
+        steepness, rise = self._penetration_slopes(a, caps)
+        pressing, adhesive, _, _ = self._factors(a)
+        slopes = 2 * a * self._steepness(a, caps) * pressing - adhesive * np.sqrt(18 * np.pi * w * a)
+        if not np.isinf(self.thickness):
+            pressing, adhesive, _, _ = self._factors(a, 1)
+            slopes += pressing * self._plain_force(a, caps) - adhesive * np.sqrt(8 * np.pi * w * a**3)
+        return slopes, steepness - rise
+
+    def _penetration_slopes(self, a: Values, caps: Caps) -> tuple[Values, Values]:
+        """Derivatives with the contact radius of the parts of the penetration without and with adhesion."""
+        _, _, pressed, pulled = self._factors(a)
+        steepness = pressed * self._steepness(a, caps)
+        rise = pulled * np.sqrt(np.pi * self.adhesion / (2 * a))
+        if not np.isinf(self.thickness):
+            _, _, pressed, pulled = self._factors(a, 1)
+            steepness = steepness + pressed * self._plain_penetration(a, caps)
+            rise = rise + pulled * np.sqrt(2 * np.pi * self.adhesion * a)
+        return steepness, rise
+
+    def _steepness(self, a: Values, caps: Caps) -> Values:
+        """``d delta_0/d a`` without adhesion."""
+        if self.aspect:
+            s = self.aspect * a / caps.radius
+            steepness = (np.arctanh(s) + s / (1 - s**2)) / self.aspect
+        else:
+            steepness = 2 * a / caps.radius
+        if caps.bends is None:
+            return steepness
+        curvature, quartic = caps.bends.T
+        return steepness + a * (2 * curvature + 32 / 3 * quartic * a**2)
+
+    def widest(self, caps: Caps) -> Values:
+        """Upper bound on the contact radius: the equator of a sphere, two thicknesses of a layer."""
+        equator = caps.radius / self.aspect * (1 - 1e-9) if self.aspect else np.full_like(caps.radius, np.inf)
+        return np.minimum(equator, LARGEST_RATIO * self.thickness)
+
+    def touch_radius(self, caps: Caps) -> Values:
+        """Contact radius at zero penetration, to which a contact jumps when it forms."""
+        if self._plain(caps):
+            return np.cbrt(2 * np.pi * self.adhesion * caps.radius**2)
+        return self.contact_radius(np.zeros_like(caps.radius), caps)
+
+    def fold(self, caps: Caps) -> Values:
+        """Contact radius at which an isolated contact breaks under an imposed displacement."""
+        a = np.minimum(np.cbrt(np.pi * self.adhesion * caps.flattest**2 / 8), 0.9 * self.widest(caps))
+        if not self._plain(caps):
+            # solve steepness(a) = sqrt(pi w/(2 a)) by a fixed point from above: the paraboloid is less steep
+            for _ in range(_MAX_STEPS):
+                steepness, rise = self._penetration_slopes(a, caps)
+                before, a = a, a * np.cbrt(rise / steepness)
+                if np.all(np.abs(a - before) <= 1e-12 * a):
+                    break
+        return a
+
+    def contact_radius(self, penetration: Values, caps: Caps) -> Values:
+        """Stable contact radius at a penetration not below that of the fold.
+
+        The penetration is a convex function of the contact radius: Newton's method descends to the larger
+        root.
+        """
+        pulled = np.cbrt(2 * np.pi * self.adhesion * caps.flattest**2)
+        shallow = 1.0 if np.isinf(self.thickness) else self._factors(np.full(1, np.inf))[2]
+        pressed = np.sqrt(caps.flattest * np.maximum(penetration, 0.0) / shallow)
+        a = np.minimum(pressed + pulled, self.widest(caps))
+        for _ in range(_MAX_STEPS):
+            step = (self.penetration(a, caps) - penetration) / self.slopes(a, caps)[1]
+            a = np.minimum(a - step, self.widest(caps))
+            if np.all(np.abs(step) <= 1e-14 * a):
+                break
+        return a
+
+    def _plain(self, caps: Caps) -> bool:
+        """Whether the caps are paraboloids, for which there are closed forms."""
+        return not self.aspect and caps.bends is None and np.isinf(self.thickness)
+
+
+@dataclass(frozen=True)
+class LayerLaw:
+    """Contacts without adhesion on a bonded layer, as a law of the penetration.
+
+    Parameters
+    ----------
+    contact : AdhesiveLaw
+        Of the layer, with ``adhesion`` 0.
+    """
+
+    contact: AdhesiveLaw
+
+    def respond(self, penetration: Values, caps: Caps) -> tuple[Values, Values]:
+        """Forces over ``E*`` and half the stiffnesses at penetrations; zero where these are negative.
+
+        A contact of the widest radius is a flat punch from there on, so that every load has a solution.
+        """
+        force, half_stiffness = np.zeros_like(penetration), np.zeros_like(penetration)
+        rows = np.flatnonzero(penetration > 0)
+        touching = caps[rows]
+        a = self._contact_radius(penetration[rows], touching)
+        slope, steepness = self.contact.slopes(a, touching)
+        beyond = np.maximum(penetration[rows] - self.contact.penetration(a, touching), 0.0)
+        beyond[a < self.contact.widest(touching)] = 0.0
+        half_stiffness[rows] = 0.5 * slope / steepness
+        force[rows] = self.contact.force(a, touching) + 2 * half_stiffness[rows] * beyond
+        return force, half_stiffness
+
+    def contact_radius(self, penetration: Values, caps: Caps) -> Values:
+        """Contact radii at penetrations; zero where these are negative."""
+        result = np.zeros_like(penetration)
+        rows = np.flatnonzero(penetration > 0)
+        result[rows] = self._contact_radius(penetration[rows], caps[rows])
+        return result
+
+    def _contact_radius(self, penetration: Values, caps: Caps) -> Values:
+        """Contact radii at positive penetrations; of paraboloids by one Newton step from a table."""
+        if self.contact.aspect or caps.bends is not None:
+            return self.contact.contact_radius(penetration, caps)
+        depth, inverse = paraboloid_table(self.contact.poisson_ratio)
+        root = np.sqrt(penetration * caps.radius) / self.contact.thickness
+        a = self.contact.thickness * inverse(np.minimum(root, depth))
+        step = (self.contact.penetration(a, caps) - penetration) / self.contact.slopes(a, caps)[1]
+        return np.minimum(a - step, self.contact.widest(caps))
+
+
+@cache
+def paraboloid_table(poisson_ratio: float) -> tuple[float, CubicSpline]:
+    """``a/t`` of a paraboloid on a layer against ``sqrt(R delta)/t``, and the largest of these."""
+    ratio = np.linspace(0.0, LARGEST_RATIO, TABLE_NODES)
+    root = ratio * np.sqrt(factor_table(poisson_ratio)(ratio)[:, 2])
+    return float(root[-1]), CubicSpline(root, ratio)

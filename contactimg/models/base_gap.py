@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.errors import InputError
-from contactimg.models.coupling import Kernel, direct_sum, displacement_excess, layer_deficit
+from contactimg.models.coupling import Kernel, displacement_excess, layer_deficit
 from contactimg.models.fast_coupling import FastCoupling
 from contactimg.models.load_spring import ContactConditions
 from contactimg.timings import stage
@@ -145,7 +145,7 @@ class GapField:
 
     @property
     def _largest_rise(self) -> float:
-        """By how much the rubber can rise, m: infinite where contacts pull."""
+        """Largest rise of the rubber, m: infinite where contacts pull."""
         force = self._sources[2]
         if force.min(initial=0.0) < 0:
             return np.inf
@@ -163,14 +163,12 @@ class GapField:
         if x.size * sx.size > MOST_PAIRS:
             both = np.concatenate([sx, x]), np.concatenate([sy, y])
             try:
-                sums = FastCoupling(*both, k, SUM_ACCURACY, kept=False)
+                sums = FastCoupling(*both, k, SUM_ACCURACY)
             except InputError:  # so unevenly spread that the modes would not fit into memory
                 pass
             else:
                 return sums.displacement(np.concatenate([force, np.zeros_like(x)]))[sx.size :]
-        unit = float(np.ptp(self._box)) or 1.0  # squared distances are to be of the order of one
-        sources = np.stack([sx, sy]) / unit
-        return direct_sum(x / unit, y / unit, sources, force / unit, k.thinness * unit, k.value, k.slope)
+        return k.displacement(x, y, np.stack([sx, sy]), force)
 
     @stage("base gap")
     def smallest(self) -> BaseGap:

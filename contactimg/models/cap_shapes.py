@@ -77,7 +77,7 @@ class CapShapes:
 
     @property
     def words(self) -> str:
-        """What the caps are of."""
+        """In what the caps differ from spheres of one modulus, for a sentence."""
         kinds = (("of ellipsoidal shape", self.elliptic), ("of unequal modulus", self.unequal))
         return " and ".join(kind for kind, there in kinds if there)
 

@@ -86,18 +86,18 @@ class CompositeSummits:
 
     @cached_property
     def gap(self) -> Values:
-        """Depth below the highest, m, in that order."""
+        """Depths of the summits below the highest, m, in that order."""
         height = self.apexes["height_m"][self.order]
         return height[:1] - height
 
     @cached_property
     def x(self) -> Values:
-        """Position, m, in that order."""
+        """Positions of the summits, m, in that order."""
         return self.apexes["x_m"][self.order]
 
     @cached_property
     def y(self) -> Values:
-        """Position, m, in that order."""
+        """Positions of the summits, m, in that order."""
         return self.apexes["y_m"][self.order]
 
     @cached_property

@@ -2,9 +2,9 @@
 
 Candidates are the asperities with ``g < D``, which the indenter would reach if the others did not lower the
 surface. At prescribed load ``D`` is unknown: an upper estimate selects the candidates, and if the solution
-exceeds it, a larger selection is solved. Most candidates of a large set stay out of contact. A coarse grid
-and then a rough solution, with sums of low accuracy, therefore select those near contact; the accurate
-solution is found for them and then checked on the others.
+exceeds it, a larger selection is solved. Most candidates of a large set stay out of contact. A rough
+solution, with sums of low accuracy, therefore selects those near contact; the accurate solution is found for
+them and then checked on the others.
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.models.asperity_laws import AsperityLaw
-from contactimg.models.coarse_grid import GridStart
-from contactimg.models.conjugate_gradients import NotPositiveDefinite
-from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
+from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling, NotPositiveDefinite
 from contactimg.models.fast_coupling import FastCoupling
 from contactimg.models.full_coupling import FieldCorrection
 from contactimg.models.newton_iteration import (
@@ -30,8 +28,7 @@ from contactimg.models.newton_iteration import (
     take_step,
 )
 from contactimg.models.scaled_problem import ScaledProblem
-from contactimg.models.validity import Pairs, close_pairs, overlapping, sampled_spacing, unstable_pair
-from contactimg.models.work_limit import limit_work
+from contactimg.models.validity import Pairs, close_pairs, nearest_neighbours, overlapping, unstable_pair
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -53,39 +50,14 @@ MAX_SELECTIONS = 100
 """Most selections of candidates for one problem. Chosen by hand: each enlarges the previous one."""
 
 
-GRID_GAP_FRACTION = 0.5
-"""Asperities with a gap below this fraction of the deepest penetration on the coarse grid are kept.
+SCREENING_RESIDUAL, SCREENING_SUM_ACCURACY = 0.1, 1e-4
+"""Residual of a rough solution with point forces, and relative accuracy of its fast sums, which take most of
+the time. Chosen by hand; sensitivity not measured."""
 
-Measured: of 35 000 contacts 600 are out of contact on the grid. Those missed are added in the end.
-"""
-
-
-@dataclass(frozen=True)
-class Screening:
-    """A rough solution with point forces and the asperities that it leaves to the accurate one.
-
-    Parameters
-    ----------
-    residual : float
-        Of the rough solution.
-    gap_fraction : float
-        Asperities with a gap below this fraction of the deepest penetration are kept. The accurate solution
-        counts an asperity as missed at half of this gap, so that the field corrections, 1e-2 of a penetration
-        or less, do not matter.
-    sum_accuracy : float
-        Relative accuracy of the sums, for which a term is added to that gap; 0 for a stored matrix.
-    """
-
-    residual: float
-    gap_fraction: float
-    sum_accuracy: float = 0.0
-
-
-STORED_SCREENING = Screening(residual=1e-2, gap_fraction=0.1)
-"""With a stored matrix. Chosen by time."""
-
-FAST_SCREENING = Screening(residual=0.1, gap_fraction=0.2, sum_accuracy=1e-4)
-"""With fast sums, which take most of the time. Chosen by hand; sensitivity not measured."""
+SCREENING_GAP_FRACTION = 0.2
+"""Asperities with a gap below this fraction of the deepest penetration in the rough solution are kept. The
+accurate solution counts an asperity as missed at half of this gap, so that the field corrections, 1e-2 of a
+penetration or less, do not matter."""
 
 LEAST_GAIN = 1e-2
 """Factor by which a Newton step between two updates of the field corrections lowers the residual at least.
@@ -102,11 +74,6 @@ MIN_SCREENED_CANDIDATES = 100
 """Fewest candidates of a stored matrix that are screened before the field corrections. Chosen by hand: it
 affects the time only; below, all terms together take less than a millisecond."""
 
-START_RESIDUAL, MAX_CORRECTIONS, CORRECTION_GAIN = 3e-3, 6, 0.5
-"""A start on the cells of a grid is corrected to this residual, at most so often, and while each correction
-lowers the residual to this fraction. Chosen by time: a correction takes a quarter of a Newton step, and two
-steps from there leave the square of the square of it."""
-
 CLOSE_DIAMETERS = 1.5
 """Candidates within this many diameters of a contact of the rough solution are kept. Chosen: solutions can be
 ambiguous only within one diameter, and the radii of the rough solution are good to a tenth."""
@@ -114,7 +81,7 @@ ambiguous only within one diameter, and the radii of the rough solution are good
 
 @dataclass(frozen=True, eq=False)
 class ContactSolver:
-    """Solves one problem.
+    """Selects the candidates of one problem, chooses their coupling and iterates to convergence.
 
     Parameters
     ----------
@@ -145,25 +112,14 @@ class ContactSolver:
         alone = self._uncoupled()
         if self.coupling == "none":
             return self.problem, self._system(self.problem, NoCoupling()), alone, 0
-        with limit_work():
-            return self._select(alone, seed)
-
-    def _select(
-        self, alone: Iterate, seed: Values | None
-    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve for the candidates, and for more of them until none is left out."""
         force, reach, taken = alone.force if seed is None else seed, self._reach(alone), 0
         for _ in range(MAX_SELECTIONS):
             count = int(np.searchsorted(self.problem.gap, reach, side="right"))
             candidates = self.problem.part(slice(count))
             candidates.refuse_duplicates()
-            start = candidates, force[:count], alone.indentation
-            if self._dense(candidates):
-                found, system, iterate, steps = self._solve_all(*start)
-            else:
-                found, system, iterate, steps = self._solve_screened(
-                    *start, seeded=seed is not None or taken > 0
-                )
+            found, system, iterate, steps = self._solve_candidates(
+                candidates, force[:count], alone.indentation
+            )
             taken += steps
             if iterate.indentation <= reach or count == self.problem.gap.size:
                 raised = self._reached_by_bulge(count, found, iterate)
@@ -190,82 +146,35 @@ class ContactSolver:
         near = np.flatnonzero(beyond.gap < iterate.indentation + rise)
         if not rise or not near.size:
             return None
-        touched = -np.inf
-        for row in near:
-            r = np.hypot(beyond.x[row] - found.x[loaded], beyond.y[row] - found.y[loaded])
-            r = np.maximum(r, np.finfo(float).tiny)
-            displacement = float(np.sum(iterate.force[loaded] * (1 / r - self.kernel.deficit(r)))) / np.pi
-            if iterate.indentation - beyond.gap[row] > displacement:
-                touched = float(beyond.gap[row])
-        return touched if touched > -np.inf else None
+        sources = np.stack([found.x[loaded], found.y[loaded]])
+        displacement = self.kernel.displacement(
+            beyond.x[near], beyond.y[near], sources, iterate.force[loaded]
+        )
+        touched = near[iterate.indentation - beyond.gap[near] > displacement]
+        return float(beyond.gap[touched].max()) if touched.size else None
 
-    def _solve_all(
+    def _solve_candidates(
         self, candidates: ScaledProblem, force: Values, indentation: float
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve with a stored matrix; with field corrections, for the candidates near contact."""
-        system = self._system(candidates, self._operator(candidates))
+        """Solve with a stored matrix or with fast sums, these and field corrections near contact only."""
+        dense, x, y = self._dense(candidates), candidates.x, candidates.y
+        rough = DenseCoupling(x, y, self.kernel) if dense else None
+        system = self._system(candidates, rough or FastCoupling(x, y, self.kernel, SCREENING_SUM_ACCURACY))
         iterate = initial_iterate(system, force, indentation)
-        if self.coupling not in FIELD_COUPLINGS or candidates.gap.size < MIN_SCREENED_CANDIDATES:
+        if not dense:
+            _refuse_crowd(candidates, iterate)
+        elif self.coupling not in FIELD_COUPLINGS or candidates.gap.size < MIN_SCREENED_CANDIDATES:
             return candidates, *self._converge(candidates, system, iterate)
-        return self._solve_near(candidates, system, iterate, STORED_SCREENING)
-
-    def _solve_screened(
-        self, candidates: ScaledProblem, force: Values, indentation: float, *, seeded: bool
-    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve for those near contact on a coarse grid, then add those missed."""
-        _refuse_excessive_load(candidates)
-        if seeded:
-            return self._solve_part(candidates, force, indentation, None)
-        grid = GridStart.of(candidates, self.law, self.kernel, force, indentation)
-        force, indentation = grid.force, grid.indentation
-        kept, taken = grid.penetration > -GRID_GAP_FRACTION * float(grid.penetration.max()), 0
-        kept[:FEWEST_SUMMED] = True
-        for _ in range(MAX_SELECTIONS):
-            part = candidates.part(kept)
-            start = part, force[kept], indentation, None if taken else grid.part(kept)
-            found, system, iterate, steps = self._solve_part(*start)
-            taken += steps
-            force = found.scattered(iterate.force)[candidates.order]
-            indentation, deepest = iterate.indentation, float(iterate.penetration(system).max())
-            if kept.all():
-                return found, system, iterate, taken
-            sums = FastCoupling(
-                candidates.x, candidates.y, self.kernel, FAST_SCREENING.sum_accuracy, kept=False
-            )
-            penetration = indentation - candidates.gap - sums.displacement(force)
-            margin = FAST_SCREENING.gap_fraction * deepest
-            if not np.any(penetration[~kept] > -0.5 * margin):
-                return found, system, iterate, taken
-            kept |= penetration > -margin
-        raise ConvergenceError(
-            f"the contacts were not selected in {MAX_SELECTIONS} rounds: the coarse grid misses contacts "
-            'every time; lower the load, or use method "dense"'
-        )
-
-    def _solve_part(
-        self, candidates: ScaledProblem, force: Values, indentation: float, grid: GridStart | None
-    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve with fast sums: roughly, then for the candidates near contact in that solution.
-
-        ``grid`` is the start on the cells of a grid; None if the forces are those of a solution.
-        """
-        sums = FastCoupling(candidates.x, candidates.y, self.kernel, FAST_SCREENING.sum_accuracy)
-        rough = self._system(candidates, sums)
-        iterate = _first_on_grid(rough, grid) if grid else initial_iterate(rough, force, indentation)
-        _refuse_crowd(candidates, iterate)
-        if grid:
-            iterate = _correct_start(rough, grid, iterate)
-        return self._solve_near(candidates, rough, iterate, FAST_SCREENING)
+        return self._solve_near(candidates, system, iterate)
 
     def _solve_near(
-        self, candidates: ScaledProblem, rough: ContactSystem, iterate: Iterate, screening: Screening
+        self, candidates: ScaledProblem, rough: ContactSystem, iterate: Iterate
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
         """Solve roughly, solve for the candidates near contact in that solution, add those it missed."""
-        rough, iterate, steps = self._converge(candidates, rough, iterate, rough_to=screening.residual)
+        rough, iterate, steps = self._converge(candidates, rough, iterate, rough_to=SCREENING_RESIDUAL)
         force, penetration = iterate.force, iterate.penetration(rough)
-        margin = screening.gap_fraction * float(penetration.max()) + 4 * screening.sum_accuracy * float(
-            iterate.displacement.max()
-        )
+        margin = SCREENING_GAP_FRACTION * float(penetration.max())
+        margin += 4 * SCREENING_SUM_ACCURACY * float(iterate.displacement.max())
         near = penetration > -margin
         close = close_pairs(candidates.x, candidates.y, CLOSE_DIAMETERS * 2 * iterate.contact_radius)
         near[close[0]] = near[close[1]] = True  # a contact may keep a close neighbour out of contact
@@ -365,25 +274,6 @@ class ContactSolver:
         )
 
 
-def _first_on_grid(system: ContactSystem, grid: GridStart) -> Iterate:
-    """First iterate from a start on the cells of a grid."""
-    displacement = system.coupling.displacement(grid.force)
-    return evaluate_iterate(system, grid.force, grid.indentation, displacement)
-
-
-def _correct_start(system: ContactSystem, grid: GridStart, iterate: Iterate) -> Iterate:
-    """Correct a start on the cells of a grid, and its iterate, as long as that gains."""
-    for _ in range(MAX_CORRECTIONS):
-        if iterate.residual <= START_RESIDUAL:
-            break
-        grid = grid.corrected(iterate.displacement)
-        following = _first_on_grid(system, grid)
-        if following.residual > CORRECTION_GAIN * iterate.residual:
-            return min(iterate, following, key=lambda one: one.residual)
-        iterate = following
-    return iterate
-
-
 def displacement_under_largest_force(problem: ScaledProblem, force: Values) -> float:
     """Displacement of a half-space under the largest of several point forces, by the others."""
     top, others = int(np.argmax(force)), np.flatnonzero(force)
@@ -392,36 +282,22 @@ def displacement_under_largest_force(problem: ScaledProblem, force: Values) -> f
     return float(np.sum(force[others[apart]] / distance[apart]) / np.pi)
 
 
-def _refuse_excessive_load(problem: ScaledProblem) -> None:
-    """Raise `ModelRangeError` if an equal share of the load makes a contact as wide as the pattern.
-
-    One contact bears at least an equal share, and if it is wider than the pattern it covers all others.
-    """
-    if problem.load is None or problem.stiffness:
-        return
-    extent = float(np.hypot(np.ptp(problem.x), np.ptp(problem.y)))
-    share = problem.load / problem.gap.size
-    contact_radius = float(np.cbrt(0.75 * share * problem.radius.min()))
-    if contact_radius >= extent:
-        raise ModelRangeError(
-            f"the contacts would overlap: an equal share of the load on {problem.gap.size} asperities makes "
-            f"a contact of radius {contact_radius * problem.length:.3g} m on a pattern "
-            f"{extent * problem.length:.3g} m wide; lower the load"
-        )
-
-
 def _refuse_crowd(problem: ScaledProblem, iterate: Iterate) -> None:
     """Raise `ModelRangeError` if most contacts of a first estimate overlap a neighbour."""
     # Hertz's radii of the forces, which sum to the load; those at the penetrations are not consistent yet
     contact_radius = np.cbrt(0.75 * problem.radius * np.maximum(iterate.force, 0.0))
-    spacing = sampled_spacing(problem.x, problem.y, contact_radius)
+    rows = np.flatnonzero(contact_radius)
+    if rows.size < 2:
+        return
+    distance, other = nearest_neighbours(problem.x[rows], problem.y[rows])
+    spacing = distance / (contact_radius[rows] + contact_radius[rows[other]])
     share = float(np.mean(spacing < 1))
     if share <= MAX_OVERLAPPING:
         return
     # the force goes as the cube of the contact radius
     bearable = float(iterate.force.sum()) * problem.force_unit * float(np.median(spacing)) ** 3
     raise ModelRangeError(
-        f"about {share:.0%} of {np.count_nonzero(contact_radius)} contacts would overlap a neighbour (at "
+        f"{share:.0%} of {rows.size} contacts would overlap a neighbour (at "
         f"most {MAX_OVERLAPPING:.0%} may): beyond any model of single contacts; lower the load to some "
         f"{bearable:.2g} N or less, or the indentation, and check their units"
     )

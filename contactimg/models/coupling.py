@@ -7,6 +7,7 @@ diagonal matrix of ``s = sqrt(2 a)``. This matrix is close to the identity unles
 conjugate gradients need few steps.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Protocol
 
@@ -17,16 +18,91 @@ from scipy.linalg import lapack
 
 from contactimg.compiled import njit
 from contactimg.mechanics import layer
-from contactimg.models.conjugate_gradients import (
-    NewtonSystem,
-    NotPositiveDefinite,
-    dense_conjugate_gradients,
-)
-from contactimg.models.work_limit import count_matrix
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
+
+MAX_CONJUGATE_GRADIENT_STEPS = 200
+"""Most steps of one conjugate-gradient solution. Chosen by hand: the matrix is close to the identity."""
+
+
+class NotPositiveDefinite(ArithmeticError):  # noqa: N818 - a state of the iteration, not a user error
+    """The Newton matrix is indefinite because contacts overlap too far."""
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonSystem:
+    """The right-hand sides of the Newton system of some contacts, and its border.
+
+    Parameters
+    ----------
+    scale : ndarray, shape (n,)
+        ``s = sqrt(2 a)``.
+    side : ndarray, shape (n,)
+        ``b``.
+    missing : float
+        ``m``: by how much the sum of the forces is to rise; 0 at prescribed indentation.
+    stiffness : float
+        ``k`` of the load cell: 0 at prescribed load, infinite at prescribed indentation.
+    """
+
+    scale: Values
+    side: Values
+    missing: float = 0.0
+    stiffness: float = np.inf
+
+    def eliminate(self, from_side: Values, from_scale: Values) -> tuple[Values, float]:
+        """The solution from those of ``A z = b`` and of ``A z = s``."""
+        if np.isinf(self.stiffness):
+            return from_side, 0.0
+        rise = self.missing - float(self.scale @ from_side)
+        rise /= float(self.scale @ from_scale) + self.stiffness
+        return from_side + rise * from_scale, rise
+
+
+def conjugate_gradients(
+    apply: Callable[[Values], Values],
+    system: NewtonSystem,
+    tolerance: float,
+    precondition: Callable[[Values], Values] = np.copy,
+    most_steps: int = MAX_CONJUGATE_GRADIENT_STEPS,
+) -> tuple[Values, float, bool]:
+    """Solve a Newton system with a positive definite matrix: ``z``, the rise, and whether it is solved.
+
+    ``tolerance`` is that of the residual, relative to ``b`` and to what the rise adds to it.
+    """
+    scale, shared = system.scale, precondition(system.scale)
+    share = 1 / (system.stiffness + float(scale @ shared))
+
+    def conditioned(residual: Values) -> tuple[Values, float]:
+        change = precondition(residual)
+        rise = -share * float(scale @ change)
+        return change + rise * shared, rise
+
+    rise = system.missing * share
+    solution = rise * shared
+    residual = system.side + rise * scale - (apply(solution) if rise else 0.0)
+    goal = tolerance**2 * float(system.side @ system.side + (rise * scale) @ (rise * scale))
+    direction, direction_rise = change, change_rise = conditioned(residual)
+    square = float(residual @ change)
+    for _ in range(most_steps):
+        remaining = residual + change_rise * scale
+        if float(remaining @ remaining) <= goal:
+            return solution, rise + change_rise, True
+        image = apply(direction) - direction_rise * scale
+        curvature = float(direction @ image)
+        if curvature <= 0:
+            raise NotPositiveDefinite
+        step = square / curvature
+        solution += step * direction
+        rise += step * direction_rise
+        residual -= step * image
+        change, change_rise = conditioned(residual)
+        before, square = square, float(residual @ change)
+        direction = change + square / before * direction
+        direction_rise = change_rise + square / before * direction_rise
+    return solution, rise + change_rise, False
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +147,13 @@ class Kernel:
             return fields
         excess = fields.excess + 0.1 * contact_radius**2 * bend
         return replace(fields, excess=excess, curvature=fields.curvature + 0.5 * bend)
+
+    def displacement(self, x: Values, y: Values, sources: Values, force: Values) -> Values:
+        """Displacement at places ``x, y`` by point forces at other places (2, n), summed pair by pair."""
+        unit = float(np.ptp(sources)) if force.size else 1.0
+        unit = unit or 1.0  # squared distances are to be of the order of one
+        table = self.thinness * unit, self.value, self.slope
+        return np.asarray(direct_sum(x / unit, y / unit, sources / unit, force / unit, *table))
 
     def largest_rise(self) -> float:
         """Largest rise of a layer by a unit of ``q/pi``, ``max(phi(s) - 1/s)/t``; 0 for a half-space."""
@@ -165,14 +248,14 @@ pattern SA+ at 0.5 N need 15 to a residual of 1e-10."""
 
 
 class NoCoupling:
-    """Independent contacts."""
+    """The coupling of independent contacts: none."""
 
     def displacement(self, force: Values) -> Values:
-        """Nothing moves."""
+        """No displacement, since nothing moves."""
         return np.zeros_like(force)
 
     def displacement_at(self, rows: Rows, force: Values) -> Values:  # noqa: ARG002
-        """Nothing moves."""
+        """No displacement, since nothing moves."""
         return np.zeros(rows.size)
 
     def solve_newton_system(
@@ -181,18 +264,18 @@ class NoCoupling:
         system: NewtonSystem,
         tolerance: float,  # noqa: ARG002
     ) -> tuple[Values, float]:
-        """With the identity."""
+        """The solution with the identity as the matrix."""
         return system.eliminate(system.side, system.scale)
 
     def check_definite(self, active: Rows, scale: Values) -> None:
-        """The identity is."""
+        """Nothing to refuse: the identity is positive definite."""
 
     def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:  # noqa: ARG002
-        """None."""
+        """Fields that are zero everywhere."""
         return Fields(*(np.zeros_like(force) for _ in FIELD_NAMES))
 
     def at_positions(self, x: Values, y: Values) -> "NoCoupling":  # noqa: ARG002
-        """Itself."""
+        """The coupling itself, which knows no places."""
         return self
 
 
@@ -219,7 +302,7 @@ class DenseCoupling:
 
     @property
     def matrix(self) -> Values:
-        """All of ``C``."""
+        """The whole matrix ``C``."""
         return self._with_rows(np.arange(self._x.size))
 
     @stage("coupling sums")
@@ -245,13 +328,11 @@ class DenseCoupling:
     def solve_newton_system(
         self, active: Rows, system: NewtonSystem, tolerance: float
     ) -> tuple[Values, float]:
-        """By conjugate gradients; if they are slow or the contacts few, by Cholesky, to rounding."""
+        """Solve by conjugate gradients; if they are slow or the contacts few, by Cholesky, to rounding."""
         matrix = _newton_matrix(self._with_rows(active), active, system.scale)
         if active.size >= MIN_ITERATIVE_CONTACTS:
-            count_matrix(active.size, products=MAX_DENSE_STEPS)
-            border = system.missing, system.stiffness
-            solution, rise, solved = dense_conjugate_gradients(
-                matrix, system.scale, system.side, *border, tolerance, MAX_DENSE_STEPS
+            solution, rise, solved = conjugate_gradients(
+                matrix.__matmul__, system, tolerance, most_steps=MAX_DENSE_STEPS
             )
             if solved:
                 return solution, rise
@@ -260,7 +341,7 @@ class DenseCoupling:
         return system.eliminate(*solutions.T)
 
     def check_definite(self, active: Rows, scale: Values) -> None:
-        """By Cholesky."""
+        """Refuse a matrix that Cholesky's factorisation finds indefinite."""
         _cholesky_factor(_newton_matrix(self._with_rows(active), active, scale))
 
     @stage("coupling sums")
@@ -280,7 +361,6 @@ class DenseCoupling:
 
 def _cholesky_factor(system: Values) -> Values:
     """The lower factor of a symmetric matrix, which is overwritten; `NotPositiveDefinite` if it has none."""
-    count_matrix(len(system), factorisations=1)
     # the upper triangle in C order is the lower one for LAPACK, whose factorisation is the faster
     factor, failed = lapack.dpotrf(system.T, lower=1, clean=0, overwrite_a=1)
     if failed:

@@ -1,10 +1,11 @@
-"""Ensembles of random patterns, each solved at several loads: seeded, in parallel, in bounded memory."""
+"""Ensembles of random patterns, each solved at several loads, and the bands of their areas (Figs. 4, 5)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import pandas as pd
 
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import InputError
@@ -30,8 +31,12 @@ class EnsembleMember:
     solutions: dict[tuple[str, float], InteractingSolution]
 
 
+DrawnSurface = Callable[[np.random.Generator], tuple[CapLaw, float]]
+"""Draws the law of the caps and the covered fraction of one pattern."""
+
+
 def solve_ensemble(
-    kind: str | CapLaw,
+    kind: str | CapLaw | DrawnSurface,
     *,
     patterns: int,
     loads: Sequence[float],
@@ -40,6 +45,7 @@ def solve_ensemble(
     contact_modulus: float,
     seed: int,
     coverage: float | None = None,
+    contact_modulus_std: float = 0.0,
     couplings: Sequence[str] = ("none", "asymptotic"),
     first: int = 0,
     workers: int = 1,
@@ -48,8 +54,10 @@ def solve_ensemble(
 
     Parameters
     ----------
-    kind : {"SA", "RA-", "RA+"} or CapLaw
-        As in `contactimg.generate_asperities`.
+    kind : {"SA", "RA-", "RA+"}, CapLaw or callable
+        As in `contactimg.generate_asperities`: places, heights and radii are drawn anew for each pattern. A
+        function of a `numpy.random.Generator` that returns a law and a covered fraction, such as
+        ``functools.partial(contactimg.draw_surface, "RA-")``, draws these anew as well.
     patterns : int
         Number of patterns.
     loads : sequence of float, N
@@ -60,6 +68,8 @@ def solve_ensemble(
     seed : int
         Pattern ``k`` depends only on the seed and on ``k``, not on the number of patterns or workers.
     coverage : float, optional
+    contact_modulus_std : float, Pa
+        Of a normal law from which the modulus of each pattern is drawn; 0 for the same modulus.
     couplings : sequence of str
         Levels of coupling to solve for.
     first : int
@@ -102,13 +112,14 @@ def solve_ensemble(
         couplings=tuple(couplings),
         indenter_radius=indenter_radius,
         contact_modulus=contact_modulus,
+        contact_modulus_std=contact_modulus_std,
     )
     members = ((k,) for k in range(first, patterns))
     yield from in_parallel(solve, members, count=patterns - first, workers=workers)
 
 
 def _solve_member(
-    kind: str | CapLaw,
+    kind: str | CapLaw | DrawnSurface,
     index: int,
     *,
     loads: tuple[float, ...],
@@ -118,9 +129,14 @@ def _solve_member(
     couplings: tuple[str, ...],
     indenter_radius: float,
     contact_modulus: float,
+    contact_modulus_std: float,
 ) -> EnsembleMember:
     """Generate and solve one pattern with its own random stream, the child of the seed by its index."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+    if contact_modulus_std:
+        contact_modulus = float(rng.normal(contact_modulus, contact_modulus_std))
+    if callable(kind):
+        kind, coverage = kind(rng)
     pattern = generate_asperities(kind, side=side, coverage=coverage, rng=rng)
     apex = (side / 2, side / 2)
     summits = CompositeSummits.of(pattern, indenter_radius=indenter_radius, apex=apex)
@@ -136,3 +152,58 @@ def _solve_member(
         )
         solutions.update({(coupling, load): one for load, one in zip(loads, sweep, strict=True)})
     return EnsembleMember(index, solutions)
+
+
+def tabulate_areas(members: Iterable[EnsembleMember]) -> pd.DataFrame:
+    """Contact area of each pattern at each load.
+
+    Parameters
+    ----------
+    members : iterable of EnsembleMember
+        As `solve_ensemble` yields them.
+
+    Returns
+    -------
+    DataFrame
+        One row a pattern, coupling and load: ``pattern, coupling, load_N, area_m2, n_contacts``.
+    """
+    rows = [
+        (member.index, coupling, load, solution.area, solution.touching.size)
+        for member in members
+        for (coupling, load), solution in member.solutions.items()
+    ]
+    return pd.DataFrame(rows, columns=["pattern", "coupling", "load_N", "area_m2", "n_contacts"])
+
+
+def area_bands(areas: pd.DataFrame, *, share: float = 0.95) -> pd.DataFrame:
+    """Band that a share of the patterns fills at each load.
+
+    Parameters
+    ----------
+    areas : DataFrame
+        As `tabulate_areas` returns it.
+    share : float
+        Between 0 and 1: the quantiles are those that leave half of the rest on either side.
+
+    Returns
+    -------
+    DataFrame
+        One row a coupling and load: ``coupling, load_N, low_m2, mean_m2, high_m2``.
+
+    Raises
+    ------
+    InputError
+        If the share is not between 0 and 1.
+
+    Examples
+    --------
+    >>> areas = pd.DataFrame({"coupling": "none", "load_N": 0.1, "area_m2": [1.0, 2.0, 3.0]})
+    >>> area_bands(areas, share=0.5).iloc[0, 2:].tolist()
+    [1.5, 2.0, 2.5]
+    """
+    if not 0 < share < 1:
+        raise InputError(f"share must be between 0 and 1, got {share!r}")
+    groups = areas.groupby(["coupling", "load_N"], sort=False)["area_m2"]
+    low, high = (groups.quantile(0.5 + sign * share / 2) for sign in (-1, 1))
+    bands = pd.DataFrame({"low_m2": low, "mean_m2": groups.mean(), "high_m2": high})
+    return bands.reset_index()

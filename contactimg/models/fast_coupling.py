@@ -4,23 +4,38 @@ Ewald's split: ``1/r = erfc(b r)/r + erf(b r)/r``. The first part is cut off at 
 pairs within it. The second is smooth: it is a Fourier series on a padded box, summed by non-uniform FFTs
 (finufft), type 1 to the modes and type 2 back. The Fourier coefficients are those of the smooth kernel, faded
 out beyond the largest distance to suppress periodic images.
+
+The pairs of the first part are found in square cells as wide as the cutoff, and each is evaluated and stored
+once. ``erf(b r)/r`` is an even function of ``r``; a table over ``r^2`` gives it to 1e-12.
 """
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import finufft
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dctn, next_fast_len
+from scipy.linalg import cho_factor, cho_solve
 from scipy.special import erf, erfc, erfcinv
 
+from contactimg.compiled import njit
 from contactimg.errors import InputError
-from contactimg.models.cells import CellPreconditioner
-from contactimg.models.conjugate_gradients import NewtonSystem, conjugate_gradients
-from contactimg.models.coupling import DenseCoupling, Fields, Kernel, direct_sum
-from contactimg.models.near_field_sum import NearFieldSum
-from contactimg.models.work_limit import count_terms
+from contactimg.models.coupling import (
+    CUBIC,
+    EXTENT_CURVATURE,
+    EXTENT_SLOPE,
+    QUARTIC,
+    SADDLE,
+    DenseCoupling,
+    Fields,
+    Kernel,
+    NewtonSystem,
+    conjugate_gradients,
+    displacement_excess,
+    elongation,
+)
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -62,6 +77,248 @@ SUM_ACCURACY = 0.05
 """Accuracy of the sums over that of the Newton system that is solved with them. Chosen by hand: it
 affects the number of Newton steps only."""
 
+CONTACTS_PER_CELL = 16.0
+"""Mean number of contacts of a cell. Chosen by time."""
+
+MOST_CELLS_PER_SIDE = 32
+"""Most cells along a side: 1024 in all. Chosen by time: what finer cells hold is close to the identity."""
+
+TABLE_SIZE = 4000
+"""Intervals of the table. Chosen for an interpolation error of 1e-12."""
+
+SINGLE_STORED = 1e-6
+"""Accuracy from which on stored values may be in single precision. Theory: its rounding error is 6e-8."""
+
+
+class NearFieldSum:
+    """Sums over the pairs closer than a cutoff.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+    cutoff : float
+    sharpness : float
+        ``b``.
+    accuracy : float
+        Relative accuracy of a sum; from `SINGLE_STORED` on the stored values are in single precision.
+    """
+
+    def __init__(
+        self, x: Values, y: Values, *, cutoff: float, sharpness: float, accuracy: float = 1e-9
+    ) -> None:
+        self._stored = np.float32 if accuracy >= SINGLE_STORED else np.float64
+        extent = max(float(np.ptp(x)), float(np.ptp(y)))
+        self._cells = max(1, min(int(extent / cutoff), 2048))
+        size = extent / self._cells * (1 + 1e-12)
+        row, column = (np.minimum(((v - v.min()) / size).astype(np.int64), self._cells - 1) for v in (y, x))
+        cell = row * self._cells + column
+        self._order = np.argsort(cell, kind="stable")
+        self._bounds = np.searchsorted(cell[self._order], np.arange(self._cells**2 + 1))
+        self._x, self._y = x[self._order], y[self._order]
+        self._cutoff, self._sharpness = cutoff, sharpness
+
+    def sum(self, force: Values) -> Values:
+        """``sum_j erfc(b r_ij)/(pi r_ij) q_j`` over the near pairs."""
+        result = np.empty_like(force)
+        result[self._order] = _stored_sum(*self._pairs, force[self._order])
+        return result
+
+    @cached_property
+    def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.floating]]:
+        """Where the pairs of each point begin, the other points, and ``erfc(b r)/(pi r)``."""
+        sorted_points = self._x, self._y, self._bounds, self._cells, self._cutoff**2
+        begins = np.cumsum(_count_pairs(*sorted_points))
+        others, values = np.empty(begins[-1], dtype=np.int32), np.empty(begins[-1], dtype=self._stored)
+        _store_pairs(*sorted_points, _smooth_table(self._cutoff, self._sharpness), begins, others, values)
+        return begins, others, values
+
+    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
+        """Contribution of the near pairs to the fields."""
+        sums = _near_fields(
+            self._x,
+            self._y,
+            force[self._order],
+            contact_radius[self._order],
+            elongation(contact_radius, saddle)[:, self._order],
+            self._bounds,
+            self._cells,
+            self._cutoff**2,
+            self._sharpness,
+        )
+        parts = np.empty_like(sums)
+        parts[:, self._order] = sums
+        return Fields(*parts)
+
+
+def _smooth_table(cutoff: float, sharpness: float) -> Values:
+    """``erf(b r)/r`` and its derivative in ``r^2`` times the spacing, at evenly spaced ``r^2``."""
+    square = np.linspace(0.0, cutoff**2, TABLE_SIZE + 1) * (1 + 1 / TABLE_SIZE)
+    r = np.sqrt(square[1:])
+    bell = 2 * sharpness / np.sqrt(np.pi) * np.exp(-((sharpness * r) ** 2))
+    value = np.concatenate([[2 * sharpness / np.sqrt(np.pi)], erf(sharpness * r) / r])
+    slope = np.concatenate(
+        [[-2 * sharpness**3 / (3 * np.sqrt(np.pi))], (bell - erf(sharpness * r) / r) / (2 * r**2)]
+    )
+    # below b r = 0.05 the difference cancels: -(2 b^3/(3 sqrt pi)) (1 - 3/5 (b r)^2 + 3/14 (b r)^4)
+    z = sharpness**2 * square
+    series = slope[0] * (1 - 0.6 * z + 3 / 14 * z**2)
+    slope = np.where(z < 2.5e-3, series, slope)
+    return np.column_stack([value, slope * (square[1] - square[0])])
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _rest(r2, per_square, table):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """``erfc(b r)/r``."""
+    place = r2 * per_square
+    k = int(place)
+    f = place - k
+    rise = table[k + 1, 0] - table[k, 0]
+    bend = (table[k, 1] - rise) * (1 - f) + (rise - table[k + 1, 1]) * f
+    return 1.0 / np.sqrt(r2) - (table[k, 0] + f * rise + f * (1 - f) * bend)
+
+
+@njit(cache=True)
+def _count_pairs(x, y, bounds, cells, cutoff2):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Number of pairs ``(i, j > i)``, that of ``i`` at ``i + 1``: a plain loop, so that it is vectorised."""
+    counts = np.zeros(x.size + 1, dtype=np.int64)
+    for cell in range(cells * cells):
+        row, column = cell // cells, cell % cells
+        for i in range(bounds[cell], bounds[cell + 1]):
+            found = 0
+            for near_row in range(row, min(row + 2, cells)):
+                left = column if near_row == row else max(column - 1, 0)
+                begin = bounds[near_row * cells + left]
+                end = bounds[near_row * cells + min(column + 1, cells - 1) + 1]
+                for j in range(max(begin, i + 1), end):
+                    dx, dy = x[i] - x[j], y[i] - y[j]
+                    found += dx * dx + dy * dy < cutoff2
+            counts[i + 1] = found
+    return counts
+
+
+@njit(cache=True, error_model="numpy")
+def _store_pairs(x, y, bounds, cells, cutoff2, table, begins, others, values):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
+    """The pairs and their values."""
+    per_square = (table.shape[0] - 1) / (cutoff2 * (1 + 1 / (table.shape[0] - 1)))
+    for cell in range(cells * cells):
+        row, column = cell // cells, cell % cells
+        for i in range(bounds[cell], bounds[cell + 1]):
+            at = begins[i]
+            for near_row in range(row, min(row + 2, cells)):
+                left = column if near_row == row else max(column - 1, 0)
+                begin = bounds[near_row * cells + left]
+                end = bounds[near_row * cells + min(column + 1, cells - 1) + 1]
+                for j in range(max(begin, i + 1), end):
+                    dx, dy = x[i] - x[j], y[i] - y[j]
+                    r2 = dx * dx + dy * dy
+                    if r2 < cutoff2:
+                        others[at] = j
+                        values[at] = _rest(r2, per_square, table) / np.pi
+                        at += 1
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _stored_sum(begins, others, values, q):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """The sum with stored pairs."""
+    result = np.zeros(q.size)
+    for i in range(q.size):
+        total = 0.0
+        for k in range(begins[i], begins[i + 1]):
+            j = others[k]
+            total += values[k] * q[j]
+            result[j] += values[k] * q[i]
+        result[i] += total
+    return result
+
+
+@njit(cache=True, error_model="numpy")
+def _near_fields(x, y, force, contact_radius, long, bounds, cells, cutoff2, sharpness):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
+    """The fields at every candidate by the loaded ones within the cutoff.
+
+    In full where the Fourier series has no part: the higher terms.
+    """
+    n = x.size
+    result = np.zeros((9, n))
+    for cell in range(cells * cells):
+        row, column = cell // cells, cell % cells
+        for i in range(bounds[cell], bounds[cell + 1]):
+            for near_row in range(max(row - 1, 0), min(row + 2, cells)):
+                begin = bounds[near_row * cells + max(column - 1, 0)]
+                end = bounds[near_row * cells + min(column + 1, cells - 1) + 1]
+                for j in range(begin, end):
+                    dx, dy = x[i] - x[j], y[i] - y[j]
+                    r2 = dx * dx + dy * dy
+                    if i == j or r2 >= cutoff2 or force[j] == 0.0:
+                        continue
+                    r = np.sqrt(r2)
+                    rest = math.erfc(sharpness * r) / r
+                    bell = 2 * sharpness / np.sqrt(np.pi) * np.exp(-sharpness * sharpness * r2)
+                    laplacian = (rest + bell) / r2 + 2 * sharpness * sharpness * bell
+                    strength = force[j] / np.pi
+                    slope = -strength * (rest + bell) / r2
+                    smooth = 1.0 / (r2 * r) - laplacian
+                    own = displacement_excess(contact_radius[j] / r) / r if contact_radius[j] > 0 else 0.0
+                    result[0, i] += strength * (own - 0.1 * contact_radius[j] ** 2 * smooth)
+                    fifth = strength / (r2 * r2 * r)
+                    extent = contact_radius[j] ** 2 * fifth
+                    slope -= EXTENT_SLOPE * extent
+                    result[1, i] += slope * dx
+                    result[2, i] += slope * dy
+                    result[3, i] += 0.5 * strength * laplacian + EXTENT_CURVATURE * extent
+                    result[4, i] += QUARTIC * fifth
+                    along, across = dx * dx - dy * dy, 2.0 * dx * dy
+                    result[0, i] -= (long[0, j] * along + long[1, j] * across) / (r2 * r2 * r)
+                    result[5, i] += SADDLE * fifth * along
+                    result[6, i] += SADDLE * fifth * across
+                    result[7, i] -= CUBIC * fifth * dx
+                    result[8, i] -= CUBIC * fifth * dy
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class CellPreconditioner:
+    """Solves a Newton system averaged over square cells exactly and leaves the rest of it as it is.
+
+    The matrix ``I + S C S`` is the identity but for the displacement that many contacts share: its large
+    eigenvalues, which grow with the extent of the pattern, belong to forces that vary slowly over it. A small
+    dense problem on the cells holds these.
+
+    Parameters
+    ----------
+    cell : ndarray, shape (n,)
+        Number of the cell that each contact lies in.
+    share : ndarray, shape (n,)
+        Of each contact in its cell: the scales ``s`` over the root of the cell's sum of squares.
+    factor : tuple
+        Cholesky's, of the averaged system.
+    """
+
+    cell: Rows
+    share: Values
+    factor: tuple[Values, bool]
+
+    @classmethod
+    def of(cls, x: Values, y: Values, kernel: Kernel, scale: Values) -> "CellPreconditioner":
+        """The preconditioner of contacts at ``x, y`` with the scales ``s = sqrt(2 a)``."""
+        number = int(np.clip(np.sqrt(x.size / CONTACTS_PER_CELL), 2, MOST_CELLS_PER_SIDE))
+        side = max(float(np.ptp(x)), float(np.ptp(y))) / number
+        row, column = (((v - v.min()) / side).astype(np.intp) for v in (y, x))
+        columns = int(column.max()) + 1
+        cell = row * columns + column
+        places = side * np.stack(np.divmod(np.arange(int(cell.max()) + 1), columns)).astype(np.float64)
+        size = np.sqrt(np.bincount(cell, scale**2))
+        # a uniform pressure on a square of side h lowers its middle by 4 asinh(1)/(pi h) of the force
+        own = (4 * np.arcsinh(1.0) / side - kernel.relief[0]) / np.pi
+        matrix = size[:, None] * DenseCoupling(places[1], places[0], kernel, own=own).matrix * size
+        matrix[np.diag_indices_from(matrix)] += 1.0
+        return cls(cell, scale / size[cell], cho_factor(matrix, lower=True, overwrite_a=True))
+
+    def __call__(self, side: Values) -> Values:
+        """A vector multiplied by the preconditioner."""
+        averaged = np.bincount(self.cell, self.share * side)
+        change = cho_solve(self.factor, averaged, check_finite=False) - averaged
+        return side + self.share * change[self.cell]
+
 
 class FastCoupling:
     """Pairs within a cutoff and non-uniform FFT for the far part.
@@ -73,8 +330,6 @@ class FastCoupling:
     kernel : Kernel
     accuracy : float
         Relative accuracy of a sum.
-    kept : bool
-        Store the near pairs, for more than one sum.
 
     Raises
     ------
@@ -89,9 +344,7 @@ class FastCoupling:
     """
 
     @stage("coupling sums")
-    def __init__(
-        self, x: Values, y: Values, kernel: Kernel, accuracy: float = 1e-9, *, kept: bool = True
-    ) -> None:
+    def __init__(self, x: Values, y: Values, kernel: Kernel, accuracy: float = 1e-9) -> None:
         self._x, self._y, self._kernel, self._accuracy = x, y, kernel, accuracy
         single = accuracy >= SINGLE_ACCURACY
         self._real: type = np.float32 if single else np.float64
@@ -115,9 +368,7 @@ class FastCoupling:
         self._modes = 4 * next_fast_len(-(-half // 2), real=False)
         self._rim = 2 * int(RIM_FRACTION * self._modes / 4)
         self._cell = self._extent / (self._modes / 2 - FADE_CELLS)
-        self._near = NearFieldSum(
-            x, y, cutoff=cutoff, sharpness=self._sharpness, kept=kept, accuracy=accuracy
-        )
+        self._near = NearFieldSum(x, y, cutoff=cutoff, sharpness=self._sharpness, accuracy=accuracy)
 
     @cached_property
     def _multiplier(self) -> Values:
@@ -188,7 +439,6 @@ class FastCoupling:
     @stage("coupling sums")
     def displacement(self, force: Values) -> Values:
         """``C q`` at every candidate."""
-        count_terms(0.5 * force.size)
         far = self._from_modes(self._to_modes(force))
         # the smooth part's own value
         far -= (self._sharpness * 2 / np.pi**1.5 - self._kernel.relief[0] / np.pi) * force
@@ -198,17 +448,16 @@ class FastCoupling:
         """``C q`` at some candidates, of which none is loaded, summed over those and the loaded ones."""
         loaded = np.flatnonzero(force)
         if loaded.size <= MAX_DIRECT_SOURCES:
-            k, x, y = self._kernel, self._x, self._y
-            sources = np.stack([x[loaded], y[loaded]])
-            return direct_sum(x[rows], y[rows], sources, force[loaded], k.thinness, k.value, k.slope)
+            sources = np.stack([self._x, self._y])[:, loaded]
+            return self._kernel.displacement(self._x[rows], self._y[rows], sources, force[loaded])
         involved = np.union1d(rows, loaded)
-        part = FastCoupling(self._x[involved], self._y[involved], self._kernel, self._accuracy, kept=False)
+        part = FastCoupling(self._x[involved], self._y[involved], self._kernel, self._accuracy)
         return part.displacement(force[involved])[np.searchsorted(involved, rows)]
 
     def solve_newton_system(
         self, active: Rows, system: NewtonSystem, tolerance: float
     ) -> tuple[Values, float]:
-        """On the contacts alone: by Cholesky if they are few, else by conjugate gradients."""
+        """Solve for the contacts alone: with a stored matrix if they are few, else by conjugate gradients."""
         x, y, scale = self._x[active], self._y[active], system.scale
         if active.size <= MAX_CHOLESKY_CONTACTS:
             direct = DenseCoupling(x, y, self._kernel)
@@ -219,10 +468,11 @@ class FastCoupling:
         def apply(z: Values) -> Values:
             return z + scale * contacts.displacement(scale * z)
 
-        return conjugate_gradients(apply, system, tolerance, CellPreconditioner.of(x, y, self._kernel, scale))
+        precondition = CellPreconditioner.of(x, y, self._kernel, scale)
+        return conjugate_gradients(apply, system, tolerance, precondition)[:2]
 
     def check_definite(self, active: Rows, scale: Values) -> None:
-        """As far as the solution for one side shows it, beyond the contacts that Cholesky can take."""
+        """Refuse an indefinite matrix, of many contacts as far as the solution for one side shows it."""
         if active.size <= MAX_CHOLESKY_CONTACTS:
             direct = DenseCoupling(self._x[active], self._y[active], self._kernel)
             direct.check_definite(np.arange(active.size), scale)
@@ -239,7 +489,6 @@ class FastCoupling:
 
         Saddle, cubic and quartic terms and those of the neighbours' extent come from those pairs alone.
         """
-        count_terms(2 * force.size)
         turn = 2 * np.pi / (self._modes * self._cell)
         k_x = turn * np.arange(-self._modes // 2, self._modes // 2)[:, None]
         k_y = turn * np.arange(-self._rim, self._modes // 2)

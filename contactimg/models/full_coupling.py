@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.mechanics import sphere
-from contactimg.models.adhesive_asperity_law import AdhesiveLaw, LayerLaw
-from contactimg.models.asperity_laws import Caps, SphereLaw
+from contactimg.models.asperity_laws import AdhesiveLaw, Caps, LayerLaw, SphereLaw
 from contactimg.models.coupling import FIELD_NAMES, Fields
 from contactimg.models.newton_iteration import ContactSystem, Iterate, evaluate_iterate
 
@@ -66,7 +65,7 @@ class EdgeCurvature:
 
     @classmethod
     def of(cls, radius: Values, contact_radius: Values, aspect: float) -> "EdgeCurvature":
-        """Of paraboloids (``aspect`` 0) or spheres."""
+        """The curvature of paraboloids (``aspect`` 0) or spheres."""
         if not aspect:
             return cls(1 / radius, np.zeros_like(radius), 1 / radius)
         ratio = np.minimum(aspect * contact_radius / radius, MAX_RATIO)
@@ -174,7 +173,7 @@ class FieldCorrection:
 
     @property
     def aspect(self) -> float:
-        """Of the spheres; 0 for paraboloids."""
+        """Unit of height over unit of length for spheres; 0 for paraboloids."""
         law = self.base.law.contact if isinstance(self.base.law, LayerLaw) else self.base.law
         return law.aspect if isinstance(law, SphereLaw | AdhesiveLaw) else 0.0
 

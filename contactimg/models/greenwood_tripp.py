@@ -216,11 +216,11 @@ class _Rings:
         self.weights = ring_weights(r)
 
     def pressure(self, depth: Values) -> Values:
-        """``p(x)``."""
+        """The pressure ``p(x)`` at depths."""
         return self.layer.pressure(depth * self.scale.height) / self.scale.pressure
 
     def stiffness(self, depth: Values) -> Values:
-        """``dp/dx``."""
+        """The rise of the pressure with the depth, ``dp/dx``."""
         return self.layer.stiffness(depth * self.scale.height) * (self.scale.height / self.scale.pressure)
 
     def at(self, depth: Values, indentation: float) -> _State:

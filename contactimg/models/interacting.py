@@ -8,7 +8,7 @@ others did not lower the surface.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.mechanics.layer_contact import LARGEST_RATIO
 from contactimg.mechanics.profiles import AxisymmetricProfile, ProfileUnderLens
-from contactimg.models.adhesive_asperity_law import AdhesiveLaw, LayerLaw
-from contactimg.models.asperity_laws import LAWS, AsperityLaw, asperity_law
+from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, AsperityLaw, LayerLaw, asperity_law
 from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
@@ -32,19 +31,6 @@ from contactimg.models.solution import InteractingSolution
 Values = NDArray[np.float64]
 
 COUPLINGS = ("none", "asymptotic", "hertz", "full")
-
-
-class InteractingOptions(TypedDict, total=False):
-    """Keywords of `solve_interacting` that hold for every load of a series."""
-
-    apex: tuple[float, float]
-    coupling: str
-    law: str | AxisymmetricProfile
-    thickness: float
-    poisson_ratio: float
-    method: str
-    tolerance: float
-    max_iterations: int
 
 
 @refuse_beyond_floats
@@ -317,7 +303,7 @@ def solve_loads(
     loads: Iterable[float | LoadSpring],
     indenter_radius: float,
     contact_modulus: float,
-    **options: Unpack[InteractingOptions],
+    **options: Any,
 ) -> Iterator[InteractingSolution]:
     """Solve at several loads, each solution started from the previous one where that is close.
 
@@ -328,7 +314,7 @@ def solve_loads(
     indenter_radius : float, m
     contact_modulus : float, Pa
     **options
-        Further keywords of `solve_interacting`: those of `InteractingOptions`.
+        Further keywords of `solve_interacting` that hold for every load.
 
     Yields
     ------

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.models.asperity_laws import AsperityLaw, Caps, total_response
-from contactimg.models.conjugate_gradients import NewtonSystem, NotPositiveDefinite
-from contactimg.models.coupling import Coupling
+from contactimg.models.coupling import Coupling, NewtonSystem, NotPositiveDefinite
 
 Values = NDArray[np.float64]
 

@@ -111,7 +111,7 @@ class ScaledProblem:
         gaps = self.indentation - self.gap
         return self.record(nothing, nothing, gaps, indentation=self.indentation, coupling=coupling)
 
-    def part(self, rows: NDArray[np.bool_] | slice) -> "ScaledProblem":
+    def part(self, rows: NDArray[np.bool_] | NDArray[np.intp] | slice) -> "ScaledProblem":
         """The same problem with a selection of its asperities."""
         return replace(
             self,

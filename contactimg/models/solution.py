@@ -77,7 +77,7 @@ class InteractingSolution:
 
     @property
     def y(self) -> Values:
-        """Composite apexes, m."""
+        """Composite apexes, m: the other coordinate."""
         return self.summits.apexes["y_m"]
 
     @property

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.models.coupling import Kernel, direct_sum
+from contactimg.models.coupling import Kernel
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import RingSolution, solve_greenwood_williamson
 from contactimg.models.height_distributions import SampleHeights
@@ -133,9 +133,7 @@ class MeanField:
         places, _, _ = self._cells
         force = self._over_cells(self.rings.pressure) / self.contact_modulus
         loaded = np.flatnonzero(force)
-        kernel, unit = self.kernel, float(np.ptp(self.rectangle))
-        layer = kernel.thinness * unit, kernel.value, kernel.slope
-        return direct_sum(x / unit, y / unit, places[:, loaded] / unit, force[loaded] / unit, *layer)
+        return self.kernel.displacement(x, y, places[:, loaded], force[loaded])
 
     def around(self, asperities: pd.DataFrame) -> pd.DataFrame:
         """The table on the surface as the forces outside have displaced it."""
@@ -144,7 +142,7 @@ class MeanField:
         return asperities.assign(**{BASE_COLUMN: base - sunk})
 
     def sinking(self, asperities: pd.DataFrame) -> float:
-        """By how much (m) the indentation from first touch is larger than that of the table `around`."""
+        """Excess (m) of the indentation from first touch over that of the table `around`."""
         alone, sunk = (
             composite_apexes(one, indenter_radius=self.indenter_radius, apex=self.apex)
             for one in (asperities, self.around(asperities))

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from contactimg.compiled import njit
 from contactimg.models.base_gap import BaseGap
 from contactimg.tables import Flag
 
@@ -21,9 +20,6 @@ Pairs = tuple[Rows, Rows, Values]
 
 HERTZ_LIMIT = 0.33
 """``a/R`` up to which Hertz's law describes elastomer spheres (Yashima et al., Experimental setups)."""
-
-SAMPLED_CONTACTS = 1000
-"""Contacts, evenly taken, from which a share is estimated: to 0.016. Theory: binomial standard error."""
 
 
 @dataclass(frozen=True)
@@ -82,40 +78,11 @@ class Validity:
         return sentences
 
 
-MOST_PER_CELL = 64
-"""Most points in a cell, in the mean over the points, for which pairs are searched cell by cell. Chosen by
-hand: it affects the time only."""
-
-
 def close_pairs(x: Values, y: Values, reach: Values) -> Pairs:
     """Pairs ``(i, j)`` not further apart than ``reach[i]``, ``reach[j] <= reach[i]``, and their distances.
 
     The larger of the two reaches counts; a pair of equal reaches comes once.
     """
-    empty = np.zeros(0, dtype=np.intp)
-    if x.size < 2 or not reach.any():
-        return empty, empty, np.zeros(0)
-    across = x - x.min(), y - y.min()
-    width, height = (float(v.max()) for v in across)
-    # cells at least as wide as the largest reach: whoever is near is in one of nine
-    size = max(float(reach.max()), np.sqrt(width * height / x.size), max(width, height) / x.size)
-    column, row = ((v / size).astype(np.intp) for v in across)
-    columns = int(column.max()) + 1
-    cell = row * columns + column
-    counts = np.bincount(cell)
-    if float(counts @ counts) > MOST_PER_CELL * x.size:
-        return _tree_pairs(x, y, reach)
-    order, bounds = np.argsort(cell, kind="stable"), np.concatenate([[0], np.cumsum(counts)])
-    values = x[order], y[order], reach[order], bounds, columns
-    count = _cell_pairs(*values, np.empty((0, 2), dtype=np.intp))
-    pairs = np.empty((count, 2), dtype=np.intp)
-    _cell_pairs(*values, pairs)
-    i, j = order[pairs.T]
-    return i, j, np.hypot(x[i] - x[j], y[i] - y[j])
-
-
-def _tree_pairs(x: Values, y: Values, reach: Values) -> Pairs:
-    """`close_pairs` of points that are unevenly spread or have very unequal reaches."""
     points = np.column_stack([x, y])
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # faster to build, used once
     candidates = np.flatnonzero(reach > 0)
@@ -125,29 +92,6 @@ def _tree_pairs(x: Values, y: Values, reach: Values) -> Pairs:
     keep = (reach[j] < reach[i]) | ((reach[j] == reach[i]) & (j < i))
     i, j = i[keep], j[keep]
     return i, j, np.hypot(x[i] - x[j], y[i] - y[j])
-
-
-@njit(cache=True)
-def _cell_pairs(x, y, reach, bounds, columns, pairs):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
-    """Number of close pairs of points sorted into cells; the first of them are written to ``pairs``."""
-    found, cells = 0, bounds.size - 1
-    rows = -(-cells // columns)
-    for cell in range(cells):
-        row, column = cell // columns, cell % columns
-        for i in range(bounds[cell], bounds[cell + 1]):
-            for near_row in range(row, min(row + 2, rows)):
-                left = column if near_row == row else max(column - 1, 0)
-                begin = max(bounds[min(near_row * columns + left, cells)], i + 1)
-                end = bounds[min(near_row * columns + min(column + 1, columns - 1) + 1, cells)]
-                for j in range(begin, end):
-                    square = (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2
-                    if square > max(reach[i], reach[j]) ** 2:
-                        continue
-                    if found < len(pairs):
-                        larger = reach[i] >= reach[j]
-                        pairs[found, 0], pairs[found, 1] = (i, j) if larger else (j, i)
-                    found += 1
-    return found
 
 
 def unstable_pair(
@@ -182,15 +126,11 @@ def overlapping(x: Values, y: Values, contact_radius: Values) -> NDArray[np.bool
     return result
 
 
-def sampled_spacing(x: Values, y: Values, contact_radius: Values) -> Values:
-    """Distances of contacts, `SAMPLED_CONTACTS` at most, to the nearest one over the sum of both radii."""
-    rows = np.flatnonzero(contact_radius > 0)
-    if rows.size < 2:
-        return np.full(1, np.inf)
-    points, a = np.column_stack([x[rows], y[rows]]), contact_radius[rows]
-    sample = np.arange(0, rows.size, -(-rows.size // SAMPLED_CONTACTS))
-    distance, nearest = (np.ravel(answer) for answer in cKDTree(points).query(points[sample], k=[2]))
-    return np.asarray(distance / (a[sample] + a[nearest]))
+def nearest_neighbours(x: Values, y: Values) -> tuple[Values, Rows]:
+    """Distance of each of two points or more to the nearest other one, and which that is."""
+    points = np.column_stack([x, y])
+    distance, nearest = cKDTree(points).query(points, k=2)
+    return np.asarray(distance)[:, 1], np.asarray(nearest)[:, 1]
 
 
 def contact_flags(x: Values, y: Values, contact_radius: Values, radius: Values) -> NDArray[np.int64]:
@@ -217,13 +157,9 @@ def assess(
         max_strain=float(strain.max()) if count else np.nan,
         n_beyond_hertz=int(np.sum(strain > HERTZ_LIMIT)),
         n_overlapping=int(np.sum(overlapping(x, y, contact_radius))),
-        spacing_ratio=_spacing(x, y) / float(contact_radius.mean()) if count > 1 else np.nan,
+        spacing_ratio=float(nearest_neighbours(x, y)[0].mean() / contact_radius.mean())
+        if count > 1
+        else np.nan,
         planes=planes,
         thickness_ratio=(extent + float(contact_radius.max())) / thickness if count else 0.0,
     )
-
-
-def _spacing(x: Values, y: Values) -> float:
-    """Mean distance to the nearest neighbour."""
-    points = np.column_stack([x, y])
-    return float(np.asarray(cKDTree(points).query(points, k=2)[0])[:, 1].mean())

@@ -18,7 +18,14 @@ from contactimg.surfaces.asperity_table import (
     equivalent_radii,
     refuse_own_caps,
 )
-from contactimg.surfaces.patterns import CapLaw, DropletCaps, GaussianCaps, UniformCaps, generate_asperities
+from contactimg.surfaces.patterns import (
+    CapLaw,
+    DropletCaps,
+    GaussianCaps,
+    UniformCaps,
+    draw_surface,
+    generate_asperities,
+)
 
 __all__ = [
     "BASE_COLUMN",
@@ -34,6 +41,7 @@ __all__ = [
     "check_asperities",
     "composite_apexes",
     "composite_columns",
+    "draw_surface",
     "equivalent_radii",
     "generate_asperities",
     "refuse_own_caps",

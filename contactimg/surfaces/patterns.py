@@ -1,6 +1,6 @@
 """Random patterns of spherical caps: SA, RA- and RA+, or caps of any law."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -141,12 +141,47 @@ def _positive_normal(mean: float, std: float, count: int, rng: np.random.Generat
     return values
 
 
-_PATTERNS: dict[str, tuple[CapLaw, float]] = {
+_PATTERNS: dict[str, tuple[UniformCaps | GaussianCaps | DropletCaps, float]] = {
     "SA": (UniformCaps(30e-6, 60e-6, radius=100e-6), 0.4),
     "RA-": (GaussianCaps(9.0e-6, 2.4e-6, radius_mean=49.6e-6, radius_std=12.8e-6), 0.34),
     "RA+": (DropletCaps(29.6e-6, 10.1e-6, contact_angle=np.radians(57.0)), 0.41),
 }
 """Name of a surface -> law of its caps, and covered fraction."""
+
+_MEASURED = {"RA-": (293, 0.02), "RA+": (119, 0.05)}
+"""Name of a measured surface -> number of asperities measured, and uncertainty of the covered fraction."""
+
+CONTACT_ANGLE_STD = np.radians(2.0)
+"""Uncertainty of the contact angle: 57 deg from h(R), 55 deg measured on water."""
+
+
+def draw_surface(kind: str, rng: np.random.Generator) -> tuple[CapLaw, float]:
+    """Law of the caps and covered fraction of a surface, drawn within what Table 1 leaves uncertain.
+
+    Means of heights and radii with their standard errors, the contact angle and the covered fraction with
+    their uncertainties; SA is milled to a design and has none.
+
+    Parameters
+    ----------
+    kind : {"SA", "RA-", "RA+"}
+    rng : numpy.random.Generator
+
+    Examples
+    --------
+    >>> law, coverage = draw_surface("RA-", np.random.default_rng(1))
+    >>> round(law.height_mean * 1e6, 2), round(coverage, 3)
+    (9.05, 0.347)
+    """
+    _law_and_coverage(kind, None)  # refuses a name that is none
+    law, coverage = _PATTERNS[kind]
+    count, coverage_std = _MEASURED.get(kind, (1, 0.0))
+    if not isinstance(law, UniformCaps):
+        law = replace(law, height_mean=rng.normal(law.height_mean, law.height_std / np.sqrt(count)))
+    if isinstance(law, GaussianCaps):
+        law = replace(law, radius_mean=rng.normal(law.radius_mean, law.radius_std / np.sqrt(count)))
+    if isinstance(law, DropletCaps):
+        law = replace(law, contact_angle=rng.normal(law.contact_angle, CONTACT_ANGLE_STD))
+    return law, float(rng.normal(coverage, coverage_std))
 
 
 def generate_asperities(

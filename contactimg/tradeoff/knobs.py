@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid, trapezoid
 
 from contactimg.effects.mechanics import estimate_mechanics, solve_scene
 from contactimg.effects.output_change import OUTPUTS, relative_change, stated_change
@@ -23,7 +24,6 @@ from contactimg.prediction import pattern_sides, solve_average
 from contactimg.render import Rendered, render_contacts, render_reference
 from contactimg.scene import Scene
 from contactimg.surfaces import generate_asperities
-from contactimg.tradeoff.averages import Average, average_contacts, average_rings
 from contactimg.tradeoff.measure import Knob, Setting
 from contactimg.tradeoff.measured_disks import DISK, METHODS, Shot, disk_change, measure_disks
 from contactimg.tradeoff.recommendations import TITLES
@@ -58,6 +58,55 @@ SAMPLING_NOISE_LEVELS = 1.0
 
 SENSOR = ("vignetting", "light_drift", "position_drift", "shot_noise", "quantisation", "saturation", "dust")
 """Effects that do not depend on the sampling and are switched off."""
+
+RADIAL_NODES = 4001
+"""Points of the trapezoidal rule over rings. Chosen: far more than any number of rings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Average:
+    """Averages over all contacts: area (m^2), loads on rings around the apex (N), mean contact radius (m)."""
+
+    area: float
+    loads: Values
+    mean_radius: float
+
+    def change(self, output: str, reference: "Average") -> float:
+        """Relative error against a reference with the same rings.
+
+        ``area``: error of the real contact area. ``force``, ``profile``: sum of ``|dP_k|`` over the rings
+        divided by the load. ``radius``: error of the mean contact radius. ``all``: the largest of the three.
+        """
+        errors = {
+            "area": abs(self.area / reference.area - 1),
+            "force": float(np.abs(self.loads - reference.loads).sum() / reference.loads.sum()),
+            "radius": abs(self.mean_radius / reference.mean_radius - 1),
+        }
+        return max(errors.values()) if output == "all" else errors.get(output, errors["force"])
+
+
+def average_contacts(solution: InteractingSolution, *, centre: tuple[float, float], edges: Values) -> Average:
+    """Averages of a solution with single contacts; those beyond the last edge (m) count in the last ring."""
+    rows = solution.touching
+    if not rows.size:
+        raise InputError("there is no contact to average; increase the load")
+    r = np.hypot(solution.x[rows] - centre[0], solution.y[rows] - centre[1])
+    ring = np.clip(np.searchsorted(edges, r, side="right") - 1, 0, edges.size - 2)
+    loads = np.bincount(ring, solution.force[rows], minlength=edges.size - 1).astype(float)
+    return Average(solution.area, loads, float(solution.radius[rows].mean()))
+
+
+def average_rings(rings: RingSolution, *, edges: Values) -> Average:
+    """Averages of a statistical solution on rings with these edges, m."""
+    r = np.linspace(0.0, rings.r[-1], RADIAL_NODES)
+    pressure, density, radius = (
+        np.interp(r, rings.r, values) for values in (rings.pressure, rings.density, rings.mean_radius)
+    )
+    inside = cumulative_trapezoid(2 * np.pi * r * pressure, r, initial=0)
+    at_edges = np.interp(edges, r, inside)
+    at_edges[-1] = inside[-1]
+    mean_radius = trapezoid(r * density * radius, r) / trapezoid(r * density, r)
+    return Average(rings.area, np.diff(at_edges), float(mean_radius))
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,7 +462,7 @@ KNOBS: dict[str, tuple[Settings, Callable[[Case], str]]] = {
 
 
 def make_knob(case: Case, name: str) -> Knob:
-    """One knob of a case."""
+    """The knob of a name for a case."""
     title, output, load = TITLES[name], case.output, case.load
     if name == "sums":
         output, load = "displacement", math.nan

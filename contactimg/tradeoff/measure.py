@@ -124,7 +124,7 @@ class _Run:
             self.reason = str(error) or type(error).__name__
 
     def repeat(self) -> Any:
-        """Run for its time."""
+        """Run the setting and keep the time that it takes."""
         began = self.clock()
         answer = self.setting.run()
         self.times.append(self.clock() - began)

@@ -13,7 +13,7 @@ from spectral_truth import MODULUS, stored_cases
 from contactimg.cli import main
 from contactimg.effects.local_law import plan_law
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
-from contactimg.effects.output_change import WRITTEN, Answer, Asperities, output_changes
+from contactimg.effects.output_change import WRITTEN, Answer, output_changes
 from contactimg.effects.plan import make_plan
 from contactimg.files import write_scene
 from contactimg.forces import local_forces
@@ -49,7 +49,7 @@ def complete():
         sites = composite_apexes(table, indenter_radius=scene.indenter.radius)
         distance = np.hypot(sites["x_m"], sites["y_m"]).to_numpy(float)
         everything = mechanical_scene(name, effects=on)[0]
-        asperities = Asperities.about(distance, sites["radius_m"].to_numpy(float))
+        asperities = distance, sites["radius_m"].to_numpy(float)
         found[name] = asperities, answer(everything, table, load)
     return found
 
@@ -60,7 +60,7 @@ def test_under_all_every_output_is_within_the_tolerance(complete, name, relative
     scene, table, load = mechanical_scene(name, output="all", relative=relative)
     asperities, everything = complete[name]
     planned = answer(make_plan(scene, table, load=load).apply(scene), table, load)
-    changes = output_changes(asperities, without=planned, complete=everything)
+    changes = output_changes(*asperities, without=planned, complete=everything)
     assert set(changes) == set(WRITTEN)
     assert max(changes.values()) < relative, changes
 
@@ -72,7 +72,7 @@ def test_a_single_output_states_the_errors_of_the_others(complete, name, output)
     asperities, everything = complete[name]
     plan = make_plan(scene, table, load=load)
     planned = answer(plan.apply(scene), table, load)
-    true = output_changes(asperities, without=planned, complete=everything)
+    true = output_changes(*asperities, without=planned, complete=everything)
     assert true[output] < 0.01
     for other in WRITTEN:
         if max(true[other], plan.expected_errors[other]) > 0.01:
@@ -92,10 +92,10 @@ def test_an_area_within_its_tolerance_is_no_promise_for_the_forces(complete):
 
 
 def test_norms_on_two_contacts_by_hand():
-    two = Asperities(np.array([1.0, 2.0]), np.array([0, 1]))
+    two = np.array([0.0, 3e-4]), np.array([1.0, 2.0])  # in two annuli of 0.25 mm
     before = Answer(np.array([3.0, 3.0]), np.array([1.0, 2.0]), 4.0)
     after = Answer(np.array([3.3, 2.7]), np.array([1.1, 1.9]), 4.2)
-    found = output_changes(two, without=after, complete=before)
+    found = output_changes(*two, without=after, complete=before)
     assert found["force"] == pytest.approx(0.1)
     # a^3/R: 1 and 4 become 1.331 and 3.4295
     assert found["hertz"] == pytest.approx((0.331 + 0.5705) / 5)
@@ -103,7 +103,7 @@ def test_norms_on_two_contacts_by_hand():
     assert found["profile"] == pytest.approx(0.1)
     assert (found["contacts"], found["indentation"]) == (0.0, pytest.approx(0.05))
     gone = Answer(np.array([6.0, 0.0]), np.array([1.3, 0.0]), 4.0)
-    lost = output_changes(two, without=gone, complete=before)
+    lost = output_changes(*two, without=gone, complete=before)
     assert lost["contacts"] == 0.5
     assert lost["profile"] == pytest.approx(1.0)  # of the pressure; of the counts 0.5
 
@@ -130,9 +130,9 @@ def test_a_contact_that_jumps_in_at_just_this_load_is_not_overlooked(output):
     assert np.count_nonzero(full.radius) == 1
     plan = make_plan(scene, table, load=load)
     planned = answer(plan.apply(scene), table, load)
-    asperities = Asperities.about(np.array([0.0, 3e-4]), np.full(2, 1e-4))
+    asperities = np.array([0.0, 3e-4]), np.full(2, 1e-4)
     assert (
-        output_changes(asperities, without=planned, complete=full)[output if output != "all" else "area"]
+        output_changes(*asperities, without=planned, complete=full)[output if output != "all" else "area"]
         < 0.01
     )
 

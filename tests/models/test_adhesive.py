@@ -14,8 +14,7 @@ from contactimg import (
     solve_interacting,
     sphere,
 )
-from contactimg.models.adhesive_asperity_law import AdhesiveLaw
-from contactimg.models.asperity_laws import Caps
+from contactimg.models.asperity_laws import AdhesiveLaw, Caps
 
 ONE = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "height_m": [4e-5], "radius_m": [1e-4]})
 FLAT = {"indenter_radius": np.inf, "contact_modulus": 4e6}

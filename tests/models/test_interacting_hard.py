@@ -13,6 +13,7 @@ from contactimg import (
     solve_interacting,
 )
 from contactimg.models import contact_solver
+from contactimg.models.fast_coupling import FastCoupling
 
 COUPLINGS = ("none", "asymptotic", "hertz", "full")
 FLAT = {"indenter_radius": np.inf, "contact_modulus": 4e6}
@@ -178,3 +179,17 @@ def test_asperities_far_apart_on_a_thin_layer_do_not_fill_the_memory(rng):
     with pytest.raises(InputError, match='use method "dense"'):
         solve_interacting(table, method="fast", **layered)
     assert np.all(np.isfinite(solve_interacting(table, method="dense", **layered).force))
+
+
+def test_a_load_at_which_most_contacts_overlap_is_refused_at_once(monkeypatch):
+    """Half the modulus as mean pressure: contacts that would merge take thousands of sums."""
+    side, sums, exact = 0.03, [], FastCoupling.displacement
+    pattern = generate_asperities("SA", side=side, coverage=0.3, rng=np.random.default_rng(5))
+    where = {"indenter_radius": 1e5, "contact_modulus": 4e6, "apex": (side / 2, side / 2)}
+    monkeypatch.setattr(FastCoupling, "displacement", lambda *a: sums.append(1) or exact(*a))
+    with pytest.raises(ModelRangeError, match="would overlap a neighbour") as refused:
+        solve_interacting(pattern, load=0.5 * 4e6 * side**2, **where)
+    assert len(sums) <= 2
+    bearable = float(str(refused.value).split("to some ")[1].split(" N")[0])
+    assert 0.05 < bearable / (4e6 * side**2) < 0.5
+    assert solve_interacting(pattern, load=0.3 * bearable, **where).status == "converged"

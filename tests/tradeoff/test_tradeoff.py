@@ -17,7 +17,7 @@ from contactimg.models.interacting import solve_interacting
 from contactimg.plots.tradeoff import plot_knob, plot_tradeoff
 from contactimg.surfaces import generate_asperities
 from contactimg.tables import TRADEOFF
-from contactimg.tradeoff.averages import Average, average_contacts, average_rings
+from contactimg.tradeoff.knobs import Average, average_contacts, average_rings
 from contactimg.tradeoff.measure import Knob, Setting, mark_front, measure_knob
 from contactimg.tradeoff.recommendations import error_text, knob_sentence, time_text
 
