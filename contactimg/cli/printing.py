@@ -157,7 +157,7 @@ def _of_row(row: Mapping[Hashable, Any]) -> str:
 
 
 def echo_plan(plan: "Plan", *, title: str) -> None:
-    """Print the decision on each effect, then the limits and messages of the plan."""
+    """Print the decision on each effect, what matters most first; then limits and messages."""
     rows = [
         {
             "effect": row["effect"],
@@ -166,7 +166,7 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
             "if left out": f"{100 * row['change']:.2g} %",
             "time": f"{row['cost']:.2g} x",
         }
-        for row in plan.table().to_dict("records")
+        for row in plan.table().sort_values("change", ascending=False, kind="stable").to_dict("records")
     ]
     echo_table(title, rows, left=3)
     say(*plan.limits, *plan.messages)

@@ -25,8 +25,8 @@ def overlay(
     and once without.
 
     Writes scores.csv (precision and recall of each frame and model), matches.csv (pairs of a measured and a
-    predicted contact), provenance.json, and a picture of each frame in overlays/: measured contacts blue,
-    predicted ones dashed, orange with coupling and yellow without, the Hertz circle of the smooth lens white.
+    predicted contact), provenance.json, and a picture of each frame in overlays/: for either model matched
+    contacts blue, those that it misses orange, those that it alone has in yellow dashes, and an inset.
 
     Exit codes: 0 done, 1 no prediction for some frames (each is named, with the reason), 2 nothing done, also
     where fewer than half of the contacts match.
