@@ -122,7 +122,11 @@ def run_page(page: Path, done: dict[str, float], *, write: bool = False) -> list
             if (command in done and not shown.strip()) or any(part in command for part in NOT_RUN):
                 continue
             begin = time.perf_counter()
-            printed = run(command)
+            try:
+                printed = run(command)
+            except RuntimeError as error:
+                wrong.append(f"{page.name}: {error}")
+                continue
             done[command] = time.perf_counter() - begin
             if shown.strip():
                 differing = stale(lines_of(shown), lines_of(printed))

@@ -182,9 +182,9 @@ def caption_of_comparison(run: Run, frame: str) -> str:
     """What is seen on a frame with predictions."""
     load = _load(run.frames[run.frames["frame"] == frame].iloc[0])
     return (
-        f"Measured and predicted contacts on {frame}{load}, for each model: matched (thin, blue), measured and "
-        "not predicted (thick, orange), predicted and not measured (thick dashes, yellow). Below, the white "
-        "frame enlarged, with all predicted contacts (white dashes)."
+        f"Measured and predicted contacts on {frame}{load}, for each model: matched (thin, blue), measured "
+        "and not predicted (thick, orange), predicted and not measured (thick dashes, yellow). Below, the "
+        "white frame enlarged, with all predicted contacts (white dashes)."
     )
 
 

@@ -25,7 +25,7 @@ from contactimg.pipeline.analyse.group_by_load import (
 )
 from contactimg.pipeline.analyse.places import Place, warn_of_differences
 from contactimg.pipeline.pose_and_forces import shown_apex
-from contactimg.plausibility import doubts_about_match, settle
+from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 from contactimg.prediction import COMPARED_MODELS
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
 
@@ -243,7 +243,12 @@ def _doubt_match(place: Place, predicted: Place, min_radius_px: float) -> None:
     matched = len(ours.dropna().merge(theirs))
     shown = shown_apex(place.contacts, place.frames, place.scene, place.pose, place.asperities)
     doubts = doubts_about_match(
-        place.scene, measured=len(ours), predicted=len(theirs), matched=matched, shown=shown
+        place.scene,
+        measured=len(ours),
+        predicted=len(theirs),
+        matched=matched,
+        shown=shown,
+        spacing=mean_spacing(place.asperities),
     )
     settle(doubts, place.name)
 
