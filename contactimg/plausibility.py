@@ -317,8 +317,8 @@ def doubts_about_match(
 ) -> Iterator[str]:
     """A sentence where measured and predicted contacts are not the same ones, with the likely cause.
 
-    In a dense pattern most contacts of a lens that stands elsewhere are the same ones: there the apex that the
-    contacts show decides as well, where it is another asperity's.
+    In a dense pattern most contacts of a lens that stands elsewhere are the same ones. Therefore the apex
+    that the contacts show decides as well, if it is more than half a spacing away.
 
     Parameters
     ----------
