@@ -1,7 +1,7 @@
 """Run the commands that README, tutorial and how-to pages show, and compare the output that is printed there.
 
     python benchmarks/documented_commands.py            # compare
-    python benchmarks/documented_commands.py --write    # put the output of today on the pages
+    python benchmarks/documented_commands.py --write    # put output and figures of today on the pages
 
 Each line of code that begins with `contactimg` is run, in the order of the pages, in one copy of sample_data.
 In a block `console` it begins with `$ `, and what it prints stands below, with `...` for lines left out. A
@@ -23,6 +23,7 @@ from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from contactimg.cli import main as contactimg
 
@@ -31,6 +32,17 @@ PAGES = ("README.md", "docs/tutorial.md", "docs/effects.md", "docs/tradeoff.md",
 
 NOT_RUN = ("--cluster", "contactimg review", ".sur")
 """What a command says that needs a cluster, a person, or a file of an instrument."""
+
+FIGURES = {
+    "overlay": "results/compared/overlays/frame_6.tif",
+    "tutorial_area": "results/analysis/area",
+    "tutorial_profile": "results/analysis/profile_6",
+    "calibration_jkr": "jkr/jkr",
+    "calibration_threshold": "threshold/slope_threshold",
+    "calibration_plateau": "plateau/plateau",
+}
+"""Figure of the pages -> the file that a command writes, both without `.png`."""
+WIDEST_PX = 1600
 
 COMMAND = re.compile(r"^(?: {4})?(?:\$ )?(contactimg [a-z].*)")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$|^( {4}\S[^\n]*\n)", re.MULTILINE | re.DOTALL)
@@ -147,6 +159,15 @@ def renewed(shown: str, printed: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def keep_figure(file: Path, target: Path) -> None:
+    """Store a figure as wide as a page needs it."""
+    image = Image.open(file)
+    if image.width > WIDEST_PX:
+        size = (WIDEST_PX, round(image.height * WIDEST_PX / image.width))
+        image = image.convert("RGB").resize(size, Image.Resampling.LANCZOS).quantize(48)
+    image.save(target, optimize=True)
+
+
 def run_pages(*, write: bool = False) -> tuple[list[str], dict[str, float]]:
     """What the pages show and the commands no longer print; and the seconds that each command takes."""
     wrong, done = list[str](), dict[str, float]()
@@ -155,6 +176,9 @@ def run_pages(*, write: bool = False) -> tuple[list[str], dict[str, float]]:
         for pattern in PAGES:
             for page in sorted(ROOT.glob(pattern)):
                 wrong += run_page(page, done, write=write)
+        if write:
+            for figure, file in FIGURES.items():
+                keep_figure(Path(f"{file}.png"), ROOT / f"docs/figures/{figure}.png")
     return wrong, done
 
 
