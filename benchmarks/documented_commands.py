@@ -133,13 +133,13 @@ def run_page(page: Path, done: dict[str, float], *, write: bool = False) -> list
         for command, shown in commands_of(block, console=language == "console"):
             if (command in done and not shown.strip()) or any(part in command for part in NOT_RUN):
                 continue
-            begin = time.perf_counter()
+            begin = time.process_time()
             try:
                 printed = run(command)
             except RuntimeError as error:
                 wrong.append(f"{page.name}: {error}")
                 continue
-            done[command] = time.perf_counter() - begin
+            done[command] = time.process_time() - begin
             if shown.strip():
                 differing = stale(lines_of(shown), lines_of(printed))
                 wrong += [f"{page.name}: {command}", *differing] if differing else []

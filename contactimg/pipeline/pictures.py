@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -198,14 +199,15 @@ def draw_predicted(
     zoom = max(1, -(-LEAST_PANEL_PX // part.shape[1]))
     low, high = view.stretch
     view = replace(view, stretch=(low, low + (high - low) / DIMMED), top=top, left=left, zoom=zoom)
-    size = np.array(part.shape)[::-1] // INSET_ZOOM // (1, 2)  # an inset is half as high as wide
+    rows, columns = part.shape
+    size = np.array([columns // INSET_ZOOM, rows // INSET_ZOOM // 2])
     away = np.vstack([places[kind] for kind in MARKS if kind != "matched"])
     corner = _busiest(away if len(away) else np.column_stack([x, y]), size) - (left, top)
-    u, v = np.clip(corner, 0, np.array(part.shape)[::-1] - size).astype(int).tolist()
+    u, v = np.clip(corner, 0, (columns, rows) - size).astype(int).tolist()
     inset = replace(view, top=top + v, left=left + u, zoom=INSET_ZOOM * zoom, pixel_size=None)
     rim = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) * size + (left + u, top + v)
-    frame = Layer([Outline(0, *rim[0].tolist(), 0.0, 0.0, lines=(rim,))], HERTZ, "")
-    columns = []
+    frame = Layer([Outline(0, float(rim[0, 0]), float(rim[0, 1]), 0.0, 0.0, lines=(rim,))], HERTZ, "")
+    pictures = []
     for model, kinds in marked.items():
         layers = [
             Layer(kinds[kind], colour, f"{kind} ({len(kinds[kind])})", dashes, gap, width)
@@ -217,11 +219,11 @@ def draw_predicted(
         rims = Layer(kinds[PREDICTED], HERTZ, "predicted", (5.0, 5.0), width=0.7)
         title = f"the white frame, {INSET_ZOOM} times as large"
         cut = part[v : v + size[1], u : u + size[0]]
-        columns.append([whole, draw_overlay(cut, [*unnamed, rims], replace(inset, title=title))])
-    return join_pictures(columns)
+        pictures.append([whole, draw_overlay(cut, [*unnamed, rims], replace(inset, title=title))])
+    return join_pictures(pictures)
 
 
-def _busiest(points: Values, size: NDArray[np.int_]) -> Values:
+def _busiest(points: Values, size: NDArray[Any]) -> Values:
     """Upper left corner of the part of that size, about one of the points, that holds most of them."""
     if not len(points):
         return np.zeros(2)

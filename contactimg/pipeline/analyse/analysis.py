@@ -230,7 +230,7 @@ def _predicted_places(
 
 def _doubt_match(place: Place, predicted: Place, min_radius_px: float) -> None:
     """Stop where fewer than half of the contacts of a place are on the asperities of the predicted ones."""
-    if place.pose is None:
+    if place.pose is None or place.asperities is None:
         return
     smallest = min_radius_px * place.pose.pixel_size
     ours, theirs = (
