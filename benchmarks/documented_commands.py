@@ -21,11 +21,13 @@ from collections.abc import Iterator
 from glob import glob
 from itertools import takewhile
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from PIL import Image
 
 from contactimg.cli import main as contactimg
+from contactimg.files.figures import FIGURE_FORMATS
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", "docs/tutorial.md", "docs/effects.md", "docs/tradeoff.md", "docs/howto/*.md")
@@ -180,7 +182,9 @@ def keep_figure(file: Path, target: Path) -> None:
 def run_pages(*, write: bool = False) -> tuple[list[str], dict[str, float]]:
     """What the pages show and the commands no longer print; and the seconds that each command takes."""
     wrong, done = list[str](), dict[str, float]()
-    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+    formats = FIGURE_FORMATS if write else FIGURE_FORMATS[1:2]  # SVG, the fastest, where figures are not kept
+    shown = mock.patch("contactimg.files.figures.FIGURE_FORMATS", formats)
+    with shown, tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         prepare(Path(folder))
         for pattern in PAGES:
             for page in sorted(ROOT.glob(pattern)):
