@@ -175,7 +175,8 @@ def keep_figure(file: Path, target: Path) -> None:
     image = Image.open(file)
     if image.width > WIDEST_PX:
         size = (WIDEST_PX, round(image.height * WIDEST_PX / image.width))
-        image = image.convert("RGB").resize(size, Image.Resampling.LANCZOS).quantize(48)
+        image = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+        image = image.quantize(128, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     image.save(target, optimize=True)
 
 
