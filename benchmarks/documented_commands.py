@@ -36,10 +36,12 @@ NOT_RUN = ("--cluster", "contactimg review", ".sur")
 """What a command says that needs a cluster, a person, or a file of an instrument."""
 
 SHORTENED = {
-    "contactimg tradeoff": " --knob model",
-    "contactimg calibrate jkr": " --frames frame_0[1-5].tif",
-    "contactimg calibrate threshold": " --frames frame_[1-3].tif",
-    "contactimg calibrate plateau": " --frames frame_[1-2].tif",
+    "contactimg process": " --no-pictures",
+    "contactimg analyse runs": " --no-models",
+    "contactimg tradeoff": " --knob solver",
+    "contactimg calibrate jkr": " --frames frame_0[1-3].tif",
+    "contactimg calibrate threshold": " --frames frame_[1-2].tif",
+    "contactimg calibrate plateau": " --frames frame_1.tif",
 }
 """Slow commands without shown output -> what is added to them where output is compared."""
 
