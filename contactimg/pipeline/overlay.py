@@ -236,17 +236,18 @@ def draw_comparison(
     workers: int | None,
     advance: Callable[[], None] | None = None,
 ) -> None:
-    """Draw measured and predicted contacts on each compared frame, as PNG files."""
+    """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files."""
     folder.mkdir()
+    predicted = {frame: models for frame, models in comparison.predicted.items() if models}
     sources = {source.name: source for source in experiment.frames}
-    lost = [frame for frame in comparison.predicted if frame not in sources]
+    lost = [frame for frame in predicted if frame not in sources]
     if lost:
         raise InputError(f"frame {lost[0]} of the run is not among the frames of its scene; repeat `process`")
-    stretch = series_stretch([sources[frame] for frame in comparison.predicted])
+    stretch = series_stretch([sources[frame] for frame in predicted])
     pose = run.need_pose()
 
     def jobs() -> Iterator[tuple[Any, ...]]:
-        for frame, models in comparison.predicted.items():
+        for frame, models in predicted.items():
             shift, view = frame_shift(run.frames, frame), view_of(frame, experiment, stretch, pose.pixel_size)
             circle = disk_in_pixels(hertz_circle(run.scene, _load_of(run, frame)), pose, shift)
             contacts, lines = (table[table["frame"] == frame] for table in (run.contacts, run.outlines))
@@ -255,7 +256,7 @@ def draw_comparison(
             marked = {model: mark_contacts(seen, table, lines, **least) for model, table in models.items()}
             yield sources[frame], marked, circle, view, folder
 
-    for _ in in_parallel(_draw, jobs(), count=len(comparison.predicted), workers=workers):
+    for _ in in_parallel(_draw, jobs(), count=len(predicted), workers=workers):
         if advance is not None:
             advance()
 

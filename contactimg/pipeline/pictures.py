@@ -200,7 +200,7 @@ def draw_predicted(
     low, high = view.stretch
     view = replace(view, stretch=(low, low + (high - low) / DIMMED), top=top, left=left, zoom=zoom)
     rows, columns = part.shape
-    size = np.array([columns // INSET_ZOOM, rows // INSET_ZOOM // 2])
+    size = np.maximum([columns // INSET_ZOOM, rows // INSET_ZOOM // 2], 1)
     away = np.vstack([places[kind] for kind in MARKS if kind != "matched"])
     corner = _busiest(away if len(away) else np.column_stack([x, y]), size) - (left, top)
     u, v = np.clip(corner, 0, (columns, rows) - size).astype(int).tolist()
