@@ -146,14 +146,15 @@ def test_the_user_s_own_functions_are_stored_where_numba_stores_them(package, tm
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_each_function_that_begins_to_be_compiled_is_told():
+def test_each_function_that_begins_to_be_compiled_is_told(monkeypatch):
+    monkeypatch.setattr(compiled, "_folder_of", lambda *_: None)  # nothing is stored by an earlier run
     told = []
 
-    @njit(cache=False)
+    @njit()
     def inner(x):
         return 2 * x
 
-    @njit(cache=False)
+    @njit()
     def outer(x):
         return inner(x) + 1
 
