@@ -3,7 +3,6 @@
     python benchmarks/chain.py accuracy --seed 40                    # table of docs/accuracy.md
     python benchmarks/chain.py coverage --seed 201 --frames 30       # tables of docs/uncertainty.md
     python benchmarks/chain.py series --seed 201                     # a series over five decades of load
-    python benchmarks/chain.py picture                               # docs/figures/overlay.png
 
 Frames of 1600 x 1200 pixels of 6 um, contrast 100 grey levels, noise 2.1; each has another pattern, noise and
 texture. Cases are frames rendered with something that the estimator's model does not contain.
@@ -19,7 +18,6 @@ import numpy as np
 import pandas as pd
 from pattern_scene import PIXEL, pattern_scene
 
-from contactimg.cli import main as contactimg
 from contactimg.files import list_frames, read_scene, write_frame, write_scene
 from contactimg.forces import assign_forces, total_area, total_force
 from contactimg.frame import Frame
@@ -199,18 +197,7 @@ def series(options: argparse.Namespace) -> None:
         )
 
 
-def picture(_options: argparse.Namespace) -> None:
-    """Part of an overlay of the sample data."""
-    with tempfile.TemporaryDirectory() as top:
-        contactimg(["process", str(ROOT / "sample_data" / "sa_plus"), "-o", f"{top}/run", "--quiet"])
-        contactimg(["overlay", f"{top}/run", "-o", f"{top}/compared", "--quiet"])
-        whole = cv2.imread(f"{top}/compared/overlays/frame_6.tif.png")
-    rows, columns = whole.shape[:2]
-    part = whole[int(0.3 * rows) : int(0.62 * rows), int(0.3 * columns) : int(0.78 * columns)]
-    cv2.imwrite(str(ROOT / "docs/figures/overlay.png"), part, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-
-
-SUBJECTS = {"accuracy": accuracy, "coverage": coverage, "series": series, "picture": picture}
+SUBJECTS = {"accuracy": accuracy, "coverage": coverage, "series": series}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)

@@ -312,9 +312,12 @@ def warn_of(doubts: Iterable[str], place: str) -> bool:
 
 
 def doubts_about_match(
-    scene: Scene, *, measured: int, predicted: int, matched: int, shown: Apex | None
+    scene: Scene, *, measured: int, predicted: int, matched: int, shown: Apex | None, spacing: float = np.inf
 ) -> Iterator[str]:
     """A sentence where measured and predicted contacts are not the same ones, with the likely cause.
+
+    In a dense pattern most contacts of a lens that stands elsewhere are the same ones. Therefore the apex
+    that the contacts show decides as well, if it is more than half a spacing away.
 
     Parameters
     ----------
@@ -325,19 +328,22 @@ def doubts_about_match(
         Those that are measured and predicted.
     shown : Apex or None
         Apex and radius of the lens that the contacts show.
+    spacing : float
+        Mean distance of the asperities, m.
     """
-    if 2 * matched >= FEWEST_MATCHES * (measured + predicted):
-        return
-    causes = []
+    causes, wrong = [], 2 * matched < FEWEST_MATCHES * (measured + predicted)
     if shown is not None and scene.indenter is not None:
-        apart = np.subtract(shown.place, scene.indenter.apex)
-        if np.hypot(*apart) > SHOWN_STDS * np.hypot(*shown.std):
+        apart = float(np.hypot(*np.subtract(shown.place, scene.indenter.apex)))
+        if apart > SHOWN_STDS * np.hypot(*shown.std):
+            wrong |= apart > spacing / 2
             x, y = shown.place
             causes.append(f"[indenter] apex_m: the contacts show the apex at ({x:.6g}, {y:.6g}) m")
         if shown.radius is not None:
             off = abs(shown.radius / scene.indenter.radius - 1)
             if off > max(SHOWN_RADIUS, SHOWN_STDS * shown.radius_std / shown.radius):
                 causes.append(f"[indenter] radius_m: the contacts show a lens of {shown.radius:.3g} m")
+    if not wrong:
+        return
     if not 1 / SAME_COUNT <= predicted / max(measured, 1) <= SAME_COUNT:
         more = "more" if predicted > measured else "fewer"
         causes.append(
@@ -345,9 +351,15 @@ def doubts_about_match(
         )
     known = ", and ".join(causes)
     yield (
-        f"only {matched} of {measured} measured and {predicted} predicted contacts match; likely cause: "
+        f"{matched} of {measured} measured and {predicted} predicted contacts match; likely cause: "
         + (known or "the apex, [camera] mirrored, rotation_deg or pixel_size_m, or the load")
     )
+
+
+def mean_spacing(asperities: pd.DataFrame) -> float:
+    """Mean distance of asperities, m: that of as many on a square lattice over the same box."""
+    points = _points(asperities)
+    return float(np.sqrt(np.prod(np.ptp(points, axis=0)) / max(len(points), 1)))
 
 
 def _points(asperities: pd.DataFrame) -> NDArray[np.float64]:
@@ -368,8 +380,7 @@ def _doubts_about_asperities(asperities: pd.DataFrame) -> Iterator[str]:
             f"({radius:g} m), more than a hemisphere; are the columns swapped, or in different units?"
         )
     points = _points(asperities)
-    area = float(np.prod(np.ptp(points, axis=0)))
-    spacing = float(np.sqrt(area / len(points)))
+    spacing = mean_spacing(asperities)
     if spacing > 0 and radius > MAX_RADIUS_OVER_SPACING * spacing:
         yield (
             f"the radius of the asperities ({radius:g} m) is {radius / spacing:.3g} times their distance "

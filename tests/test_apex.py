@@ -5,7 +5,7 @@ import pytest
 
 from contactimg.models.interacting import solve_interacting
 from contactimg.plausibility import doubts_about_match
-from contactimg.pose.apex import Apex, find_apex
+from contactimg.pose.apex import Apex, find_apex, find_centre
 from contactimg.scene import scene_from_dict
 from contactimg.surfaces import composite_apexes, generate_asperities
 
@@ -54,6 +54,31 @@ def test_few_contacts_and_a_gap_that_does_not_open_show_none(pressed):
     points, _, radii, a = pressed
     bowl = np.sum((points - np.array(APEX)) ** 2, axis=1) / (2 * LENS)
     assert find_apex(points, -2 * bowl, radii, 1e-3 * a) is None
+
+
+@pytest.mark.parametrize(("cut", "shown"), [(-1.0, 300), (-0.5, 0)])
+def test_without_asperities_the_contacts_show_the_centre_of_a_region_that_is_in_view(cut, shown, rng):
+    errors = []
+    for _ in range(300):
+        r, turn = np.sqrt(rng.uniform(0, 1, 200)), rng.uniform(0, 2 * np.pi, 200)
+        points = np.column_stack([r * np.cos(turn), r * np.sin(turn)])
+        areas = np.maximum(1 - r**2, 0) * rng.uniform(0.2, 1, 200) ** 2
+        seen = points[:, 0] > cut
+        found = find_centre(points[seen], areas[seen], in_view=lambda at: at[:, 0] > 1.001 * cut)
+        errors += [] if found is None else (np.array(found.place) / found.std).tolist()
+    assert len(errors) == 2 * shown
+    if shown:
+        # 68 and 95 % of 600 components, each within four standard deviations (theory: binomial)
+        assert abs(np.mean(np.abs(errors) < 1) - 0.683) < 4 * 0.019
+        assert abs(np.mean(np.abs(errors) < 2) - 0.954) < 4 * 0.0086
+
+
+def test_in_a_dense_pattern_the_apex_that_the_contacts_show_decides(pressed):
+    found, spacing = find_apex(*pressed), 2.3e-4
+    counts = {"measured": 160, "predicted": 160, "matched": 130, "shown": found, "spacing": spacing}
+    for away, count in ((0.3 * spacing, 0), (2 * spacing, 1)):
+        scene = scene_from_dict({"indenter": {"radius_m": LENS, "apex_m": (APEX[0] + away, APEX[1])}})
+        assert len(list(doubts_about_match(scene, **counts))) == count
 
 
 def test_a_mismatch_names_its_likely_cause():

@@ -36,3 +36,24 @@ def test_the_readme_is_short_and_has_two_set_up_commands():
     assert len(readme.splitlines()) <= 120
     set_up = readme.split("## Set up")[1].split("\n## ")[0]
     assert [block.count("\n") for block in re.findall(r"```bash\n(.*?)```", set_up, re.DOTALL)] == [1, 1]
+
+
+@pytest.mark.slow
+def test_the_commands_that_pages_show_run_and_print_what_is_shown(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    from documented_commands import run_pages
+
+    wrong, done = run_pages()
+    assert not wrong, "\n".join(wrong)
+    assert len(done) > 30
+
+
+def test_shown_output_is_compared_to_the_last_digit_but_not_in_times(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    from documented_commands import same, stale
+
+    assert same(" a  1.25(12)  37  2.5 x  3 s", " a 1.26(13) 37 40 x 120 ms")
+    for other in ("a 1.27(12) 37", "a 1.25(12) 38", "b 1.25(12) 37"):
+        assert not same("a 1.25(12) 37", other)
+    assert stale(["a", "...", "c"], ["a", "b", "b", "c"]) == []
+    assert stale(["a", "b"], ["a"]) == ["- b"]

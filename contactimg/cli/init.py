@@ -67,6 +67,8 @@ def init(
     path = Path(folder) / SCENE_FILE
     if path.exists() and not force:
         raise InputError(f"{path}: is there already; edit it, or replace it with --force")
+    if not no_input:
+        _ask_loads(Path(folder))
     known, remarks = _recognise(Path(folder))
     say("\n  ".join(remarks))
     for question in QUESTIONS:
@@ -84,6 +86,27 @@ def init(
     write_text(_template(known), path)
     say(f"wrote {path}; look at it, then run: contactimg process {shlex.quote(folder)}")
     return 0
+
+
+def _ask_loads(folder: Path) -> None:
+    """Ask which column of a table is the load where several may be, and write that one to loads.csv."""
+    from contactimg.files import write_table
+    from contactimg.files.folder import recognise_folder
+    from contactimg.files.load_tables import AmbiguousLoadsError, read_load_table
+    from contactimg.tables import LOADS
+
+    found = recognise_folder(folder)
+    for name in [] if found.loads else found.ignored:
+        try:
+            read_load_table(folder / name)
+        except AmbiguousLoadsError as error:
+            chosen = click.prompt(f"which column of {name} is the load", type=click.Choice(error.columns))
+            table, columns = read_load_table(folder / name, column=chosen)
+            write_table(table, LOADS, folder / "loads.csv")
+            say(f"wrote {folder / 'loads.csv'}: {columns} of {name}")
+            return
+        except InputError:
+            continue
 
 
 def _recognise(folder: Path) -> tuple[shared.Stated, list[str]]:

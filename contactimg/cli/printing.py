@@ -46,10 +46,17 @@ def progress(text: str, total: int) -> Iterator[Callable[[], None]]:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+        from contactimg.compiled import telling_compilations
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=is_quiet() or not total) as bar:
         task = bar.add_task(text, total=total)
-        yield lambda: bar.advance(task)
+
+        def tell(begun: int, declared: int) -> None:
+            bar.update(task, description=f"{text} (compiling {begun} of at most {declared}, once)")
+
+        with telling_compilations(tell):
+            yield lambda: bar.update(task, advance=1, description=text)
 
 
 def echo_first_run() -> None:
@@ -155,7 +162,7 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
 
 
 def echo_plan(plan: "Plan", *, title: str) -> None:
-    """Print the decision on each effect, then the limits and messages of the plan."""
+    """Print the decision on each effect, what matters most first; then limits and messages."""
     rows = [
         {
             "effect": row["effect"],
@@ -164,7 +171,7 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
             "if left out": f"{100 * row['change']:.2g} %",
             "time": f"{row['cost']:.2g} x",
         }
-        for row in plan.table().to_dict("records")
+        for row in plan.table().sort_values("change", ascending=False, kind="stable").to_dict("records")
     ]
     echo_table(title, rows, left=3)
     say(*plan.limits, *plan.messages)

@@ -25,11 +25,11 @@ def overlay(
     and once without.
 
     Writes scores.csv (precision and recall of each frame and model), matches.csv (pairs of a measured and a
-    predicted contact), provenance.json, and a picture of each frame in overlays/: measured contacts blue,
-    predicted ones dashed, orange with coupling and yellow without, the Hertz circle of the smooth lens white.
+    predicted contact), provenance.json, and a picture of each frame in overlays/: for either model matched
+    contacts blue, those that it misses orange, those that it alone has in yellow dashes, and an inset.
 
     Exit codes: 0 done, 1 no prediction for some frames (each is named, with the reason), 2 nothing done, also
-    where fewer than half of the contacts match.
+    where fewer than half of the contacts match or these show the apex of the lens elsewhere.
 
     \b
     Example:
@@ -47,7 +47,7 @@ def overlay(
         from contactimg.pipeline.inputs import need_asperities
         from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
         from contactimg.pipeline.pose_and_forces import shown_apex
-        from contactimg.plausibility import doubts_about_match, settle
+        from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 
     measured = read_run(run)
     measured.need_pose()
@@ -69,7 +69,8 @@ def overlay(
             measured.contacts, measured.frames, measured.scene, measured.need_pose(), asperities
         )
         numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
-        settle(doubts_about_match(measured.scene, **numbers, shown=shown), run)
+        spacing = mean_spacing(asperities)
+        settle(doubts_about_match(measured.scene, **numbers, shown=shown, spacing=spacing), run)
         write_comparison(comparison, out.folder)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
         with progress("drawing overlays", count) as advance:

@@ -1,12 +1,12 @@
 """The scene of a command: the scene file, what a calibration found, and what the options state."""
 
-import logging
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from contactimg.cli.options import Stated
+from contactimg.cli.printing import say
 from contactimg.errors import InputError
 from contactimg.files import (
     SCENE_FILE,
@@ -19,8 +19,6 @@ from contactimg.files import (
 from contactimg.files.folder import recognise_folder
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene, scene_from_dict
-
-logger = logging.getLogger(__name__)
 
 FILES = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask", "edits")] + [
     ("asperities", "file")
@@ -60,7 +58,7 @@ def scene_of_folder(
         found = recognise_folder(folder)
         data = found.keys
         if found.ignored:
-            logger.info("%s: not used: %s", folder, ", ".join(found.ignored))
+            say(f"{folder}: not used: {', '.join(found.ignored)}")
     if calibration is not None:
         record, method = read_calibration(calibration), stated.get("measure", {}).get("method")
         apply_calibration(data, record, sets_method=method is None)

@@ -34,6 +34,14 @@ _FRAME = re.compile(
 _SEPARATORS = ("\t", ";", ",", None)  # None: any white space
 
 
+class AmbiguousLoadsError(InputError):
+    """Several columns of a table may be the load."""
+
+    def __init__(self, message: str, columns: list[str]) -> None:
+        super().__init__(message)
+        self.columns = columns
+
+
 def decode(data: bytes) -> str:
     """Text of bytes in UTF-8, UTF-16, or else the 8-bit code of western Windows.
 
@@ -50,7 +58,7 @@ def decode(data: bytes) -> str:
     return data.decode("latin-1")
 
 
-def read_load_table(path: str | Path) -> tuple[pd.DataFrame, str]:
+def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame, str]:
     r"""Loads of a text table whose header states their unit in brackets.
 
     Parameters
@@ -58,6 +66,8 @@ def read_load_table(path: str | Path) -> tuple[pd.DataFrame, str]:
     path : str or Path
         LabVIEW measurement (.lvm) or any text with one row a frame below a header; what stands before is
         passed over.
+    column : str
+        Header of the loads, where several may be it.
 
     Returns
     -------
@@ -89,7 +99,7 @@ def read_load_table(path: str | Path) -> tuple[pd.DataFrame, str]:
     for separator in _SEPARATORS:
         for number, line in enumerate(lines):
             header = [cell.strip().strip('"') for cell in line.split(separator)]
-            loads = [k for k, name in enumerate(header) if _is_load(name)]
+            loads = [k for k, name in enumerate(header) if _is_load(name) and column in ("", name)]
             rows = _rows_below(lines[number + 1 :], separator, len(header))
             if len(header) == 1 or not rows:
                 continue
@@ -126,7 +136,8 @@ def _table(
     """The loads from the rows, and the names of the columns that were taken."""
     if len(loads) > 1:
         names = ", ".join(repr(header[k]) for k in loads)
-        raise InputError(f"{path}: {len(loads)} columns may be the load ({names}); rename the others")
+        said = f"{path}: {len(loads)} columns may be the load ({names}); rename the others"
+        raise AmbiguousLoadsError(said, [header[k] for k in loads])
     frames = [k for k, name in enumerate(header) if _FRAME.search(name.lower()) and k not in loads]
     unit = _UNIT.search(header[loads[0]])
     table = {"load_N": [_number(path, row[loads[0]]) * NEWTONS[unit[1] if unit else "N"] for row in rows]}

@@ -1,6 +1,6 @@
 """Compare a run with the predictions of the models: pairs and scores, frame by frame."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,14 @@ from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
 from contactimg.matching import match_contacts
 from contactimg.pipeline.inputs import contact_sites, loads_before
-from contactimg.pipeline.pictures import draw_predicted, series_stretch, view_of, write_picture
+from contactimg.pipeline.pictures import (
+    PREDICTED,
+    disk_in_pixels,
+    draw_predicted,
+    series_stretch,
+    view_of,
+    write_picture,
+)
 from contactimg.plots.overlay import View
 from contactimg.prediction import (
     COMPARED_MODELS,
@@ -28,7 +35,7 @@ from contactimg.prediction import (
 )
 from contactimg.scene import Scene
 from contactimg.tables import FAILED, MATCHES, SCORES
-from contactimg.tables.outlines import contact_outlines
+from contactimg.tables.outlines import Outline, contact_outlines
 from contactimg.timings import stage
 
 
@@ -48,6 +55,8 @@ class Comparison:
         Frame -> which model has no solution for it, and why.
     plans : dict
         Frame -> plan of the coupled model; absent where every switch is set.
+    min_radius_px : float
+        Smaller predicted contacts and their partners do not count.
     """
 
     matches: pd.DataFrame
@@ -55,6 +64,7 @@ class Comparison:
     predicted: dict[str, dict[str, pd.DataFrame]]
     left_out: dict[str, str]
     plans: dict[str, Plan] = field(default_factory=dict)
+    min_radius_px: float = 1.0
 
 
 def compare_run(
@@ -125,7 +135,7 @@ def compare_run(
             advance()
     table = SCORES.conform(pd.DataFrame(scores)) if scores else SCORES.empty()
     pairs = MATCHES.conform(pd.concat(matches, ignore_index=True))
-    return Comparison(pairs, table, predicted, left_out, plans)
+    return Comparison(pairs, table, predicted, left_out, plans, min_radius_px)
 
 
 def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
@@ -212,19 +222,27 @@ def draw_comparison(
     workers: int | None,
     advance: Callable[[], None] | None = None,
 ) -> None:
-    """Draw measured and predicted contacts on each compared frame, as PNG files."""
+    """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files."""
     folder.mkdir()
+    predicted = {frame: models for frame, models in comparison.predicted.items() if models}
     sources = {source.name: source for source in experiment.frames}
-    lost = [frame for frame in comparison.predicted if frame not in sources]
+    lost = [frame for frame in predicted if frame not in sources]
     if lost:
         raise InputError(f"frame {lost[0]} of the run is not among the frames of its scene; repeat `process`")
-    stretch = series_stretch([sources[frame] for frame in comparison.predicted])
-    pixel_size = run.need_pose().pixel_size
-    jobs = (
-        (sources[frame], run, predicted, view_of(frame, experiment, stretch, pixel_size), folder)
-        for frame, predicted in comparison.predicted.items()
-    )
-    for _ in in_parallel(_draw, jobs, count=len(comparison.predicted), workers=workers):
+    stretch = series_stretch([sources[frame] for frame in predicted])
+    pose = run.need_pose()
+
+    def jobs() -> Iterator[tuple[Any, ...]]:
+        for frame, models in predicted.items():
+            shift, view = frame_shift(run.frames, frame), view_of(frame, experiment, stretch, pose.pixel_size)
+            circle = disk_in_pixels(hertz_circle(run.scene, _load_of(run, frame)), pose, shift)
+            contacts, lines = (table[table["frame"] == frame] for table in (run.contacts, run.outlines))
+            seen = _in_view(contacts, pose.shape)
+            least = {"pixel_size": pose.pixel_size, "min_radius_px": comparison.min_radius_px}
+            marked = {model: mark_contacts(seen, table, lines, **least) for model, table in models.items()}
+            yield sources[frame], marked, circle, view, folder
+
+    for _ in in_parallel(_draw, jobs(), count=len(predicted), workers=workers):
         if advance is not None:
             advance()
 
@@ -232,22 +250,35 @@ def draw_comparison(
 @stage("pictures")
 def _draw(
     source: FrameSource,
-    run: Run,
-    predicted: dict[str, pd.DataFrame],
+    marked: dict[str, dict[str, list[Outline]]],
+    circle: list[Outline],
     view: View,
     folder: Path,
 ) -> None:
     """Read one frame again and draw it."""
-    picture = draw_predicted(
-        source.read().image,
-        contact_outlines(*(table[table["frame"] == source.name] for table in (run.contacts, run.outlines))),
-        predicted,
-        hertz_circle(run.scene, _load_of(run, source.name)),
-        pose=run.need_pose(),
-        shift_px=frame_shift(run.frames, source.name),
-        view=view,
-    )
-    write_picture(picture, folder, source.name)
+    write_picture(draw_predicted(source.read().image, marked, circle, view=view), folder, source.name)
+
+
+def mark_contacts(
+    measured: pd.DataFrame,
+    predicted: pd.DataFrame,
+    lines: pd.DataFrame | None = None,
+    *,
+    pixel_size: float,
+    min_radius_px: float,
+) -> dict[str, list[Outline]]:
+    """The contacts of one frame by kind (`contactimg.pipeline.pictures.MARKS`), as the scores count them."""
+    pairs, _ = compare_frame(measured, predicted, pixel_size=pixel_size, min_radius_px=min_radius_px)
+    least = min_radius_px * pixel_size
+    matched = measured["label"].isin(pairs.loc[pairs["radius_predicted_m"] >= least, "measured_label"])
+    missed = ~measured["label"].isin(pairs["measured_label"])
+    false = (predicted["radius_m"] >= least) & ~predicted["asperity"].isin(pairs["asperity"])
+    return {
+        "matched": contact_outlines(measured[matched], lines),
+        "measured, not predicted": contact_outlines(measured[missed], lines),
+        "predicted, not measured": contact_outlines(predicted[false]),
+        PREDICTED: contact_outlines(predicted),
+    }
 
 
 def _load_of(run: Run, frame: str) -> float:

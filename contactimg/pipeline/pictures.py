@@ -1,12 +1,13 @@
 """Pictures of a run: outlines of the measured contacts on each frame, predictions over them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
@@ -14,7 +15,7 @@ from contactimg.files import Experiment, FrameSource, write_palette_image
 from contactimg.pipeline.frame import FrameTables
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.plots import COUPLED, HERTZ, MEASURED, UNCOUPLED, crop_to
-from contactimg.plots.overlay import Layer, Picture, View, draw_overlay
+from contactimg.plots.overlay import Layer, Picture, View, draw_overlay, join_pictures
 from contactimg.pose import Pose
 from contactimg.tables import Status
 from contactimg.tables.outlines import REJECTED_COLOUR, Outline, contact_outlines, kinds_of_contacts
@@ -30,6 +31,16 @@ GAP_PX = 2.0
 """Distance of the ring from the contact. Chosen: leaves the rim free up to a blur of 1.4 px."""
 DIMMED = 0.5
 """Brightness of frames under predictions. Chosen: lines on the rims of bright contacts stand out in print."""
+MARKS: dict[str, tuple[str, tuple[float, ...], float, float]] = {
+    "matched": (MEASURED, (), 0.0, 1.5),
+    "measured, not predicted": (COUPLED, (), GAP_PX, 3.0),
+    "predicted, not measured": (UNCOUPLED, (9.0, 6.0), 0.0, 3.0),
+}
+"""Kind of a contact under a prediction -> colour, dashes, gap and width of its line."""
+PREDICTED = "predicted"
+"""All contacts of a model, which the inset shows."""
+LEAST_PANEL_PX, INSET_ZOOM = 800, 3
+"""Width of the picture of one model, two of which stand side by side, and what an inset is enlarged by."""
 LEAST_SQUARE_PX = 3.0
 """Half side of the smallest square about a rejected candidate."""
 
@@ -167,52 +178,71 @@ def draw_measured(image: NDArray, shown: FrameTables, view: View, *, numbers: bo
 
 def draw_predicted(
     image: NDArray,
-    contacts: list[Outline],
-    predicted: dict[str, pd.DataFrame],
-    hertz_circle: tuple[float, float, float] | None,
+    marked: Mapping[str, Mapping[str, list[Outline]]],
+    hertz_circle: Sequence[Outline] = (),
     *,
-    pose: Pose,
-    shift_px: tuple[float, float],
     view: View,
 ) -> Picture:
-    """Draw measured and predicted contacts and the Hertz circle on a frame, as in the paper's Fig. 6.
+    """Draw for each model which contacts are measured and predicted, as in the paper's Fig. 6, and an inset.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-    contacts : list of Outline
-        This frame's measured contacts.
-    predicted : dict
-        Contacts tables of the ``"coupled"`` and the ``"uncoupled"`` model, with the columns in px.
-    hertz_circle : (x, y, radius) or None
-        Apparent contact of the smooth sphere, sample coordinates, m.
-    pose : Pose
-        Pose over the reference frame.
-    shift_px : (float, float)
-        Position in this frame minus position in the reference.
+    marked : mapping
+        Model -> kind, one of `MARKS` or `PREDICTED` -> these contacts of the frame.
+    hertz_circle : sequence of Outline
+        Apparent contact of the smooth sphere.
     view : View
         Of the whole frame; the picture shows the part that holds every contact.
     """
-    layers = [Layer(contacts, MEASURED, f"measured ({len(contacts)})", width=1.6)]
-    # dashed, so that the measured contact shows where they coincide
-    for model, colour, dashes in (("uncoupled", UNCOUPLED, (4.0, 8.0)), ("coupled", COUPLED, (8.0, 8.0))):
-        if model in predicted:
-            seen = contact_outlines(predicted[model])
-            layers.append(Layer(seen, colour, f"predicted, {model} ({len(seen)})", dashes, width=0.7))
-    if hertz_circle is not None:
-        circle = pd.DataFrame([hertz_circle], columns=["x_m", "y_m", "radius_m"])
-        layers.append(Layer(_in_pixels(circle, pose, shift_px), HERTZ, "Hertz, smooth sphere", (16.0, 10.0)))
-    seen = [outline for layer in layers if layer.colour != HERTZ for outline in layer.outlines]
-    x, y = (np.array([getattr(outline, name) for outline in seen]) for name in ("x", "y"))
+    places = {
+        kind: np.array([(one.x, one.y) for kinds in marked.values() for one in kinds[kind]]).reshape(-1, 2)
+        for kind in MARKS
+    }
+    x, y = np.vstack(list(places.values())).T
     part, top, left = crop_to(image, x, y, margin_px=0.05 * max(image.shape))
+    zoom = max(1, -(-LEAST_PANEL_PX // part.shape[1]))
     low, high = view.stretch
-    dimmed = low, low + (high - low) / DIMMED
-    return draw_overlay(part, layers, replace(view, stretch=dimmed, top=top, left=left))
+    view = replace(view, stretch=(low, low + (high - low) / DIMMED), top=top, left=left, zoom=zoom)
+    rows, columns = part.shape
+    size = np.maximum([columns // INSET_ZOOM, rows // INSET_ZOOM // 2], 1)
+    away = np.vstack([places[kind] for kind in MARKS if kind != "matched"])
+    corner = _busiest(away if len(away) else np.column_stack([x, y]), size) - (left, top)
+    u, v = np.clip(corner, 0, (columns, rows) - size).astype(int).tolist()
+    inset = replace(view, top=top + v, left=left + u, zoom=INSET_ZOOM * zoom, pixel_size=None)
+    rim = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) * size + (left + u, top + v)
+    frame = Layer([Outline(0, float(rim[0, 0]), float(rim[0, 1]), 0.0, 0.0, lines=(rim,))], HERTZ, "")
+    pictures = []
+    for model, kinds in marked.items():
+        layers = [
+            Layer(kinds[kind], colour, f"{kind} ({len(kinds[kind])})", dashes, gap, width)
+            for kind, (colour, dashes, gap, width) in MARKS.items()
+        ]
+        circle = Layer(hertz_circle, HERTZ, "Hertz, smooth sphere" if hertz_circle else "", (16.0, 10.0))
+        whole = draw_overlay(part, [*layers, circle, frame], replace(view, title=f"{view.title}, {model}"))
+        unnamed = [replace(layer, label="") for layer in layers]
+        rims = Layer(kinds[PREDICTED], HERTZ, "predicted", (5.0, 5.0), width=0.7)
+        title = f"the white frame, {INSET_ZOOM} times as large"
+        cut = part[v : v + size[1], u : u + size[0]]
+        pictures.append([whole, draw_overlay(cut, [*unnamed, rims], replace(inset, title=title))])
+    return join_pictures(pictures)
 
 
-def _in_pixels(contacts: pd.DataFrame, pose: Pose, shift_px: tuple[float, float]) -> list[Outline]:
-    """Disks (px) of contacts given in sample coordinates."""
-    x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
-    radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
-    places = np.column_stack([x + shift_px[0], y + shift_px[1], radius]).tolist()
-    return [Outline(0, x, y, radius, radius) for x, y, radius in places]
+def _busiest(points: Values, size: NDArray[Any]) -> Values:
+    """Upper left corner of the part of that size, about one of the points, that holds most of them."""
+    if not len(points):
+        return np.zeros(2)
+    tree = KDTree(2 * points / size)
+    held = tree.query_ball_point(tree.data, 1.0, p=np.inf, return_length=True)
+    return np.asarray(points[np.argmax(held)] - size / 2, np.float64)
+
+
+def disk_in_pixels(
+    circle: tuple[float, float, float] | None, pose: Pose, shift_px: tuple[float, float]
+) -> list[Outline]:
+    """The disk (px) of a circle ``(x, y, radius)`` in sample coordinates; nothing of None."""
+    if circle is None:
+        return []
+    x, y = pose.to_pixels(np.array(circle[:1]), np.array(circle[1:2]))
+    radius = circle[2] / pose.pixel_size
+    return [Outline(0, float(x[0]) + shift_px[0], float(y[0]) + shift_px[1], radius, radius)]

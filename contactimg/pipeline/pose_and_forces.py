@@ -15,7 +15,7 @@ from contactimg.forces import fill_forces, sphere_radii
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.pipeline.frame import locate_contacts
 from contactimg.pose import Pose
-from contactimg.pose.apex import Apex, find_apex
+from contactimg.pose.apex import Apex, find_apex, find_centre
 from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseFit, PoseSearch, fit_pose
 from contactimg.pose.global_search import LARGEST_TURN_RAD, LEAST_VOTING_POINTS, search_everywhere
 from contactimg.pose.pairs import pair_points, pairing_distance
@@ -86,7 +86,7 @@ def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -
     """The apex that a scene states, or else the one that the contacts show; None without an indenter."""
     if scene.indenter is None:
         return None
-    stated = "apex" in scene.indenter.model_fields_set or asperities is None
+    stated = "apex" in scene.indenter.model_fields_set or (shown is None and asperities is None)
     if not stated and shown is None:
         logger.warning(
             "[indenter] apex_m is not stated, and the contacts do not show it: (%g, %g) m is taken; state it "
@@ -105,25 +105,30 @@ def shown_apex(
 ) -> Apex | None:
     """The apex that the contacts of one frame show, the frame that shows it best; None if none does.
 
-    None does on a curved sample, or where the asperities are no caps.
+    None does on a curved sample, or where the asperities are no caps. Without asperities it is the centre of
+    the contacts.
     """
     profiled = scene.asperities is not None and scene.asperities.profiled
     lens = None if scene.indenter is None or profiled or scene.shaped else scene.indenter.radius
-    if pose is None or asperities is None or lens is None:
+    if pose is None or lens is None:
         return None
     lost = frames.loc[frames["status"] == Status.NO_POSE, "frame"]
+    used = ~contacts["frame"].isin(lost) & (contacts["asperity"].notna() if asperities is not None else True)
     found = []
-    for name, part in contacts[contacts["asperity"].notna() & ~contacts["frame"].isin(lost)].groupby("frame"):
-        caps = asperities.iloc[part["asperity"].to_numpy(int)]
-        radius = equivalent_radii(caps)
-        field = FieldOfView(pose, frame_shift(frames, str(name)))
-        apex = find_apex(
-            caps[["x_m", "y_m"]],
-            caps["height_m"],
-            radius / (1 + radius / lens),
-            part["radius_m"],
-            in_view=partial(_holds, field),
-        )
+    for name, part in contacts[used].groupby("frame"):
+        in_view = partial(_holds, FieldOfView(pose, frame_shift(frames, str(name))))
+        if asperities is None:
+            apex = find_centre(part[["x_m", "y_m"]], part["area_m2"], in_view=in_view)
+        else:
+            caps = asperities.iloc[part["asperity"].to_numpy(int)]
+            radius = equivalent_radii(caps)
+            apex = find_apex(
+                caps[["x_m", "y_m"]],
+                caps["height_m"],
+                radius / (1 + radius / lens),
+                part["radius_m"],
+                in_view=in_view,
+            )
         if apex is not None:
             found.append(apex)
     return min(found, key=lambda apex: np.hypot(*apex.std), default=None)

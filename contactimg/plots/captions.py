@@ -1,29 +1,37 @@
 """What each figure shows, in full sentences: for the report and inside the files of the figures."""
 
+BARS = "Error bars: one standard uncertainty (68 %)"
+NO_BARS = "Points have no error bars."
+
 CAPTIONS = {
     "area": "Real contact area A against load P, with the power law fitted to the measured points. The lower "
-    "panel shows how far each point and each model lies from that law.",
+    f"panel shows how far each point and each model lies from that law. {BARS} of area and load; in an "
+    "analysis that of the area contains what other places of the surface would show.",
     "profile": "Contact pressure against distance from the apex, relative to the Hertz contact of a smooth "
-    "sphere at the same load.",
-    "density": "Number of contacts per area against the local pressure, with the fitted power laws.",
-    "mean_radius": "Mean contact radius against the local pressure, with the fitted power laws.",
+    f"sphere at the same load. {BARS} of the measured pressure; models have none.",
+    "density": "Number of contacts per area against the local pressure, with the fitted power laws. "
+    f"{BARS} of the measured density; models have none.",
+    "mean_radius": "Mean contact radius against the local pressure, with the fitted power laws. "
+    f"{BARS} of the measured mean; models have none.",
     "friction": "Friction force Q against real contact area A, with the line of constant shear stress and "
     "its interval in grey. Squares are static forces, which the fit does not use; the lower panel "
-    "shows what the line leaves over.",
+    f"shows what the line leaves over. {BARS} of the area.",
     "topography": "Height of the asperities against their radius of curvature, with the line of a common "
-    "contact angle where the data support one.",
+    f"contact angle where the data support one. {BARS} of height and radius.",
     "jkr": "Contact radius of the smooth contact against load, with the fitted JKR law. The lower panel "
-    "shows the measured minus the fitted load.",
+    f"shows the measured minus the fitted load. {NO_BARS}",
     "slope_threshold": "Slope of the sum of the local forces against the load, for each threshold. The "
-    "threshold is calibrated where the slope is 1; the dotted curve is the total contact area.",
+    "threshold is calibrated where the slope is 1; the dotted curve is the total contact area. The "
+    "band is one standard uncertainty (68 %) of the slope to either side.",
     "forces": "Sum of the local forces against load, with the fitted slope. The lower panel shows the sum "
-    "minus the load.",
+    f"minus the load. {NO_BARS}",
     "plateau": "Total contact area of each frame against threshold, with the plateau shaded. The dotted "
-    "curve shows how fast the total area falls; on the plateau it is slowest.",
+    f"curve shows how fast the total area falls; on the plateau it is slowest. {NO_BARS}",
     "check": "Contacts of known radius drawn into the frames and measured again. Above the share that is "
-    "found, with its standard uncertainty; below measured minus true radius of each (dots), and their mean "
-    "by radius with its standard uncertainty.",
-    "tradeoff": "Relative error against computing time of the settings of each choice.",
+    f"found, below measured minus true radius of each (dots) and their mean by radius. {BARS} of share "
+    "and mean.",
+    "tradeoff": "Relative error against computing time of the settings of each choice. The star is the "
+    f"fastest one below the tolerance. {NO_BARS}",
 }
 """Name of a figure, without number and ending -> caption."""
 

@@ -89,7 +89,8 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
         ax.errorbar(part["load_N"] * 1e3, part["area_m2"] * 1e6, **_error_bars(part, str(model)), **style)
     if law is not None:
         load = np.geomspace(areas["load_N"].min(), areas["load_N"].max(), LINE_POINTS)
-        ax.plot(load * 1e3, _law_at(law, load) * 1e6, color="0.5", linewidth=0.8, zorder=0)
+        area, label = _law_at(law, load), "power law fitted to the points"
+        ax.plot(load * 1e3, area * 1e6, color="0.5", linewidth=2.5, alpha=0.5, zorder=0, label=label)
     ax.set(ylabel="real contact area A (mm²)")
     title: dict[str, Any] = {}
     if law is not None:

@@ -43,7 +43,7 @@ class Layer:
     colour : str
         As ``#rrggbb``.
     label : str
-        For the key below the picture.
+        For the key below the picture; without one it is not in the key.
     dashes : (float, float), px of the picture
         Lengths of dash and gap; empty for a full line.
     gap_px : float
@@ -108,6 +108,8 @@ class View:
         First line below the picture.
     pixel_size : float or None, m
         For the scale bar.
+    zoom : int
+        How often each pixel is repeated along a side; 0: until the picture is `LEAST_WIDTH_PX` wide.
     """
 
     stretch: tuple[float, float]
@@ -115,6 +117,7 @@ class View:
     left: int = 0
     title: str = ""
     pixel_size: float | None = None
+    zoom: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,15 +157,32 @@ def draw_overlay(image: NDArray, layers: Sequence[Layer], view: View) -> Picture
     -------
     Picture
     """
-    zoom = max(1, -(-LEAST_WIDTH_PX // image.shape[1]))
+    zoom = view.zoom or max(1, -(-LEAST_WIDTH_PX // image.shape[1]))
     grey = grey_indices(image, view.stretch)
     if zoom > 1:
         grey = grey.repeat(zoom, axis=0).repeat(zoom, axis=1)
     canvas = _Canvas(grey, zoom, (view.left, view.top))
     for layer in layers:
         _draw_layer(canvas, layer)
-    strip = _strip(canvas, layers, view)
+    strip = _strip(canvas, [layer for layer in layers if layer.label], view)
     return Picture(np.vstack([canvas.indices, strip]), tuple(canvas.colours))
+
+
+def join_pictures(columns: Sequence[Sequence[Picture]]) -> Picture:
+    """One picture of several: those of a column below each other, the columns side by side on black."""
+    colours = list(dict.fromkeys(one for column in columns for picture in column for one in picture.colours))
+    blocks = []
+    for column in columns:
+        width, parts = max(picture.indices.shape[1] for picture in column), []
+        for picture in column:
+            moved = [*range(GREYS), *(GREYS + colours.index(colour) for colour in picture.colours)]
+            indices = np.array(moved, np.uint8)[picture.indices]
+            parts.append(np.pad(indices, ((0, 0), (0, width - indices.shape[1]))))
+        blocks.append(np.vstack(parts))
+    height = max(len(block) for block in blocks)
+    return Picture(
+        np.hstack([np.pad(block, ((0, height - len(block)), (0, 0))) for block in blocks]), tuple(colours)
+    )
 
 
 def grey_indices(image: NDArray, stretch: tuple[float, float]) -> Indices:

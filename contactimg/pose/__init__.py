@@ -1,7 +1,7 @@
 """Where the camera looks: the similarity between pixels and sample coordinates, and its fit.
 
 Read in this order: `pose` (`Pose`, the similarity itself), `pairs` (one-to-one pairs of points and targets),
-`fit` (`fit_pose`: contact centres and asperities in, the pose that makes them coincide out), `global_search`
+`fit` (contact centres and asperities in, the pose that makes them coincide out), `global_search`
 (where the stated pose leads nowhere), `apex` (where the indenter stands).
 """
 

@@ -30,6 +30,11 @@ UNKNOWN_OF_CUT = 0.3
 """Part of what the reflected contacts change that counts as unknown. Chosen: asperities out of view differ
 from those opposite; see the test with half of a region."""
 
+REGION_SHARE = 0.95
+"""Share of the contact area within the circle that counts as the contact region. Chosen: in random patterns
+of 200 contacts the 68 and 95 % intervals hold for whole regions; of those that lack a tenth of their width
+9 % pass, their centre two standard uncertainties off."""
+
 FARTHEST = 1.5
 """Distance of a centre from the middle of the contacts, in that of the outermost contact, beyond which it is
 an extrapolation that is not believed. Chosen."""
@@ -145,6 +150,42 @@ def find_apex(
         radius,
         radius * curvature_std / -curvature,
     )
+
+
+def find_centre(
+    points: ArrayLike, areas: ArrayLike, *, in_view: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+) -> Apex | None:
+    """The centre of the contact region, where no asperities are known: the mean place of the contact area.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2)
+        Contacts, sample coordinates, m.
+    areas : array_like, shape (n,)
+        m^2.
+    in_view : callable
+        Which points the camera sees.
+
+    Returns
+    -------
+    Apex or None
+        With the standard uncertainty of a mean of independent contacts. None if there are fewer than
+        `FEWEST_CONTACTS`, or the circle that holds `REGION_SHARE` of the area is not in view as a whole.
+    """
+    at, weight = np.asarray(points, float).reshape(-1, 2), np.asarray(areas, float)
+    if len(at) < FEWEST_CONTACTS or not weight.sum() > 0:
+        return None
+    share = weight / weight.sum()
+    centre = share @ at
+    away = np.hypot(*(at - centre).T)
+    order = np.argsort(away)
+    radius = away[order][np.searchsorted(np.cumsum(share[order]), REGION_SHARE)]
+    turn = np.linspace(0, 2 * np.pi, 64)
+    if not in_view(centre + radius * np.column_stack([np.cos(turn), np.sin(turn)])).all():
+        return None
+    x, y = centre.tolist()
+    x_std, y_std = np.sqrt(((share[:, None] * (at - centre)) ** 2).sum(axis=0)).tolist()
+    return Apex((x, y), (x_std, y_std), FOUND)
 
 
 def _least_squares(

@@ -181,7 +181,11 @@ def caption_of_frame(run: Run, frame: str) -> str:
 def caption_of_comparison(run: Run, frame: str) -> str:
     """What is seen on a frame with predictions."""
     load = _load(run.frames[run.frames["frame"] == frame].iloc[0])
-    return f"Measured and predicted contacts on {frame}{load}."
+    return (
+        f"Measured and predicted contacts on {frame}{load}, for each model: matched (thin, blue), measured "
+        "and not predicted (thick, orange), predicted and not measured (thick dashes, yellow). Below, the "
+        "white frame enlarged, with all predicted contacts (white dashes)."
+    )
 
 
 def _load(row: pd.Series) -> str:

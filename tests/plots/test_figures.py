@@ -43,6 +43,7 @@ def test_a_figure_has_three_formats_with_the_same_bytes_each_time(tmp_path):
 def test_captions_are_sentences():
     for name, caption in CAPTIONS.items():
         assert re.fullmatch(r"[A-Z].{30,}\.", caption), name
+        assert re.search("rror bars|standard uncertainty", caption), name
     assert caption_of("profile_12") == CAPTIONS["profile"]
 
 

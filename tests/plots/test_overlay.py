@@ -8,10 +8,9 @@ import pytest
 from contactimg.files import write_palette_image
 from contactimg.pipeline import pictures
 from contactimg.pipeline.frame import FrameTables
-from contactimg.pipeline.pictures import draw_measured, draw_predicted
-from contactimg.plots import COUPLED, MEASURED
+from contactimg.pipeline.overlay import compare_frame, mark_contacts
+from contactimg.pipeline.pictures import INSET_ZOOM, MARKS, PREDICTED, draw_measured, draw_predicted
 from contactimg.plots.overlay import GREYS, Layer, View, draw_overlay, grey_indices
-from contactimg.pose import Pose
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Flag
 from contactimg.tables.outlines import (
     CONTACT_COLOUR,
@@ -128,26 +127,47 @@ def test_a_picture_is_a_png_of_the_same_pixels(frame, tmp_path):
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png"))[:, :, ::-1], picture.rgb)
 
 
-def test_a_prediction_that_coincides_leaves_the_measured_contact_and_the_frame_visible(frame):
-    pose, table = Pose(frame.shape, 6e-6), contacts([0, 0, 0])
-    x, y = pose.to_sample(table["x_px"], table["y_px"])
-    predicted = {"coupled": table.assign(x_m=x, y_m=y, radius_m=RADIUS * 6e-6)}
-    outlines = contact_outlines(table, OUTLINES.empty())
-    stated = {"pose": pose, "shift_px": (0.0, 0.0), "view": VIEW}
-    alone, both = (draw_predicted(frame, outlines, models, None, **stated) for models in ({}, predicted))
-    assert share_of(both, COUPLED) > 0
-    assert share_of(both, MEASURED) > 0.5 * share_of(alone, MEASURED)
-    assert both.indices[150, 100] < 0.6 * GREYS  # dimmed: lines on the rim stand out
+def test_marks_tell_matched_missed_and_false_contacts_and_count_as_the_scores_do(frame):
+    measured = contacts([0, 0, 0]).assign(x_m=[1e-3, 2e-3, 3e-3], y_m=1e-3, radius_m=2e-5, asperity=[0, 1, 2])
+    predicted = measured.assign(x_m=[1e-3, 2e-3, 4e-3], asperity=[0, 1, 3], radius_m=[2e-5, 1e-6, 2e-5])
+    stated = {"pixel_size": 6e-6, "min_radius_px": 1.0}
+    marks = mark_contacts(measured, predicted, **stated)
+    labels = {kind: [one.label for one in outlines] for kind, outlines in marks.items()}
+    # the second is predicted too small to be seen: it counts neither for nor against
+    assert labels == dict(zip(labels, ([1], [3], [3], [1, 2, 3]), strict=True))
+    _, score = compare_frame(measured, predicted, **stated)
+    counts = [len(marks[kind]) for kind in MARKS]
+    assert [score["n_matched"], score["n_measured"], score["n_predicted"]] == [
+        1,
+        sum(counts[:2]),
+        counts[0] + counts[2],
+    ]
+    picture = draw_predicted(frame, {"coupled": marks, "uncoupled": marks}, view=VIEW)
+    shares = [share_of(picture, colour) for colour, *_ in MARKS.values()]
+    assert min(shares) > 0
+    assert picture.indices[150, 100] < 0.6 * GREYS  # dimmed: lines on the rim stand out
 
 
-def test_predicted_ellipses_are_drawn_as_ellipses(frame, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(
-        pictures, "draw_overlay", lambda image, layers, view: drawn.extend(layers[-1].outlines)
-    )
-    table = contacts([0, 0]).assign(shape=["disk", "ellipse"])
-    table = table.assign(semi_major_px=30.0, semi_minor_px=10.0, angle_rad=0.3)
-    stated = {"pose": Pose(frame.shape, 6e-6), "shift_px": (0.0, 0.0), "view": VIEW}
-    draw_predicted(frame, [], {"coupled": table}, None, **stated)
-    axes = [(one.semi_major, one.semi_minor, one.angle) for one in drawn]
+def test_the_inset_shows_where_most_contacts_are_missed(frame, monkeypatch):
+    views = []
+
+    def drawn(image, layers, view):
+        views.append((image.shape, view))
+        return draw_overlay(image, layers, view)
+
+    monkeypatch.setattr(pictures, "draw_overlay", drawn)
+    one, *others = contact_outlines(contacts([0, 0, 0]))
+    kinds = dict.fromkeys([*MARKS, PREDICTED], ()) | {"matched": others, "measured, not predicted": [one]}
+    draw_predicted(frame, {"coupled": kinds}, view=VIEW)
+    (rows, columns), view = views[1]
+    assert view.left <= one.x <= view.left + columns
+    assert view.top <= one.y <= view.top + rows
+    assert view.zoom == INSET_ZOOM * views[0][1].zoom
+
+
+def test_predicted_ellipses_are_drawn_as_ellipses():
+    table = contacts([0, 0]).assign(shape=["disk", "ellipse"], x_m=[0, 1e-3], y_m=0.0, asperity=[0, 1])
+    table = table.assign(radius_m=1e-4, semi_major_px=30.0, semi_minor_px=10.0, angle_rad=0.3)
+    marks = mark_contacts(table[:0], table, pixel_size=6e-6, min_radius_px=1.0)
+    axes = [(one.semi_major, one.semi_minor, one.angle) for one in marks["predicted, not measured"]]
     assert axes == [(RADIUS, RADIUS, 0.0), (30.0, 10.0, 0.3)]

@@ -1,6 +1,7 @@
 """How many disks: fit the candidates, add disks where light is left, drop those that the pixels do not need.
 
-A matched filter finds small ones in what is left. Groups that fit badly get other covers of the same pixels.
+What is left is looked at as the image was at first: wide regions of the residual become candidates, and a
+matched filter finds small ones. Groups that fit badly get other covers of the same pixels.
 """
 
 from dataclasses import dataclass, replace
@@ -103,6 +104,8 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shape: 
     limited |= work.is_entangled()
     if limited:
         most = len(work.fit.disks)
+    else:
+        work.add_wide_residuals()
     fit = work.fit
     peaks, lowest = find_peaks(
         problem.image, fit.model, width=fit.blur, height=0.0, background=problem.background
@@ -186,6 +189,24 @@ class _Assembly:
         """Whether the rims of each disk meet those of so many others that no more are added: no contacts."""
         pairs = find_pairs(self.fit.disks, 0.5 * NEIGHBOUR_BLUR_WIDTHS * self.fit.blur)
         return len(pairs) > max(MOST_NEIGHBOURS * len(self.fit.disks), FEWEST_PAIRS)
+
+    def add_wide_residuals(self) -> None:
+        """Add candidates from what the disks leave of the image: contacts that others hid or outshone."""
+        problem, fit = self.problem, self.fit
+        rest = problem.image - fit.model
+        found = find_candidates(rest, problem.contrast, problem.pixel_noise, problem.valid, blur=fit.blur)
+        wide = (found.places[:, 2] > 2.0 * fit.blur) & (found.plateau > LEAST_RIM_PEAK * problem.contrast)
+        if not wide.any():
+            return
+        places, plateau = found.places[wide], found.plateau[wide]
+        inside = _near_rims(places, fit.disks, 0.0)
+        places, plateau = places[~inside], plateau[~inside]
+        if not len(places):
+            return
+        disks = np.column_stack([places, plateau])
+        odd = np.vstack([problem.prior.odd, disks[np.abs(plateau / problem.contrast - 1.0) > 0.15]])
+        self.problem = replace(problem, prior=replace(problem.prior, odd=odd))
+        self.add(disks)
 
     def drop_insignificant(self, among: NDArray[np.bool_] | None = None, *, final: bool = False) -> None:
         """Drop the disks (all, or among some) that the pixels do not need."""

@@ -35,7 +35,7 @@ from contactimg.pipeline.analyse.places import (
     usable_frames,
 )
 from contactimg.pipeline.pose_and_forces import shown_apex
-from contactimg.plausibility import doubts_about_match, settle
+from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
 
@@ -233,7 +233,7 @@ def _predicted_places(
 
 def _doubt_match(place: Place, predicted: Place, min_radius_px: float) -> None:
     """Stop where fewer than half of the contacts of a place are on the asperities of the predicted ones."""
-    if place.pose is None:
+    if place.pose is None or place.asperities is None:
         return
     smallest = min_radius_px * place.pose.pixel_size
     ours, theirs = (
@@ -246,7 +246,12 @@ def _doubt_match(place: Place, predicted: Place, min_radius_px: float) -> None:
     matched = len(ours.dropna().merge(theirs))
     shown = shown_apex(place.contacts, place.frames, place.scene, place.pose, place.asperities)
     doubts = doubts_about_match(
-        place.scene, measured=len(ours), predicted=len(theirs), matched=matched, shown=shown
+        place.scene,
+        measured=len(ours),
+        predicted=len(theirs),
+        matched=matched,
+        shown=shown,
+        spacing=mean_spacing(place.asperities),
     )
     settle(doubts, place.name)
 
