@@ -3,6 +3,6 @@
 In: a scene, its asperities, a load. Out: a `plan.Plan`, which says of each effect whether it is computed.
 
 Read in this order: `plan` (the decision), `mechanics` and `optics` (by how much the output changes if an
-effect is left out), `effect_estimate` (the record both return), `output_change` (how two answers are
-compared).
+effect is left out), `output_change` (how two answers are compared, and the record that both return),
+`local_law` (the law of a single contact), `unmodelled` (what the plan does not decide).
 """
