@@ -82,12 +82,12 @@ def ending_cleanly() -> Iterator[None]:
 
 
 def end_if_asked() -> None:
-    """Raise `KeyboardInterrupt` if the process was asked to end.
+    """Raise `KeyboardInterrupt` in the main thread if the process was asked to end.
 
     An exception that a signal raises within a callback of the compiler is lost there: the compiler then fails
     for a reason of its own, and the process would go on.
     """
-    if _asked_to_end.is_set():
+    if _asked_to_end.is_set() and threading.current_thread() is threading.main_thread():
         raise KeyboardInterrupt
 
 
