@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.pixels.masks import Mask
 
 BLOCK = 8
@@ -20,24 +21,18 @@ def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> NDA
     rows, columns = image.shape
     size = (-(-columns // side), -(-rows // side))
     pad = (0, size[1] * side - rows, 0, size[0] * side - columns)
-    levels = np.asarray(image, np.float32)
-    if any(pad):
-        levels = np.asarray(cv2.copyMakeBorder(levels, *pad, cv2.BORDER_REPLICATE), np.float32)
     if valid is None:
-        return _halve(levels, side)
+        means = np.empty(size[::-1], np.float32)
+        _mean_blocks(means, np.ascontiguousarray(image), side)
+        return means
+    levels = np.asarray(
+        cv2.copyMakeBorder(np.asarray(image, np.float32), *pad, cv2.BORDER_REPLICATE), np.float32
+    )
     seen = np.asarray(cv2.copyMakeBorder(valid, *pad, cv2.BORDER_REPLICATE), np.float32)
-    weight = _halve(seen, side)
-    total = _halve(np.where(seen > 0, levels, np.float32(0.0)), side)
+    weight = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
+    lit = np.where(seen > 0, levels, np.float32(0.0))
+    total = np.asarray(cv2.resize(lit, size, interpolation=cv2.INTER_AREA), np.float32)
     return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
-
-
-def _halve(image: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """Means over ``side`` squared pixels, by means over 2 x 2, which OpenCV has in vector instructions."""
-    while side > 1:
-        half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        image = np.asarray(half, np.float32)
-        side //= 2
-    return image
 
 
 class BlockMeans:
@@ -91,3 +86,36 @@ def side_of(blocks: tuple[int, ...], shape: tuple[int, ...]) -> int:
     while any(-(-size // side) > count for size, count in zip(shape, blocks, strict=True)):
         side *= 2
     return side
+
+
+@njit(cache=True)
+def _mean_blocks(out, image, side):
+    """Mean of each block of a power of 2: rows added, then neighbours; the border repeats."""
+    rows, columns = image.shape
+    total, share = np.empty((2, out.shape[1] * side), np.float32), np.float32(1.0 / side**2)
+    for i in range(len(out)):
+        total[0] = 0.0
+        for y in range(i * side, (i + 1) * side):
+            _add_row_to(total[0], image[min(y, rows - 1)])
+        total[0, columns:] = total[0, columns - 1]
+        width, now = total.shape[1], 0
+        while width > out.shape[1]:
+            width //= 2
+            _add_neighbours(total[1 - now, :width], total[now])
+            now = 1 - now
+        for x in range(width):
+            out[i, x] = total[now, x] * share
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _add_row_to(total, row):
+    """Add a row; contiguous and in single precision, so that it compiles to vector instructions."""
+    for x in range(len(row)):
+        total[x] += np.float32(row[x])
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _add_neighbours(out, row):
+    """Sums of pairs of pixels."""
+    for x in range(len(out)):
+        out[x] = row[2 * x] + row[2 * x + 1]
