@@ -14,7 +14,7 @@ from contactimg.errors import InputError
 
 @dataclass(frozen=True)
 class Topography:
-    """What a table of asperities says.
+    """The statistics of a table of asperities.
 
     Parameters
     ----------

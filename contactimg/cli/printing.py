@@ -65,7 +65,7 @@ def echo_first_run() -> None:
         import contactimg.imaging.measure  # noqa: F401 - declares its compiled functions
         from contactimg.compiled import is_stored
     if not is_quiet() and not is_stored("contactimg.imaging"):
-        click.echo("first run: compiling the numerical code, once; this takes one to two minutes", err=True)
+        click.echo("first run: compiling the numerical code, once; this takes about a minute", err=True)
 
 
 def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, int] | None = None) -> None:

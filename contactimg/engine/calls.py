@@ -254,7 +254,7 @@ def _local(processes: int, function: Callable[..., Any]) -> Iterator[_LocalPool]
 
 
 def _call(file: str, *arguments: Any) -> Any:
-    """In a process: call the function of a file."""
+    """Call the function of a file, within a process."""
     return _function(file)(*arguments)
 
 

@@ -165,7 +165,7 @@ class OwnView:
     Parameters
     ----------
     number : int
-        Of the frame among those pooled.
+        Number of the frame among those pooled.
     recipe : ViewRecipe
     used, light : ndarray
         Of the `contactimg.imaging.background.pooled.agreement.Agreement`.
@@ -207,7 +207,7 @@ def contribute_view(
 
 
 def digest_of(image: NDArray) -> bytes:
-    """Of the pixels: a copy of a frame has the same noise."""
+    """Digest of the pixels: a copy of a frame has the same noise."""
     return hashlib.blake2b(np.ascontiguousarray(image).tobytes(), digest_size=16).digest()
 
 

@@ -107,7 +107,7 @@ class FrameEvidence:
         return int(np.count_nonzero(np.asarray(self.contacts["flags"], np.int64) & int(flag)))
 
     def spoiled(self, flag: Flag) -> int:
-        """The same where they are so many, or all, that they spoil the frame; else 0."""
+        """Number of such contacts where they are so many, or all, that they spoil the frame; else 0."""
         n = self.flagged(flag)
         many = n >= FEWEST_SPOILED and n > SPOILED_SHARE * self.count
         return n if many or (n and n == self.count) else 0

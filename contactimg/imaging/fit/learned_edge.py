@@ -14,7 +14,7 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class LearnedEdge:
-    """What the frame says of its edges.
+    """The edges that the frame shows.
 
     Parameters
     ----------
