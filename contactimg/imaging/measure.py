@@ -52,8 +52,8 @@ from contactimg.tables import Flag, Reason
 
 SHAPES = ("auto", "disk", "ellipse", "free")
 """Shapes that contacts may have, for the method "disk"."""
-CORRECTIONS = ("position_drift", "dust")
-"""Corrections that can be left out where their cause is known to be absent."""
+CORRECTIONS = ("position_drift", "dust", "film")
+"""What is corrected, or allowed for, unless its cause is known to be absent."""
 LINEARITY = 0.01
 """Error of a camera's response at mid-level, of the contrast, where nothing is known of it. By hand: usual
 for CCD cameras."""
@@ -205,10 +205,11 @@ def measure_image(
         replaces the prior blur.
     film : FilmSetting, Rim or None
         Bright rim that the air film draws around the contacts, for ``"disk"``, and whether it is drawn
-        (`contactimg.imaging.profile.film_rim.FilmSetting`; a rim alone is); None: the edge is sharp.
+        (`contactimg.imaging.profile.film_rim.FilmSetting`; a rim alone is); None: none is looked for.
     absent : collection of str
         Those of `CORRECTIONS` to leave out because their cause is absent: ``"position_drift"`` (the reference
-        is not registered), ``"dust"`` (nothing is rejected as dirt).
+        is not registered), ``"dust"`` (nothing is rejected as dirt), ``"film"`` (``edge_shift_px`` contains
+        nothing for an air film too narrow to be seen; without effect where ``film`` is given).
     edits : sequence of HandEdit
         Corrections by hand (`contactimg.imaging.detect.hand_edits`); those that meet no contact are named in
         the message.
@@ -256,7 +257,8 @@ def measure_image(
         return counted if method == "threshold" else replace(counted, threshold=float("nan"))
     setting = film if film is None or isinstance(film, FilmSetting) else FilmSetting(film)
     result = measure_by_fit(foreground, film=setting, edits=edits, shape=shape, linear=linearity == 0.0)
-    judged = judge_contacts(foreground, result, shape=shape, linearity=linearity)
+    film_unknown = film is None and "film" not in absent
+    judged = judge_contacts(foreground, result, shape=shape, linearity=linearity, film_unknown=film_unknown)
     problem, joint, binning = result.problem, result.joint, result.problem.binning
     if joint is None:
         known = SharedOptics(foreground.contrast.plateau, np.nan, np.nan, result.fit.blur * binning, np.nan)

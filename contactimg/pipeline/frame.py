@@ -46,6 +46,8 @@ def measure_frame(
     contrast: float | None = None,
     blur_px: float | None = None,
     shape: Literal["auto", "disk", "ellipse", "free"] = "auto",
+    linearity: float = LINEARITY,
+    film: Literal["auto", "off"] = "auto",
 ) -> pd.DataFrame:
     """Measure the contacts on one frame.
 
@@ -70,6 +72,12 @@ def measure_frame(
         Standard deviation of the optical blur; default: estimated from the frame.
     shape : {"auto", "disk", "ellipse", "free"}
         Shape of the contacts, for ``"disk"``; ``"auto"`` leaves disks only where the pixels call for it.
+    linearity : float
+        Standard uncertainty of the camera's response at mid-level, of the contrast; 0 for a camera that is
+        known to be linear.
+    film : {"auto", "off"}
+        ``"off"``: no air film shines beside the contacts. Otherwise ``radius_std_px`` allows for one that is
+        too narrow to be seen, 0.14 of the blur.
 
     Returns
     -------
@@ -125,6 +133,8 @@ def measure_frame(
         blur_px=blur_px,
         optics=optics,
         shape=shape,
+        linearity=linearity,
+        absent=("film",) if film == "off" else (),
     )
     pose = Pose(frame.shape, pixel_size)
     contacts = locate_contacts(contacts_table(measurement, frame.name), pose, shift_px=(0.0, 0.0))

@@ -73,6 +73,10 @@ AGREEMENT_SIGMA = 2.0
 DISAGREES_SIGMA = 4.0
 """Standard errors of a count by which it differs from the pixels that the model expects. False-alarm rate
 6e-5."""
+UNSEEN_FILM_BLUR_WIDTHS = 0.25 / np.sqrt(3.0)
+"""Standard uncertainty of the place of an edge beside which an air film may shine, over the blur. Theory: of
+a shift anywhere between 0 and 0.25; by hand: of 0.17 no rim tells anything, twice as much is seen as soft
+edges."""
 COUNT_VARIANCE = 1.0 / 12.0
 """Variance of the place of the edge in a pixel, px^2 (theory)."""
 
@@ -139,15 +143,19 @@ FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
 """Flags of the contacts that are kept."""
 
 
-def judge_contacts(foreground: Foreground, result: FrameFit, *, shape: str, linearity: float) -> Judged:
+def judge_contacts(
+    foreground: Foreground, result: FrameFit, *, shape: str, linearity: float, film_unknown: bool
+) -> Judged:
     """Contacts of a fit: rejected, flagged, and measured by their counted pixels where nothing else holds.
 
     ``linearity`` is the error of the camera's response at mid-level, of the contrast, that no fit can see: it
-    moves every edge by ``linearity s sqrt(2 pi)``.
+    moves every edge by ``linearity s sqrt(2 pi)``. Where nothing is known of an air film either, one that is
+    too narrow to be seen may move it by `UNSEEN_FILM_BLUR_WIDTHS`.
     """
     problem, binning = result.problem, result.problem.binning
     e = _evidence(foreground, result, free=shape == "free")
-    table = _columns(result, e, linearity)
+    shift = np.hypot(linearity * np.sqrt(2.0 * np.pi), UNSEEN_FILM_BLUR_WIDTHS if film_unknown else 0.0)
+    table = _columns(result, e, float(shift) * result.fit.blur)
     e["total_std"] = table["radius_std_px"] / binning
     finite = np.isfinite(np.stack([table[name] for name in PLACE])).all(axis=0)
     reason = np.full(len(finite), "", object)
@@ -295,14 +303,17 @@ def _rise_of_pixels(image: NDArray, places: NDArray, distance: NDArray) -> NDArr
     return near - np.median(around, axis=1)
 
 
-def _columns(result: FrameFit, e: Columns, linearity: float) -> Columns:
-    """Columns of the contacts in pixels of the frame, for all disks of the fit."""
+def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
+    """Columns of the contacts in pixels of the frame, for all disks of the fit.
+
+    ``shift`` is the standard uncertainty, px, of the place of every edge that no fit can see.
+    """
     problem, fit, binning = result.problem, result.fit, result.problem.binning
-    disks, n, blur = fit.disks, len(fit.disks), fit.blur
+    disks, n = fit.disks, len(fit.disks)
     radius, std = disks[:, RADIUS].copy(), np.where(fit.std[:, RADIUS] > 0, fit.std[:, RADIUS], np.inf)
     shifts = np.zeros((n, 2)) if result.joint is None else result.joint.radius_shifts.copy()
     film = np.zeros(n) if result.film is None else result.film.errors(radius)
-    edge = np.sqrt((linearity * blur) ** 2 * 2.0 * np.pi + film**2 + _common_shift(e) ** 2)
+    edge = np.sqrt(shift**2 + film**2 + _common_shift(e) ** 2)
     if result.known_edge is not None:  # a reference contact has told what no fit can see
         edge = np.hypot(film, result.known_edge.shift_std_px / binning)
     if result.edge is not None and len(result.edge.undecided) == n:
