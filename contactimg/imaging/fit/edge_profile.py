@@ -330,13 +330,14 @@ class _Search:
 
         Root mean square over a family that is present with the probability that its prior and the residuals
         of all contacts give it (Laplace's approximation): where they exclude it that is next to nothing,
-        where they cannot tell it is what the family may be.
+        where they cannot tell it is what the family may be. Contacts whose scores are not known move as those
+        of their radius.
         """
-        disks, prior = joint.fit.disks, self.prior(current)
-        most, shift = 0.0, np.zeros(len(disks))
+        radius, prior = joint.fit.disks[:, RADIUS], self.prior(current)
+        most, shift = 0.0, np.zeros(len(radius))
         if len(scores.score) < FEWEST_SCORES:
             return shift
-        chosen, deviations = np.empty(0, np.int64), np.empty((0, 0))
+        order = np.argsort(scores.radius)
         without = scores.step(parameters_of(families), prior).gain
         for name, columns in FAMILIES.items():
             if self.excluded(name, families):
@@ -349,15 +350,11 @@ class _Search:
             uncertain = np.zeros((len(step.chosen), len(own)))
             uncertain[own] = np.linalg.cholesky(step.covariance[np.ix_(own, own)])
             moves = np.sqrt(odds / (1.0 + odds)) * np.column_stack([step.delta, uncertain])
-            moved = float(scores.radius @ np.linalg.norm(scores.response[:, step.chosen] @ moves, axis=1))
-            if moved > most:
-                most, chosen, deviations = moved, step.chosen, moves
-        if not len(chosen):
-            return shift
-        response, _ = EdgeScores.response_to(
-            chosen, self._with_prior(joint), disks, current.learned.edge, self.placement
-        )
-        return np.linalg.norm(response[:, chosen] @ deviations, axis=1)
+            moved = np.linalg.norm(scores.response[:, step.chosen] @ moves, axis=1)
+            if float(scores.radius @ moved) > most:
+                most = float(scores.radius @ moved)
+                shift = np.interp(radius, scores.radius[order], moved[order])
+        return shift
 
     def _knowledge(self, current: EdgeFit, score: Values, information: Values, count: int) -> EdgeKnowledge:
         """What the frame alone says of its edges, whatever contrast and blur."""

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.fit.edge_scores import (
     CLIP_SIGMA,
-    FEWEST_CONTACTS,
     FINE_STEPS_PER_BLUR,
     LEAST_CLIP_FRACTION,
     LOCAL_BACKGROUND_FRACTION,
@@ -149,26 +148,14 @@ def _shared_step(
 
     Where there are contacts enough, their scatter gives the variance, whatever the noise.
     """
-    score, information = scores.score[:, OPTICS], scores.information[:, OPTICS][:, :, OPTICS]
-    total, n = information.sum(axis=0), len(score)
-    total = total + 1e-9 * np.diag(np.diag(total) + 1e-12)
-    rest = score - information @ np.linalg.solve(total, score.sum(axis=0))
-    factor = (
-        max(float(np.vdot(rest @ np.linalg.inv(total), rest)) / 2.0, 1.0) if n >= FEWEST_CONTACTS else 1.0
-    )
     away = prior.mean - np.array([np.log(problem.prior.mean), blur])
-    posterior = np.linalg.inv(total / factor + prior.information)
-    step = posterior @ (score.sum(axis=0) / factor + prior.information @ away)
+    posterior = scores.step(OPTICS, (prior.information @ away, prior.information))
+    own = scores.step(OPTICS, (np.zeros(2), 1e-9 * prior.information))
     most = min(problem.largest_contrast, problem.shown_contrast)
     bounds = np.array([np.log(most / problem.prior.mean), LONGEST_BLUR_STEP * blur])
-    step = np.array([min(step[0], bounds[0]), np.clip(step[1], -bounds[1], bounds[1])])
+    step = np.array([min(posterior.delta[0], bounds[0]), np.clip(posterior.delta[1], -bounds[1], bounds[1])])
     step[1] = max(step[1], PIXEL_VARIANCE**0.5 - blur)
-    covariance, own = posterior, np.linalg.inv(total / factor)
-    if n >= FEWEST_CONTACTS:
-        scatter = rest.T @ rest * (n / (n - 2)) / factor**2
-        covariance = posterior @ (scatter + prior.information) @ posterior
-        own = own @ scatter @ own
-    return step, covariance, own
+    return step, posterior.covariance, own.covariance
 
 
 @dataclass(frozen=True, eq=False)
