@@ -31,7 +31,7 @@ from contactimg.imaging.background.illumination import (
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
-from contactimg.imaging.detect.labelled_regions import label_regions
+from contactimg.imaging.detect.foreign import label_regions
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import median, robust_std

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import add_pixel, empty_components, finish_component, label_runs
 from contactimg.imaging.detect.inscribed_disks import inscribed_disks
-from contactimg.imaging.detect.overlap import hidden
+from contactimg.imaging.kernels.pairs import hidden
 from contactimg.imaging.pixels.masks import Mask, for_kernel
 
 ELONGATION = 1.015

@@ -1,7 +1,7 @@
 """Candidates: where light stands out of its surroundings, and a first estimate of each contact.
 
 Read in this order: `candidates` (regions at half of their own plateau, split into disks), `components`
-(labelling by runs of pixels), `inscribed_disks`, `peaks` (a matched filter for small contacts), `overlap`
-(which disks touch), `foreign` with `labelled_regions` (scratches and hairs), `rim_blur` (a first guess of the
+(labelling by runs of pixels), `inscribed_disks`, `peaks` (a matched filter for small contacts),
+`foreign` (scratches and hairs), `rim_blur` (a first guess of the
 blur), `hand_edits`.
 """

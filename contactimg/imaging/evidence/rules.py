@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.special import ellipe
 
 from contactimg.imaging.detect.hand_edits import HandEdit
-from contactimg.imaging.detect.overlap import count_touching
 from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
 from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.kernels.pairs import count_touching
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.optics import combine_errors
 from contactimg.tables import Flag, Reason

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.detect.candidates import count_dark_spots, measure_contrast
 from contactimg.imaging.evidence.background_left import BackgroundLeft
 from contactimg.imaging.evidence.rules import Columns
-from contactimg.imaging.fit.learned_edge import describe_edge
+from contactimg.imaging.fit.edge_profile import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import CONTRADICTION_RATIO, Foreground
 from contactimg.tables import Flag, Status

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.detect.overlap import DEEPEST, count_touching, overlapping, visible_share
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem, X, Y
 from contactimg.imaging.kernels.normal_equations import (
     SATURATED,
@@ -25,7 +24,14 @@ from contactimg.imaging.kernels.normal_equations import (
     build_pair_blocks,
     draw_disks,
 )
-from contactimg.imaging.kernels.pairs import find_pairs, select_close
+from contactimg.imaging.kernels.pairs import (
+    DEEPEST,
+    count_touching,
+    find_pairs,
+    overlapping,
+    select_close,
+    visible_share,
+)
 from contactimg.imaging.kernels.solve import marginal_variances, solve_coupled
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.pixels.robust import MAD_TO_STD, quantile

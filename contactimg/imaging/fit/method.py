@@ -25,10 +25,9 @@ from contactimg.imaging.fit.disks import (
     render_disks,
     wide_disks,
 )
-from contactimg.imaging.fit.edge_profile import learn_edge
+from contactimg.imaging.fit.edge_profile import LearnedEdge, learn_edge
 from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement
 from contactimg.imaging.fit.film_choice import FilmEdge, FilmTrial, WeighedFilm, film_makes_contrast
-from contactimg.imaging.fit.learned_edge import LearnedEdge
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem, X, Y
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round

@@ -2,21 +2,43 @@
 
 Both can be measured only away from contacts, and only the fit shows where contacts end. As long as either is
 in the image, the fit takes part of it for edge, contrast or blur; hence the turns.
+
+The halo is a second, wide part of the point spread function. With the frame M seen through the core alone and
+the halo's Gaussian G, the frame is ``D = (1-f) M + f G*M``. Beyond the reach of the core only the halo is
+left: there f and its width follow from least squares. M then follows from D minus the halo of the present M.
 """
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
+from contactimg.compiled import njit
 from contactimg.imaging.background.illumination import Illumination, fit_illumination
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, find_insignificant, fit_disks
-from contactimg.imaging.fit.halo import estimate_halo, subtract_halo
 from contactimg.imaging.fit.problem import CONTRAST, FitProblem
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 
+CORE_END_FRACTION = 5e-4
+"""Level below which only the halo is left. Accuracy."""
+FEWEST_HALO_PARTS = 3
+"""... at least, with one contact each. By hand."""
+HALO_BLOCK_PX = 2
+"""Side of the block means on which halos are computed, a power of 2. Accuracy."""
+HALO_FALSE_ALARM = 3e-6
+"""Probability of a halo in a frame without. False-alarm rate."""
+HALO_PARTS = 12
+"""Parts of the image whose scatter gives the uncertainty, ... By hand."""
+HALO_WIDTHS_PX = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
+"""Standard deviations tried. By hand."""
+LARGEST_HALO_FRACTION = 0.6
+"""Largest halo, of the light. By hand: more would be the point spread function itself."""
+LEAST_HALO_FRACTION = 0.01
+"""Halo below which none is assumed, of the light. Accuracy."""
 FLAT_FRACTION = 3e-3
 """Remaining illumination that ends the iteration. Accuracy."""
 GAP_BLOCK_PX = 2
@@ -172,3 +194,113 @@ def _remaining_illumination(problem: FitProblem, fit: FittedDisks, means: BlockM
     return fit_illumination(
         blocks, problem.image.shape, level=0.0, scatter=max(spread, least), least_scatter=least
     )
+
+
+def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo | None:
+    """Halo of a frame, or None if it has no significant one.
+
+    Parameters
+    ----------
+    means : BlockMeans
+        Of the difference image, and of the disks fitted with the core of the point spread function.
+    contrast : float
+        Of the contacts, grey levels.
+    contacts : int
+        Number of contacts; fewer than three determine no halo.
+    """
+    parts = min(contacts, HALO_PARTS)
+    if parts < FEWEST_HALO_PARTS:
+        return None
+    # a quick look at larger blocks suffices for most frames
+    if _best_halo(means, contrast, 2 * HALO_BLOCK_PX, HALO_WIDTHS_PX[::3], parts=parts) is None:
+        return None
+    return _best_halo(means, contrast, HALO_BLOCK_PX, HALO_WIDTHS_PX, parts=parts)
+
+
+def _best_halo(
+    means: BlockMeans,
+    contrast: float,
+    side: int,
+    widths: tuple[float, ...],
+    *,
+    parts: int,
+) -> Halo | None:
+    """The halo, of those of some widths, that explains most of the block means of a side."""
+    image, core = means(side)
+    dark = np.abs(core) < CORE_END_FRACTION * contrast
+    if np.count_nonzero(dark) < 20 * HALO_PARTS:
+        return None
+    halos = [_blurred(core, width / side) for width in widths]
+    fits = [_fit_slope(image, halo, dark) for halo in halos]
+    best = int(np.argmin([residual for _, residual in fits]))
+    fraction = fits[best][0]
+    if fraction < LEAST_HALO_FRACTION:
+        return None
+    scatter = _slope_std(image[dark], halos[best][dark], fraction, parts)
+    if fraction < -special.stdtrit(parts - 1, HALO_FALSE_ALARM) * scatter:
+        return None
+    return Halo(min(fraction, LARGEST_HALO_FRACTION), widths[best])
+
+
+def subtract_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
+    """The image as the core of the point spread function alone would show it."""
+    wide = _blurred(block_means(model, side=HALO_BLOCK_PX), halo.sigma_px / HALO_BLOCK_PX)
+    enlarged = cv2.resize(wide, None, fx=HALO_BLOCK_PX, fy=HALO_BLOCK_PX, interpolation=cv2.INTER_CUBIC)
+    wide = np.asarray(enlarged, np.float32)[: image.shape[0], : image.shape[1]]
+    return np.asarray((image - np.float32(halo.fraction) * wide) / np.float32(1.0 - halo.fraction))
+
+
+def _blurred(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+    """Through a Gaussian of a width in pixels; the border repeats."""
+    blurred = cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, np.float32)
+
+
+@njit(cache=True)
+def _fit_slope(data, wide, used):
+    """Slope of the data against the halo over the pixels used, and the residual sum of squares."""
+    power, common, squares = _moments(data.ravel(), wide.ravel(), used.ravel())
+    if power <= 1e-9 * data.size:
+        return 0.0, squares
+    return common / power, squares - common * common / power
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _moments(data, wide, used):
+    """Sums of squares and products about the means."""
+    count = level = middle = power = common = squares = 0.0
+    for i in range(len(data)):
+        weight, x, y = np.float64(used[i]), wide[i], data[i]
+        count += weight
+        middle += weight * x
+        level += weight * y
+        power += weight * x * x
+        common += weight * x * y
+        squares += weight * y * y
+    middle, level = middle / count, level / count
+    return power - count * middle**2, common - count * middle * level, squares - count * level**2
+
+
+@njit(cache=True)
+def _slope_std(data, wide, slope, parts):
+    """Standard uncertainty of the slope.
+
+    Neighbouring pixels share noise, so it comes from the scatter between parts of the image, each with the
+    same share of the information on the slope.
+    """
+    n, level, middle = len(data), data.mean(), wide.mean()
+    power = 0.0
+    for i in range(n):
+        power += (wide[i] - middle) ** 2
+    if not power > 0.0:
+        return np.inf
+    information, part, variance, share = 0.0, 0.0, 0.0, power / parts
+    full = share
+    for i in range(n):
+        x = wide[i] - middle
+        information += x * x
+        part += x * (data[i] - level - slope * x)
+        if information >= full or i == n - 1:
+            variance += part * part
+            part, full = 0.0, full + share
+    return np.sqrt(variance) / power

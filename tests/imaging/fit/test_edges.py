@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from edge_frames import CASES, OPTICS, edge_frame, errors
 
+from contactimg.imaging.fit.edge_profile import LearnedEdge, describe_edge
 from contactimg.imaging.fit.edge_scores import Edge, Placement
-from contactimg.imaging.fit.learned_edge import LearnedEdge, describe_edge
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.blurred_disk import blurred_disk
 from contactimg.imaging.profile.edge_shape import (

@@ -7,7 +7,7 @@ from scipy.stats import norm
 
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import render_disks
-from contactimg.imaging.fit.ellipse import CommonOptics, Window, fit_ellipse, render_ellipse
+from contactimg.imaging.fit.shapes import CommonOptics, Window, fit_ellipse, render_ellipse
 from contactimg.imaging.kernels import ellipse_equations
 from contactimg.imaging.kernels.ellipse_equations import (
     _bell,

@@ -9,10 +9,10 @@ from contact_frames import Optics, expose, match, render
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.detect.components import label_components
-from contactimg.imaging.detect.overlap import DEEPEST, hidden, visible_share
 from contactimg.imaging.fit.disks import FitControl, fit_disks, render_disks
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
-from contactimg.imaging.kernels.disk_union import add_lens
+from contactimg.imaging.kernels.normal_equations import add_lens
+from contactimg.imaging.kernels.pairs import DEEPEST, hidden, visible_share
 from contactimg.imaging.measure import measure_image
 from contactimg.tables import Flag
 
