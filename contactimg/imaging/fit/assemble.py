@@ -24,7 +24,7 @@ from contactimg.imaging.fit.disks import (
 )
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
-from contactimg.imaging.kernels.pairs import find_pairs
+from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
 from contactimg.timings import stage
 
 MOST_DISKS_PER_PX2 = 1.0 / 40.0
@@ -37,9 +37,6 @@ COVER_GROWTH_RATIO = 1.1
 """The same over that in a better cover. By hand."""
 NEIGHBOUR_BLUR_WIDTHS = 3.0
 """Gap within which an added or dropped disk changes its neighbours. By hand."""
-MOST_NEIGHBOURS, FEWEST_PAIRS = 8, 2000
-"""Pairs of disks closer than that for each disk, above which no other is added; and pairs that are fitted in
-any case. By hand: a close packing has 3; the work of a fit grows with their number."""
 RIM_BLUR_WIDTHS = 5.0
 """Distance that counts as near a rim, where imperfect edges leave light. By hand."""
 LEAST_RIM_PEAK = 0.12
@@ -186,9 +183,10 @@ class _Assembly:
         self.drop_insignificant(active)
 
     def is_entangled(self) -> bool:
-        """Whether the rims of each disk meet those of so many others that no more are added: no contacts."""
-        pairs = find_pairs(self.fit.disks, 0.5 * NEIGHBOUR_BLUR_WIDTHS * self.fit.blur)
-        return len(pairs) > max(MOST_NEIGHBOURS * len(self.fit.disks), FEWEST_PAIRS)
+        """Whether the disks share so many pixels with their neighbours that no more are added."""
+        fit = self.fit
+        pairs = find_pairs(fit.disks, 0.5 * NEIGHBOUR_BLUR_WIDTHS * fit.blur)
+        return are_entangled(fit.disks, pairs, fit.blur, self.problem.image.size)
 
     def add_wide_residuals(self) -> None:
         """Add candidates from what the disks leave of the image: contacts that others hid or outshone."""

@@ -26,6 +26,7 @@ from contactimg.imaging.kernels.normal_equations import (
 )
 from contactimg.imaging.kernels.pairs import (
     DEEPEST,
+    are_entangled,
     count_touching,
     find_pairs,
     overlapping,
@@ -253,7 +254,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     largest = _largest_radii(problem, disks, blur) if largest is None else largest
     start = start or ModelImage.blank(image.shape, n)
     model, drawn = start.model, start.drawn.copy()
-    started = np.ones(n, np.bool_) if active is None else active
+    started, before = np.ones(n, np.bool_) if active is None else active, disks
     moving, free_blur = started.copy(), control.free_blur
     coupling, isolation = COUPLING_REACH_BLUR_WIDTHS, ISOLATION_GAP_BLUR_WIDTHS
     if table.outer > INNER_BLUR_WIDTHS:
@@ -270,7 +271,11 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     pairs, blocks, count = np.empty((0, 2), np.int64), np.zeros((0, 4, 4)), 0
     for iteration in range(control.iterations):
         if s > 1.1 * paired_blur or _largest_move(disks, paired) > PAIR_MARGIN_PX:
-            near_pairs, paired, paired_blur = find_pairs(disks, far * s + PAIR_MARGIN_PX), disks.copy(), s
+            wider_pairs = find_pairs(disks, far * s + PAIR_MARGIN_PX)
+            if are_entangled(disks, select_close(wider_pairs, disks, 0.0), s, image.size):
+                disks = before  # nothing that moved since is drawn
+                break
+            near_pairs, paired, paired_blur = wider_pairs, disks.copy(), s
         pairs, count = select_close(near_pairs, disks, coupling * s), count + 1
         # isolated disks are their own model: they are drawn when they have settled
         isolated = np.full(n, not saturated)
