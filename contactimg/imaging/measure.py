@@ -46,7 +46,7 @@ from contactimg.imaging.pixels.field_of_view import (
 )
 from contactimg.imaging.pixels.frame_pair import FramePair, keep_freed_memory
 from contactimg.imaging.pixels.masks import exclude
-from contactimg.imaging.profile.film_rim import FilmSetting, Rim
+from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.tables import Flag, Reason
 
@@ -171,7 +171,7 @@ def measure_image(
     full_scale: float | None = None,
     blur_px: float | None = None,
     optics: SharedOptics | None = None,
-    film: FilmSetting | Rim | None = None,
+    film: FilmSetting | FilmRim | None = None,
     absent: Collection[str] = (),
     edits: Sequence[HandEdit] = (),
     shape: str = "auto",
@@ -200,7 +200,7 @@ def measure_image(
         Prior knowledge of contrast and blur with uncertainties (from other frames, say), which the fit
         combines with what the frame shows, and of the place of the edge. A ``blur_px`` is taken as exact and
         replaces the prior blur.
-    film : FilmSetting, Rim or None
+    film : FilmSetting, FilmRim or None
         Bright rim that the air film draws around the contacts, for ``"disk"``, and whether it is drawn
         (`contactimg.imaging.profile.film_rim.FilmSetting`; a rim alone is); None: none is looked for.
     absent : collection of str

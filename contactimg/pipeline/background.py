@@ -36,7 +36,7 @@ from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.measure import BACKGROUND_IS
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.film_rim import Rim, rim_table
+from contactimg.imaging.profile.film_rim import FilmRim, rim_table
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.inputs import read_reference
@@ -90,7 +90,7 @@ class ViewRecipe:
         x, y, radius (px) of what cannot be divided out.
     blur : float
         Standard deviation of the profile's Gaussian, pixel included; NaN without contacts to divide out.
-    film : Rim or None
+    film : FilmRim or None
         Around the contacts, where they were fitted with it.
     placement : Placement
         On the anchor.
@@ -102,7 +102,7 @@ class ViewRecipe:
     radius_std: NDArray[np.float64]
     hidden: NDArray[np.float64]
     blur: float
-    film: Rim | None = None
+    film: FilmRim | None = None
     placement: Placement = field(default_factory=Placement.unknown)
     digest: bytes = b""
 

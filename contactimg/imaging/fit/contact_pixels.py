@@ -23,7 +23,7 @@ OTHER_SHARE = 0.05  # light of other disks, of the contrast, up to which a pixel
 COUNT_BLUR_WIDTHS = 3.0  # beyond the rim, up to which pixels above half height are counted
 
 COLUMNS = (
-    "core_n", "core_mean", "core_square", "ring_n", "ring_mean", "ring_square", "rim_n", "rim_chi", "light",
+    "core_n", "core_mean", "ring_n", "ring_mean", "ring_square", "rim_n", "rim_chi", "light",
     "count", "x", "y", "xx", "xy", "yy", "expected", "inside_seen", "core_chi", "border",
 )  # fmt: skip
 _COLUMN = {name: k for k, name in enumerate(COLUMNS)}
@@ -35,8 +35,8 @@ class ContactPixels:
 
     Parameters
     ----------
-    plateau, plateau_std : ndarray
-        Mean of the pixels well inside the rim, and its standard uncertainty; NaN for contacts too small.
+    plateau : ndarray
+        Mean of the pixels well inside the rim; NaN for contacts too small.
     ring, ring_std : ndarray
         Mean of the surroundings, and the scatter of their pixels; NaN where none is seen.
     rim_chi_square, core_chi_square : ndarray
@@ -56,7 +56,6 @@ class ContactPixels:
     """
 
     plateau: NDArray[np.float64]
-    plateau_std: NDArray[np.float64]
     ring: NDArray[np.float64]
     ring_std: NDArray[np.float64]
     rim_chi_square: NDArray[np.float64]
@@ -109,7 +108,7 @@ def look_at_pixels(
         np.ascontiguousarray(level, float), _values(problem.profile), out,
     )  # fmt: skip
     with np.errstate(invalid="ignore", divide="ignore"):
-        return _summarise(out, disks, problem)
+        return _summarise(out, disks)
 
 
 def _values(profile: EdgeTable) -> NDArray[np.float32]:
@@ -117,11 +116,10 @@ def _values(profile: EdgeTable) -> NDArray[np.float32]:
     return np.ascontiguousarray(profile.values[:, :, 0])
 
 
-def _summarise(out: NDArray, disks: NDArray, problem: FitProblem) -> ContactPixels:
+def _summarise(out: NDArray, disks: NDArray) -> ContactPixels:
     """Means from sums."""
     q = {name: out[:, k] for name, k in _COLUMN.items()}
     plateau = q["core_mean"] / q["core_n"]
-    scatter = np.sqrt(np.maximum(q["core_square"] / q["core_n"] - plateau**2, problem.noise.variance))
     ring = q["ring_mean"] / q["ring_n"]
     ring_std = np.sqrt(np.maximum(q["ring_square"] / q["ring_n"] - ring**2, 0.0))
     x, y = q["x"] / q["count"], q["y"] / q["count"]
@@ -132,7 +130,6 @@ def _summarise(out: NDArray, disks: NDArray, problem: FitProblem) -> ContactPixe
     few = q["core_n"] < 5
     return ContactPixels(
         plateau=np.where(few, np.nan, plateau),
-        plateau_std=np.where(few, np.nan, scatter / np.sqrt(np.maximum(q["core_n"], 1))),
         ring=np.where(q["ring_n"] < 5, np.nan, ring),
         ring_std=np.where(q["ring_n"] < 5, np.nan, ring_std),
         rim_chi_square=q["rim_chi"] / np.maximum(q["rim_n"] - 3.0, 1.0),
@@ -190,11 +187,11 @@ def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
                     )
                     n = right - left
                     middle = 0.5 * (left + right - 1) - x
-                    q[10] += n * middle
-                    q[11] += n * dy
-                    q[12] += n * middle * middle + n * (n * n - 1.0) / 12.0
-                    q[13] += n * middle * dy
-                    q[14] += n * dy * dy
+                    q[9] += n * middle
+                    q[10] += n * dy
+                    q[11] += n * middle * middle + n * (n * n - 1.0) / 12.0
+                    q[12] += n * middle * dy
+                    q[13] += n * dy * dy
             edge_row = row == 0 or row == rows - 1
             for column in range(first, end):
                 if left <= column < right or (masked and valid[row, column] == 0):
@@ -217,56 +214,53 @@ def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
                     increase = growth * max(modelled, np.float32(0.0)) + rim * p * (np.float32(1.0) - p)
                     z = min(rest * rest * plain / (np.float32(1.0) + increase), 100.0)
                     if r < a:
-                        q[16] += 1.0
+                        q[15] += 1.0
                     if r < core:
                         q[0] += 1.0
                         q[1] += value
-                        q[2] += value * value
-                        q[17] += z
+                        q[16] += z
                     if r > low:
-                        q[6] += 1.0
-                        q[7] += z
+                        q[5] += 1.0
+                        q[6] += z
                 if ring_low < r < ring_high and others < other_most:
-                    q[3] += 1.0
-                    q[4] += value
-                    q[5] += value * value
+                    q[2] += 1.0
+                    q[3] += value
+                    q[4] += value * value
                 if r < counted and others < other_half:
-                    q[8] += value
+                    q[7] += value
                     if own > level:
-                        q[15] += 1.0
+                        q[14] += 1.0
                     if value > level:
-                        q[9] += 1.0
-                        q[10] += dx
-                        q[11] += dy
-                        q[12] += dx * dx
-                        q[13] += dx * dy
-                        q[14] += dy * dy
+                        q[8] += 1.0
+                        q[9] += dx
+                        q[10] += dy
+                        q[11] += dx * dx
+                        q[12] += dx * dy
+                        q[13] += dy * dy
                         if edge_row or column == 0 or column == columns - 1:
-                            q[18] += 1.0
+                            q[17] += 1.0
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
 def _add_inside(line, modelled, height, level, plain, growth, q):
     """Add a row of pixels well inside a disk, all of which count as lying above the level in the moments."""
     one, zero, most = np.float32(1.0), np.float32(0.0), np.float32(100.0)
-    total = squares = chi = above = expected = zero
+    total = chi = above = expected = zero
     for i in range(len(line)):
         rest = line[i] - modelled[i]
         value = rest + height
         total += value
-        squares += value * value
         chi += min(rest * rest * plain / (one + growth * max(modelled[i], zero)), most)
         above += one if value > level else zero
         expected += one
     n = float(len(line))
     q[0] += n
     q[1] += total
-    q[2] += squares
-    q[8] += total
-    q[9] += above
-    q[15] += expected if height > level else zero
-    q[16] += n
-    q[17] += chi
+    q[7] += total
+    q[8] += above
+    q[14] += expected if height > level else zero
+    q[15] += n
+    q[16] += chi
 
 
 @njit(cache=True, error_model="numpy")

@@ -41,7 +41,7 @@ from contactimg.imaging.profile.edge_shape import (
     edge_templates,
     look_up,
 )
-from contactimg.imaging.profile.film_rim import FilmSetting, Rim, film_table
+from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting, film_table
 
 BLUR_STEP = 0.02  # of the logarithm of the blur in its derivative; accuracy
 Values = NDArray[np.float64]
@@ -138,14 +138,14 @@ class WeighedFilm:
         Rims with the film at its best blur.
     radius, shift : ndarray, shape (n,), px
         Radii of all contacts without a film, and how they change with it.
-    rim : Rim
+    rim : FilmRim
     """
 
     verdict: FilmVerdict
     film: RimFit
     radius: Values
     shift: Values
-    rim: Rim
+    rim: FilmRim
 
     def errors(self, radius: Values) -> Values:
         """Change of radii, as measured by the choice taken, by one standard uncertainty of it."""
@@ -170,8 +170,8 @@ class FilmTrial:
     optics_prior : OpticsPrior
     placement : Placement
     setting : FilmSetting
-    likely : bool or None
-        Whether the contrast is that of a film; None if that is not known.
+    likely : bool
+        Whether the contrast is that of a film.
     """
 
     problem: FitProblem
@@ -179,7 +179,7 @@ class FilmTrial:
     optics_prior: OpticsPrior
     placement: Placement
     setting: FilmSetting
-    likely: bool | None
+    likely: bool
 
     def weigh(self) -> WeighedFilm | None:
         """Compare the likelihoods; None where a film would change nothing and none is asked for."""
@@ -216,8 +216,6 @@ class FilmTrial:
     @property
     def _log_odds(self) -> float:
         """Log-odds of a film before the pixels are looked at."""
-        if self.setting.asked == "auto" and self.likely is None:
-            return 0.0
         film = self.setting.asked == "on" or (self.setting.asked == "auto" and self.likely)
         return float(special.logit(1.0 - self._prior_doubt)) * (1.0 if film else -1.0)
 
@@ -289,8 +287,8 @@ def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
     )
 
 
-def film_makes_contrast(rim: Rim, ratio: float) -> bool | None:
-    """Whether a contrast over the background is that of a film, within `CONTRAST_FACTOR`; None if unknown.
+def film_makes_contrast(rim: FilmRim, ratio: float) -> bool:
+    """Whether a contrast over the background is that of a film, within `CONTRAST_FACTOR`.
 
     Examples
     --------
@@ -300,10 +298,7 @@ def film_makes_contrast(rim: Rim, ratio: float) -> bool | None:
     >>> film_makes_contrast(rim, 0.07), film_makes_contrast(rim, 1.2)
     (True, False)
     """
-    own = rim.contrast
-    if not (np.isfinite(own) and np.isfinite(ratio)):
-        return None
-    return bool(1.0 / CONTRAST_FACTOR <= ratio / own <= CONTRAST_FACTOR)
+    return bool(1.0 / CONTRAST_FACTOR <= ratio / rim.contrast <= CONTRAST_FACTOR)
 
 
 def _probability(log_odds: float) -> float:
@@ -311,7 +306,7 @@ def _probability(log_odds: float) -> float:
     return float(1.0 / (1.0 + np.exp(np.clip(-log_odds, -700.0, 700.0))))
 
 
-def _changes_nothing(rim: Rim, radius: Values) -> bool:
+def _changes_nothing(rim: FilmRim, radius: Values) -> bool:
     """Whether the light of the film is too little to change areas, from an upper bound at the quartiles."""
     for a in np.quantile(radius, [0.25, 0.75]):
         distance = np.linspace(0.0, max(rim.extent_px(float(a)), 1e-6), 200)
@@ -327,13 +322,13 @@ class FilmEdge(Edge):
 
     Parameters
     ----------
-    rim : Rim
+    rim : FilmRim
     """
 
-    rim: Rim
+    rim: FilmRim
 
     @classmethod
-    def of(cls, blur: float, rim: Rim) -> "FilmEdge":
+    def of(cls, blur: float, rim: FilmRim) -> "FilmEdge":
         """The edge at a blur (px, pixel included)."""
         return cls(blur, Edge.plain(blur).shape, rim)
 

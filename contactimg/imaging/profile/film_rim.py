@@ -5,14 +5,12 @@ adds to the profile of the uniform disk::
 
     P(r; a, s) + int_a^inf e(t; a) (t/s^2) exp(-(r-t)^2/(2 s^2)) I0e(r t/s^2) dt
 
-For a Hertz contact e follows from a, the radius of the sphere and the light, without a free parameter; for
-others the width of the rim is given.
+For a Hertz contact e follows from a, the radius of the sphere and the light, without a free parameter.
 """
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,23 +36,6 @@ SPLINE_NODES = 220  # distances at which the integral is computed, a cubic splin
 NEGLIGIBLE_EXCESS = 0.01  # a rim has ended below; by hand: later fringes are below the noise and average out
 FARTHEST_EXPONENT = 32.0  # light of a node beyond is 1e-14; accuracy
 WIDEST_RIM_BLUR_WIDTHS = 14.0  # a wider rim is cut off; by hand
-
-
-class Rim(Hashable, Protocol):
-    """Brightness around a contact of unit brightness."""
-
-    def excess(self, distance_px: NDArray, radius_px: float) -> NDArray[np.float64]:
-        """Excess at distances (px) beyond the edge of a contact of a radius (px)."""
-        ...
-
-    def extent_px(self, radius_px: float) -> float:
-        """Distance beyond the edge at which it has ended."""
-        ...
-
-    @property
-    def contrast(self) -> float:
-        """Brightness of a contact over the background, minus 1, that comes with it; NaN if not known."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -109,46 +90,12 @@ class FilmRim:
 
 
 @dataclass(frozen=True)
-class PlainRim:
-    """Brightness that falls linearly to the background over a given width beyond the edge.
-
-    Parameters
-    ----------
-    width_px : float
-
-    Raises
-    ------
-    InputError
-        If the width is not positive.
-    """
-
-    width_px: float
-
-    def __post_init__(self) -> None:
-        if not self.width_px > 0:
-            raise InputError(f"a rim needs a positive width, got {self.width_px!r} px")
-
-    @property
-    def contrast(self) -> float:
-        """Contrast of the rim, which is not known."""
-        return float("nan")
-
-    def excess(self, distance_px: NDArray, radius_px: float) -> NDArray[np.float64]:  # noqa: ARG002
-        """Excess at distances (px) beyond the edge, whatever the radius."""
-        return np.clip(1.0 - np.asarray(distance_px, float) / self.width_px, 0.0, 1.0)
-
-    def extent_px(self, radius_px: float) -> float:  # noqa: ARG002
-        """The width."""
-        return self.width_px
-
-
-@dataclass(frozen=True)
 class FilmSetting:
     """A rim that contacts may have, and whether it is drawn.
 
     Parameters
     ----------
-    rim : Rim
+    rim : FilmRim
     asked : {"on", "off", "auto"}
         "auto": as the pixels say.
     doubt : float
@@ -156,18 +103,17 @@ class FilmSetting:
         the pixels cannot check and is wrong is then off by at most 1/sqrt(0.2) = 2.2 of its uncertainties.
     """
 
-    rim: Rim
+    rim: FilmRim
     asked: Literal["on", "off", "auto"] = "on"
     doubt: float = 0.2
 
 
-def rim_table(rim: Rim, blur: float) -> EdgeTable:
+def rim_table(rim: FilmRim, blur: float) -> EdgeTable:
     """Profile of contacts with a rim, for the fit.
 
     Parameters
     ----------
-    rim : Rim
-        Hashable.
+    rim : FilmRim
     blur : float, px
         Standard deviation of the Gaussian, pixel included; the table holds for it alone (unlike that of the
         plain disk, whose only length it is).
@@ -185,7 +131,7 @@ def rim_table(rim: Rim, blur: float) -> EdgeTable:
 
 
 @lru_cache(maxsize=16)
-def _build(rim: Rim, blur: float) -> EdgeTable:
+def _build(rim: FilmRim, blur: float) -> EdgeTable:
     """Rows of the table; the derivatives are differences between its nodes."""
     extents = [rim.extent_px(blur * x) / blur for x in (0.5, 1.0, 2.0, 5.0, 20.0)]
     outer = float(np.ceil(min(max(extents), WIDEST_RIM_BLUR_WIDTHS) + INNER_BLUR_WIDTHS))
@@ -202,7 +148,7 @@ def _build(rim: Rim, blur: float) -> EdgeTable:
     return EdgeTable(values, outer)
 
 
-def _profiles(rim: Rim, radius: NDArray, blur: float, u: NDArray) -> NDArray[np.float64]:
+def _profiles(rim: FilmRim, radius: NDArray, blur: float, u: NDArray) -> NDArray[np.float64]:
     """Blurred disks with their rims at distances u from the edge, in blur widths."""
     coarse_u = np.linspace(u[0], u[-1], SPLINE_NODES)
     light = np.zeros((len(radius), SPLINE_NODES))
@@ -265,20 +211,19 @@ def _gauss_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return (z + 1) / 2, weight / 2
 
 
-def film_table(rim: Rim, blur: float) -> EdgeTable:
+def film_table(rim: FilmRim, blur: float) -> EdgeTable:
     """Profile of contacts with a rim at a blur; see `rim_table`, which is exact and takes long.
 
     Parameters
     ----------
-    rim : Rim
-        Hashable.
+    rim : FilmRim
     blur : float, px
         Standard deviation of the Gaussian, pixel included.
 
     Examples
     --------
-    >>> from contactimg.imaging.profile.film_rim import PlainRim
-    >>> quick, exact = (table(PlainRim(2.0), 1.3) for table in (film_table, rim_table))
+    >>> light = Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9))
+    >>> quick, exact = (table(FilmRim(light, 1e-4, 1e-6), 1.3) for table in (film_table, rim_table))
     >>> columns = min(quick.values.shape[1], exact.values.shape[1])
     >>> bool(np.abs(quick.values[:, :columns, 0] - exact.values[:, :columns, 0]).max() < 1e-3)
     True
@@ -287,7 +232,7 @@ def film_table(rim: Rim, blur: float) -> EdgeTable:
 
 
 @lru_cache(maxsize=24)
-def _between(rim: Rim, rounded: int) -> EdgeTable:
+def _between(rim: FilmRim, rounded: int) -> EdgeTable:
     """The parabola through the three next tables."""
     place = rounded * ROUNDED_LOG / np.log(BLUR_RATIO)
     middle = round(place)

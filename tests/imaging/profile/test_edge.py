@@ -1,5 +1,7 @@
 """The blurred disk and its tables against brute-force sums, derivatives and limits."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from scipy import special
@@ -12,7 +14,7 @@ from contactimg.imaging.profile.blurred_disk import (
     blurred_disk,
     disk_table,
 )
-from contactimg.imaging.profile.film_rim import PlainRim, rim_table
+from contactimg.imaging.profile.film_rim import rim_table
 
 
 def brute_force(a, sigma, x0, y0, *, half=12, k=40):
@@ -85,10 +87,23 @@ def test_table_derivatives_are_those_of_the_profile():
         assert np.allclose(table.values[k, inside, 2], by_r, rtol=0, atol=2e-4)
 
 
+@dataclass(frozen=True)
+class LinearRim:
+    """Light that falls linearly over a width, px."""
+
+    width_px: float
+
+    def excess(self, distance_px, _radius_px):
+        return np.clip(1.0 - distance_px / self.width_px, 0.0, 1.0)
+
+    def extent_px(self, _radius_px):
+        return self.width_px
+
+
 def test_a_rim_adds_its_light():
     # linear rim of width w: excess volume 2 pi int_0^w (1 - x/w)(a + x) dx = 2 pi (a w/2 + w^2/6)
     a, w, s = 6.0, 3.0, 1.4
-    image = render_disks(np.array([[30.2, 29.7, a, 1.0]]), s, (61, 61), profile=rim_table(PlainRim(w), s))
+    image = render_disks(np.array([[30.2, 29.7, a, 1.0]]), s, (61, 61), profile=rim_table(LinearRim(w), s))
     expected = np.pi * a**2 + 2 * np.pi * (a * w / 2 + w**2 / 6)
     # rows of the table are interpolated linearly in a: 1e-3 of the profile over the rim's area
     assert image.sum() == pytest.approx(expected, rel=3e-3)

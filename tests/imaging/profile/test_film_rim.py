@@ -10,7 +10,7 @@ from contact_frames import match
 
 from contactimg.errors import InputError
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.profile.film_rim import FilmRim, PlainRim, rim_table
+from contactimg.imaging.profile.film_rim import FilmRim, rim_table
 from contactimg.optics.film import Light, excess_table
 
 LED = Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9))
@@ -83,5 +83,3 @@ def test_table_far_from_the_rim_is_that_of_a_disk():
 def test_rims_need_positive_lengths():
     with pytest.raises(InputError, match="positive sphere radius and pixel size"):
         FilmRim(LED, SPHERE, 0.0)
-    with pytest.raises(InputError, match="a rim needs a positive width"):
-        PlainRim(-1.0)
