@@ -15,7 +15,7 @@ from contactimg.files import EVERY_FRAME, Experiment, PartStore, Run, edit_point
 from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
 from contactimg.imaging.fit.pooling import FEWEST_SCORES, gain_of_pooling, pool_edges, pool_optics
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
-from contactimg.pipeline.background import measure_on_background, measure_on_pool
+from contactimg.pipeline.background import measure_on_background
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.measured_series import MeasuredSeries
@@ -149,16 +149,17 @@ def _measure_frames(
         parts.append(MeasuredFrame.of(measured))
         parts[-1].log()
     shape = _refuse_other_sizes(parts)
-    parts, background = measure_on_background(experiment, options, edits, parts, workers=workers, store=store)
+    parts, on_pool, before = measure_on_background(
+        experiment, options, edits, parts, workers=workers, store=store
+    )
     optics = _OpticsOfSeries.of(parts, options.scene.measure.method)
     if optics is None:
         return parts, shape
     again = [k for k, part in enumerate(parts) if optics.gains(k, part)]
     lent = (optics.for_frame(k).scaled(parts[k].level or 1.0) for k in again)
     jobs = [(frames[k], own, edits.get(frames[k].name, ())) for k, own in zip(again, lent, strict=True)]
-    if background is not None:
-        measure = partial(measure_on_pool, pool=background.pool)
-        jobs = [(*job, background.before(k)) for k, job in zip(again, jobs, strict=True)]
+    if on_pool is not None:
+        measure, jobs = on_pool, [(*job, before[k]) for k, job in zip(again, jobs, strict=True)]
     second_pass = for_each_frame(experiment, measure, jobs, workers=workers, store=store)
     for k, measured in zip(again, second_pass, strict=True):
         part = MeasuredFrame.of(measured)
