@@ -99,6 +99,7 @@ def predict_contacts(
     frame: str = "",
     tolerance: float | None = None,
     history: Sequence[Prescribed] = (),
+    always_plan: bool = False,
 ) -> Prediction:
     """Solve the interacting-asperity model for a scene at one load.
 
@@ -123,6 +124,8 @@ def predict_contacts(
     history : sequence of float, N, or of LoadSpring
         Loads that came before, in order; default: those that ``[load] path`` lists. Adhesive contacts
         remember them, so that adhesion is not left out then unless the scene switches it off.
+    always_plan : bool
+        Whether effects are planned, for their expected errors, where ``[effects]`` sets every switch.
 
     Returns
     -------
@@ -140,22 +143,13 @@ def predict_contacts(
     """
     history = history or scene.load.before
     scene, plan = with_memory(with_coupling(scene, coupling), history), None
-    if any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
+    if always_plan or any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
-    field = surrounding_field(scene, asperities, load, coupled=level != "none")
-    solution = solve_scene(
-        scene,
-        asperities,
-        load=load,
-        coupling=level,
-        tolerance=tolerance,
-        history=history,
-        surroundings=field,
+    solution, field = solve_around(
+        scene, asperities, load=load, level=level, tolerance=tolerance, history=history
     )
-    if solution.base_gap.beyond_models:
-        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
     contacts = solution.contacts(name)
     hertz_forces = hertz.load(
@@ -175,11 +169,43 @@ def predict_contacts(
         "min_gap_m": solution.base_gap.least,
         "law": law_name(scene, shapes=solution.shapes),
     }
-    row |= _judgement(solution, scene, _around_the_table(scene, asperities, solution, field, borne))
+    border = _around_the_table(scene, asperities, solution, field, borne)
+    row |= _judgement(solution, scene, border, () if plan is None else plan.messages)
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
     return Prediction(contacts, _frames(name, borne, **row), profile, plan)
+
+
+def solve_around(
+    scene: Scene,
+    asperities: pd.DataFrame,
+    *,
+    load: Prescribed,
+    level: str,
+    tolerance: float | None = None,
+    history: Sequence[Prescribed] = (),
+) -> tuple[InteractingSolution, MeanField | None]:
+    """Solve a scene whose switches are set, with the mean field around the table if that is asked for.
+
+    Raises
+    ------
+    ModelRangeError
+        As for `predict_contacts`.
+    """
+    field = surrounding_field(scene, asperities, load, coupled=level != "none")
+    solution = solve_scene(
+        scene,
+        asperities,
+        load=load,
+        coupling=level,
+        tolerance=tolerance,
+        history=history,
+        surroundings=field,
+    )
+    if solution.base_gap.beyond_models:
+        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
+    return solution, field
 
 
 def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: Prescribed) -> Plan:
@@ -231,12 +257,14 @@ def scene_level(scene: Scene, coupling: str) -> str:
     return coupling_level(coupling=effects.coupling != "off", full_coupling=effects.full_coupling == "on")
 
 
-def _judgement(solution: InteractingSolution, scene: Scene, border: str) -> dict[str, str]:
-    """Status and message of the row, from what the solver says of its solution."""
+def _judgement(
+    solution: InteractingSolution, scene: Scene, border: str, more: Sequence[str]
+) -> dict[str, str]:
+    """Status and message of the row, from what the solver says of its solution, and more to say."""
     own = "" if solution.shapes is None else solution.shapes.words
     words = own if stated_profile(scene) is None else PROFILED
     notes = [*solution.validity.messages(), *([left_out_for(words)] if words else [])]
-    notes += [border] if border else []
+    notes += [*([border] if border else []), *more]
     lost = "runs off the table" in border
     if solution.status == CONVERGED and not solution.validity.planes_touch and not lost:
         return {"status": Status.OK, "message": "; ".join(notes)}

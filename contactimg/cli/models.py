@@ -78,7 +78,6 @@ def predict(
         from contactimg.cli.scenes import scene_at
         from contactimg.files import RUN_TABLES
         from contactimg.pipeline import predict as pipeline
-        from contactimg.pipeline.ensemble import predict_ensemble
         from contactimg.tables import FAILED
 
     if patterns is not None and model != "interacting":
@@ -103,7 +102,7 @@ def predict(
         else:
             with progress("solving patterns", patterns) as advance:
                 how |= {"store": out.part_store(), "advance": advance}
-                predictions = predict_ensemble(described, prescribed, patterns=patterns, **how)
+                predictions = pipeline.predict_ensemble(described, prescribed, patterns=patterns, **how)
         frames, record = pipeline.write_predictions(predictions, described, out.folder)
         out.record |= record | touching
         level = f", coupling {coupling}" if model == "interacting" else ""

@@ -6,7 +6,7 @@ measured with), `frame` (measure one frame), `pose_and_forces` (contacts in samp
 (the background that the frames of a series share), `measured_series` (frames whose tables stay on the disk,
 written to files a few at a time), `series` (measure a series frame by frame), `pictures` (contacts drawn on
 their frames), `calibrate` (the paper's calibrations), `check` (contacts drawn into the frames, and found),
-`ensemble` (averages over random patterns), `predict` (model contacts at given loads), `simulate` (synthetic
+`predict` (model contacts at given loads, also averaged over random patterns), `simulate` (synthetic
 series), `overlay` (measured against predicted contacts), `analyse` (several runs together), `tradeoff`
 (accuracy against computing time), `export` (a run for other programs).
 """

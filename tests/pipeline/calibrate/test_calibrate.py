@@ -19,8 +19,8 @@ from contactimg.files import (
     write_scene,
 )
 from contactimg.frame import Frame
-from contactimg.pipeline.calibrate.circles import mean_centre, measure_circles
-from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
+from contactimg.pipeline.calibrate.jkr import mean_centre, measure_circles
+from contactimg.pipeline.calibrate.thresholds import measure_thresholds
 from contactimg.pipeline.series import measure_parts
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
