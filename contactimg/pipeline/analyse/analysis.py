@@ -34,7 +34,7 @@ from contactimg.pipeline.analyse.places import (
     predict_places,
     usable_frames,
 )
-from contactimg.pipeline.pose_and_forces import shown_apex
+from contactimg.pipeline.measured_series import shown_apex
 from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE

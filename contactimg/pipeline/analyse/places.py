@@ -221,7 +221,7 @@ def differences(places: Sequence[Place]) -> Iterator[str]:
             values = [table[column].dropna().to_numpy(float) for table in caps]
             if column == "height_m":
                 values = [one - np.median(one) for one in values if len(one)]
-            if sum(len(one) > 0 for one in values) == 2 and ks_2samp(*values).pvalue < CHANCE:
+            if sum(len(one) > 0 for one in values) == 2 and ks_2samp(values[0], values[1]).pvalue < CHANCE:
                 stds = " and ".join(f"{np.std(one):.3g}" for one in values)
                 yield (
                     f"the asperities of {place.name} are not of the surface of {first.name}: their {name} "
@@ -257,8 +257,8 @@ def grouped(places: Sequence[Place], *, tolerance: float) -> list[Place]:
     load = shots.groupby(["group", "place"])["load_N"].mean().groupby("group").mean()
     shots["group_load"] = shots["group"].map(load)
     names = []
-    for k, frames in shots.groupby("group")["frame"].unique().items():
-        names.append(str(frames[0]) if len(frames) == 1 else load_name(float(load[k])))
+    for k, frames in enumerate(shots.groupby("group")["frame"].unique()):
+        names.append(str(frames[0]) if len(frames) == 1 else load_name(float(load.iloc[k])))
     shots["group_name"] = [names[k] for k in shots["group"]]
     return [replace(place, frames=shots[shots["place"] == place.name]) for place in places]
 

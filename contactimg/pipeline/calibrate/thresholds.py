@@ -22,8 +22,8 @@ from contactimg.imaging.measure import count_again
 from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
 from contactimg.pipeline.frame import frame_row, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites
+from contactimg.pipeline.measured_series import find_pose, local_law, locate_frames, with_forces
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.pipeline.pose_and_forces import local_law, locate_frames, series_pose, with_forces
 from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import MAX_SCANNED_FORCES_OVER_LOAD, doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
@@ -147,9 +147,7 @@ def _runs(
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
     middle = counted[half]
     run = Run(scene, middle, frames)
-    pose = scene.pose(shape)
-    if targets is not None and scene.measure.pose == "fit" and len(middle):
-        pose = series_pose(run, pose, targets).pose
+    pose = find_pose(run, sites, scene.pose(shape)).pose
 
     def located(contacts: pd.DataFrame) -> Run:
         return replace(run, contacts=CONTACTS.conform(locate_frames(contacts, frames, pose, targets)))
