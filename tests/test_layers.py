@@ -29,7 +29,6 @@ ROOMS = [
     "models",
     "effects",
     "matching",
-    "unseen",
     "forces",
     "analysis",
     "calibration",
