@@ -507,17 +507,20 @@ def pattern_sides(section: Asperities, asperities: pd.DataFrame) -> tuple[float,
     InputError
         If the table has too few asperities to determine the sides, or its span contradicts ``side_m``.
     """
-    base = base_radius(asperities["height_m"], equivalent_radii(asperities))
     spans = [float(np.ptp(asperities[name])) if len(asperities) else 0.0 for name in ("x_m", "y_m")]
-    sides = [float(np.ptp([asperities[name] - base, asperities[name] + base])) for name in ("x_m", "y_m")]
-    if section.generate is None and "side" not in section.model_fields_set:
-        if len(asperities) < MIN_ASPERITIES_FOR_SIDES or not min(spans) > 0:
-            raise InputError(
-                f"{len(asperities)} asperities do not tell the area that they stand for; state side_m or "
-                "density_per_m2 in [asperities]"
-            )
+    enough = len(asperities) >= MIN_ASPERITIES_FOR_SIDES
+    stated = section.generate is not None or "side" in section.model_fields_set
+    if not stated and not (enough and min(spans) > 0):
+        raise InputError(
+            f"{len(asperities)} asperities do not tell the area that they stand for; state side_m or "
+            "density_per_m2 in [asperities]"
+        )
+    sides = [0.0, 0.0]
+    if len(asperities):  # those of the caps, whatever is stated
+        sides = np.ptp(table_rectangle(Asperities(), asperities), axis=1).tolist()
+    if not stated:
         return sides[0], sides[1]
-    missed = len(asperities) >= MIN_ASPERITIES_FOR_SIDES and max(sides) < section.side / SIDE_MISMATCH_RATIO
+    missed = enough and max(sides) < section.side / SIDE_MISMATCH_RATIO
     if max(spans) > SIDE_MISMATCH_RATIO * section.side or missed:
         raise InputError(
             f"[asperities] side_m is {section.side:g} m but the table spans {spans[0]:.3g} x "
@@ -575,21 +578,30 @@ def find_touching_load(
     ModelRangeError
         If the model ends before the planes touch, with the smallest gap at the last load that it describes.
     """
-    gap = partial(_base_gap, scene, asperities, model, coupling)
+
+    def gap(load: float) -> float:
+        if model == "interacting":
+            table = _table(asperities, "a table")
+            row = predict_contacts(scene, table, load=load, coupling=coupling).frames
+        else:
+            row = predict_average(scene, asperities, load=load, model=model).frames
+        found = float(row["min_gap_m"].iloc[0])
+        if np.isnan(found):
+            raise InputError("the asperities cover all of the base: no planes are left that could touch")
+        return found
+
     size = _mean_radius(scene.asperities or Asperities(), asperities)
     first = trial = 1e-2 * scene.need("elastic", PURPOSE).contact_modulus * size**2
-    low, high = 0.0, np.inf
-    least, end = np.nan, ""
+    low, high, least, end = 0.0, np.inf, np.nan, ""
     for _ in range(MOST_TRIALS):
         try:
-            found = gap(trial)
+            found, reason = gap(trial), ""
         except (ModelRangeError, ConvergenceError) as error:
-            high, end = trial, str(error)
+            found, reason = -np.inf, str(error)
+        if found > 0:
+            low, least = trial, found
         else:
-            if found > 0:
-                low, least = trial, found
-            else:
-                high, end = trial, ""
+            high, end = trial, reason
         if low > 0 and high < np.inf:
             if not end:
                 return float(brentq(gap, low, high, rtol=relative))
@@ -606,21 +618,6 @@ def find_touching_load(
         f"the model ends before the planes touch: at {low:.4g} N the smallest gap is {least * 1e6:.3g} um; "
         f"beyond, {end}"
     )
-
-
-def _base_gap(
-    scene: Scene, asperities: pd.DataFrame | None, model: Model, coupling: Coupling, load: float
-) -> float:
-    """Smallest gap between the base planes at a load, m."""
-    if model == "interacting":
-        table = _table(asperities, "a table")
-        row = predict_contacts(scene, table, load=load, coupling=coupling).frames
-    else:
-        row = predict_average(scene, asperities, load=load, model=model).frames
-    found = float(row["min_gap_m"].iloc[0])
-    if np.isnan(found):
-        raise InputError("the asperities cover all of the base: no planes are left that could touch")
-    return found
 
 
 def load_name(load: Prescribed) -> str:
