@@ -230,7 +230,7 @@ def with_coupling(scene: Scene, coupling: str) -> Scene:
         "coupling": "off" if coupling == "none" else "on",
         "full_coupling": "on" if coupling == "full" else "off",
     }
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
+    return scene.with_effects(switches)
 
 
 def with_memory(scene: Scene, history: Sequence[Prescribed]) -> Scene:
@@ -238,15 +238,12 @@ def with_memory(scene: Scene, history: Sequence[Prescribed]) -> Scene:
     adheres = scene.elastic is not None and scene.elastic.work_of_adhesion > 0
     if not history or not adheres or scene.effects.adhesion != "auto":
         return scene
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update={"adhesion": "on"})})
+    return scene.with_effects({"adhesion": "on"})
 
 
 def scene_of_model(scene: Scene, model: str) -> Scene:
     """The scene of one of `COMPARED_MODELS`: without coupling for ``"uncoupled"``."""
-    if model == "coupled":
-        return scene
-    off = scene.effects.model_copy(update={"coupling": "off", "full_coupling": "off"})
-    return scene.model_copy(update={"effects": off})
+    return scene if model == "coupled" else scene.with_effects({"coupling": "off", "full_coupling": "off"})
 
 
 def scene_level(scene: Scene, coupling: str) -> str:

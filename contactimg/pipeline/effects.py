@@ -67,7 +67,7 @@ def computing_times(scene: Scene, plan: Plan) -> str:
     elastic = scene.need("elastic", "planning the effects")
     able = {"adhesion": elastic.work_of_adhesion > 0, "layer": elastic.thickness is not None}
     switches = {name: "on" if able.get(name, True) else "off" for name in MECHANICAL_EFFECTS}
-    everything = scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
+    everything = scene.with_effects(switches)
     seconds = [plan.seconds]
     for solved in (plan.apply(scene), everything):
         began = thread_time()

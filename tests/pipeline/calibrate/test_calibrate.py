@@ -57,6 +57,14 @@ def smooth_frames(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def jkr_result(smooth_frames, tmp_path_factory):
+    """Result of `calibrate jkr` on these frames."""
+    out = tmp_path_factory.mktemp("jkr") / "out"
+    assert run("calibrate", "jkr", smooth_frames, "-o", out, "--quiet", "--workers", 1) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
 def threshold_result(small_series, tmp_path_factory):
     """Result of `calibrate threshold` on the small series, by the pixel count."""
     top = tmp_path_factory.mktemp("threshold")
@@ -88,9 +96,8 @@ def within(entry, truth):
     return entry["low_95"] <= truth <= entry["high_95"]
 
 
-def test_jkr_finds_what_the_scene_hides(smooth_frames, tmp_path):
-    assert run("calibrate", "jkr", smooth_frames, "-o", tmp_path / "out", "--quiet", "--workers", 1) == 0
-    record = read_calibration(tmp_path / "out")
+def test_jkr_finds_what_the_scene_hides(smooth_frames, jkr_result):
+    record = read_calibration(jkr_result)
     # exact loads, radii to some hundredths of a pixel of 24 um on 55-120 px: 5e-4 of a, three times that in E
     assert record["young_modulus"]["value"] == pytest.approx(E, rel=2e-3)
     assert record["work_of_adhesion"]["value"] == pytest.approx(W, rel=5e-3)
@@ -102,13 +109,13 @@ def test_jkr_finds_what_the_scene_hides(smooth_frames, tmp_path):
     assert set(record["fitted"]) == names
     assert within(record["edge_shift"], 0.0)  # exact loads settle it to 0.1 px
     assert record["fixed"] == {"sphere_radius_m": 0.1288, "poisson_ratio": 0.5}
-    assert {"jkr.png", "jkr.pdf", "circles.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
-    circles = pd.read_csv(tmp_path / "out" / "circles.csv")
+    assert {"jkr.png", "jkr.pdf", "circles.csv"} <= {path.name for path in jkr_result.iterdir()}
+    circles = pd.read_csv(jkr_result / "circles.csv")
     truth = pd.read_csv(smooth_frames / "truth.csv")
     assert (circles["radius_px"] - truth["radius_px"]).abs().max() < 0.05
 
 
-def test_options_take_the_place_of_keys_as_in_process(smooth_frames, tmp_path):
+def test_options_take_the_place_of_keys_as_in_process(smooth_frames, jkr_result, tmp_path):
     folder = copy_of(smooth_frames, tmp_path / "frames")
     with_scene(folder, images={"reference": "reference.tif", "frames": "frame_*.tif", "loads": "loads.csv"})
     (folder / "reference.tif").rename(folder / "light.tif")
@@ -126,8 +133,7 @@ def test_options_take_the_place_of_keys_as_in_process(smooth_frames, tmp_path):
     options = (*options, "--pixel-size-um", pixel_um, "--polarity", "bright", "--quiet", "--workers", 1)
     write_scene({"indenter": scene["indenter"]}, folder / "scene.toml")
     assert run("calibrate", "jkr", folder, "-o", tmp_path / "out", *options) == 0
-    assert run("calibrate", "jkr", smooth_frames, "-o", tmp_path / "as_ever", "--quiet", "--workers", 1) == 0
-    given, stated = (read_calibration(tmp_path / name)["young_modulus"] for name in ("out", "as_ever"))
+    given, stated = (read_calibration(out)["young_modulus"] for out in (tmp_path / "out", jkr_result))
     assert given["value"] == pytest.approx(stated["value"], rel=1e-12)
 
 
@@ -222,14 +228,12 @@ def test_full_scale_is_that_of_the_scene_in_every_command(measure, monkeypatch, 
         assert seen.pop()["full_scale"] == full_scale
 
 
-@pytest.mark.parametrize(("kind", "frames"), [("jkr", "smooth_frames"), ("plateau", "small_series")])
-def test_a_frame_that_breaks_a_calibration_is_one_failed_row(request, monkeypatch, kind, frames):
-    tmp_path, capsys = (request.getfixturevalue(name) for name in ("tmp_path", "capsys"))
-    folder = copy_of(request.getfixturevalue(frames), tmp_path / "frames")
+def test_a_frame_that_breaks_a_calibration_is_one_failed_row(small_series, monkeypatch, tmp_path, capsys):
+    folder = copy_of(small_series, tmp_path / "frames")
     break_measurement(monkeypatch)
     bad = next(source for source in list_frames(folder) if source.name == "frame_2.tif")
     write_frame(Frame(np.full(bad.read().shape, 7, np.uint8)), bad.path)
-    assert run("calibrate", kind, folder, "-o", tmp_path / "out", "--workers", 1) == 1
+    assert run("calibrate", "plateau", folder, "-o", tmp_path / "out", "--workers", 1) == 1
     assert "frame_2.tif: cannot be measured (LinAlgError: singular)" in capsys.readouterr().out
 
 
