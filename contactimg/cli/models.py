@@ -318,10 +318,9 @@ LONGEST_SENTENCE = 60
 def selftest() -> int:
     """Solve numerically hard contact problems and compare each with what is known of its answer.
 
-    Among them pull-off of an adhesive contact, caps that nearly touch or stand at one place, a/R up to 1, a
-    thin layer, a stiff load cell and limits of the statistical models. The truth is a closed form, a limit,
-    the equations summed one by one, or a stored solution of the whole contact problem. Takes seconds, the
-    first time half a minute; writes nothing.
+    Among them an adhesive contact near pull-off, caps that nearly touch or stand at one place, a thin layer
+    and a pattern of 1845 asperities. The truth is a closed form, the equations summed one by one, or a stored
+    solution of the whole contact problem. Takes seconds, the first time half a minute; writes nothing.
 
     Exit codes: 0 every case holds, 1 one does not.
 

@@ -3,15 +3,14 @@
 from functools import partial
 
 import numpy as np
+from scipy.integrate import quad
 
 from contactimg.hard_cases import (
     ADHESION,
     CASES,
     FLAT,
-    LENS,
     MODULUS,
     RADIUS,
-    ROUGH,
     STICKY,
     Outcome,
     caps,
@@ -24,11 +23,8 @@ from contactimg.hard_cases import (
     pulled,
     refused,
     rough_lens,
-    smooth_sphere,
     soft_pattern,
-    stiff_spring,
     uniform_heights,
-    wide_sphere,
 )
 from contactimg.mechanics import hertz, jkr
 from contactimg.models.adhesive import solve_adhesive, solve_adhesive_path
@@ -38,6 +34,10 @@ from contactimg.models.interacting import solve_interacting
 from contactimg.models.load_spring import LoadSpring
 from contactimg.prediction import find_touching_load, predict_contacts
 from contactimg.scene import scene_from_dict
+
+LENS = 0.013
+ROUGH = FLAT | {"indenter_radius": LENS, "apex": (1e-3, 1e-3)}
+"""Under the rough lens, radius 13 mm, above the middle of a pattern of 2 mm."""
 
 LAYER_FORCES = {
     (2e-5, 0.5, 4e-6): 2.18256e-3,
@@ -73,14 +73,11 @@ def hard_case(name, *values):
 
 
 hard_case("one cap, Hertz, {:g} N", 1e-15, 1e-9, 1e2)(hertz_load)
-hard_case("one sphere, a/R = {:g}", 0.5, 0.9, 0.99)(wide_sphere)
 hard_case("JKR, {:.7g} of the pull-off force", 0.0, 0.999)(pulled)
 more_forces = [(*key, force) for key, force in LAYER_FORCES.items()]
 hard_case("cap on a layer of {:g} m, nu {:g}, {:g} m deep", *more_forces)(layer)
 hard_case("{} paraboloids {:g} radii apart", *((*key, area) for key, area in GROUPS.items()))(close_caps)
 hard_case("SA+ of 10 mm under a lens, {:g} N", 1e-15, 1e-6, 1e-2)(soft_pattern)
-hard_case("RA- by a stage through {:g} N/m", 1e12)(stiff_spring)
-hard_case("Greenwood-Tripp, heights of {:g} m", 1e-11)(smooth_sphere)
 hard_case("Greenwood-Williamson, {:g} N", 1e-15)(uniform_heights)
 
 
@@ -247,3 +244,42 @@ def _dilute(load):
     rings = solve_greenwood_tripp(**arguments)
     true = solve_greenwood_williamson(**arguments).area
     return compared(rings, rings.area, true, 2e-3, "limit: Greenwood-Williamson")
+
+
+@hard_case("one sphere, a/R = {:g}", 0.9999, 0.5, 0.9, 0.99)
+def wide_sphere(ratio):
+    """One sphere pressed to a ratio a/R."""
+    a = ratio * RADIUS
+    load = 2 * MODULUS * a**2 * quad(lambda t: np.sin(t) ** 2 * _sphere_slope(a * np.sin(t)), 0, np.pi / 2)[0]
+    solution = solve_interacting(caps([0.0]), load=load, law="sphere", **FLAT)
+    return compared(solution, solution.radius, a, 1e-7, "quadrature of Sneddon's integral")
+
+
+def _sphere_slope(r):
+    """Slope of the profile of a sphere."""
+    return r / float(np.sqrt(RADIUS**2 - r**2))
+
+
+@hard_case("JKR, {:.7g} of the pull-off force", 1.000001)
+def pulled_off(share):
+    """One adhesive cap under more than its pull-off force."""
+    load = -share * 1.5 * np.pi * ADHESION * RADIUS
+    solve = partial(solve_adhesive, caps([0.0]), load=load, work_of_adhesion=ADHESION, **FLAT)
+    return refused(solve, "pull", "pull-off force of JKR")
+
+
+@hard_case("RA- by a stage through {:g} N/m", 1e6, 1e12)
+def stiff_spring(stiffness):
+    """A pattern moved by a stage through a load cell (N/m)."""
+    table = pattern("RA-", 2e-3)
+    solution = solve_interacting(table, load=LoadSpring(stiffness, 2e-5), **ROUGH)
+    true = solve_interacting(table, indentation=2e-5 - solution.load / stiffness, **ROUGH).load
+    return compared(solution, solution.load, true, 1e-8, "the indentation prescribed")
+
+
+@hard_case("Greenwood-Tripp, heights of {:g} m", 1e-9, 1e-11)
+def smooth_sphere(width):
+    """Greenwood and Tripp's model with heights that scatter by next to nothing (m)."""
+    rings = solve_greenwood_tripp(**(rough_lens(0.5, width, 0.1288) | {"density": 1e12 / width**0.5}))
+    true = hertz.peak_pressure(0.5, sphere_radius=0.1288, contact_modulus=MODULUS)
+    return compared(rings, rings.pressure[0], true, 2e-3, "limit: Hertz's pressure of the smooth lens")
