@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,8 @@ import numpy as np
 import pandas as pd
 
 from contactimg.effects.plan import Plan
-from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError
-from contactimg.files import Experiment, FrameSource, write_table
+from contactimg.files import Experiment, write_table
 from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
 from contactimg.matching import match_contacts
@@ -19,12 +19,11 @@ from contactimg.pipeline.inputs import contact_sites, loads_before
 from contactimg.pipeline.pictures import (
     PREDICTED,
     disk_in_pixels,
+    draw_frames,
     draw_predicted,
     series_stretch,
     view_of,
-    write_picture,
 )
-from contactimg.plots.overlay import View
 from contactimg.prediction import (
     COMPARED_MODELS,
     hertz_circle,
@@ -34,7 +33,6 @@ from contactimg.prediction import (
 )
 from contactimg.tables import FAILED, MATCHES, SCORES
 from contactimg.tables.outlines import Outline, contact_outlines
-from contactimg.timings import stage
 
 
 @dataclass(frozen=True)
@@ -225,23 +223,10 @@ def draw_comparison(
                 {"pixel_size": pose.pixel_size, "min_radius_px": least},
             )
             marked = {model: mark_contacts(seen, table, lines, **how) for model, table in models.items()}
-            yield sources[frame], marked, circle, view, folder
+            draw = partial(draw_predicted, marked=marked, hertz_circle=circle, view=view)
+            yield sources[frame], draw
 
-    for _ in in_parallel(_draw, jobs(), count=len(predicted), workers=workers):
-        if advance is not None:
-            advance()
-
-
-@stage("pictures")
-def _draw(
-    source: FrameSource,
-    marked: dict[str, dict[str, list[Outline]]],
-    circle: list[Outline],
-    view: View,
-    folder: Path,
-) -> None:
-    """Read one frame again and draw it."""
-    write_picture(draw_predicted(source.read().image, marked, circle, view=view), folder, source.name)
+    draw_frames(jobs(), folder, count=len(predicted), workers=workers, advance=advance)
 
 
 def mark_contacts(
