@@ -166,12 +166,13 @@ def _assign(
     if elliptic:
         pressed = pressed * _elliptic_ratio(contacts)
     pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
-    force = pressed - pulled
-    slope = force_exponents(a, R, law=law) * pressed - ADHESION_EXPONENT * pulled
+    force, exponent = pressed - pulled, force_exponents(a, R, law=law)
+    slope = exponent * pressed - ADHESION_EXPONENT * pulled
     std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
     flags = _flags_beyond_hertz(contacts, R)
     filled = contacts.assign(force_N=force, force_std_N=std, force_hertz_N=hertzian, flags=flags)
-    return filled, np.divide(slope, force, out=np.full(a.shape, np.nan), where=force != 0)
+    share = pulled / force
+    return filled, exponent * (1 + share) - ADHESION_EXPONENT * share
 
 
 def _flags_beyond_hertz(contacts: pd.DataFrame, radius: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -84,13 +84,13 @@ def test_other_settings_frames_or_tables_are_measured_again(small_series, tmp_pa
     process(folder, out)
     second_pass = calls[3:]
 
-    def measured_now(*options, change=lambda: None):
-        """After a run that was ended when all three frames were done once."""
+    def measured_now(*options, change=lambda: None, at_most=4):
+        """The first frames after a run that was ended when all three frames were done once."""
         measured["stop"] = 3
         calls.clear()
         assert process(folder, out) == 2
         change()
-        measured["stop"] = None
+        measured["stop"] = at_most
         calls.clear()
         process(folder, out, *options)
         return calls
@@ -102,7 +102,7 @@ def test_other_settings_frames_or_tables_are_measured_again(small_series, tmp_pa
         table = folder / "asperities.csv"
         table.write_text(table.read_text() + "0.5,0.5,0,1e-4\n")
 
-    assert measured_now() == second_pass
+    assert measured_now(at_most=None) == second_pass
     assert measured_now("--threshold", "0.4")[:3] == names
     assert measured_now("--reference", str(folder / "frame_1.tif"))[:2] == names[1:]
     assert measured_now(change=other_frame)[0] == "frame_2.tif"
@@ -255,16 +255,16 @@ def test_blocks_of_frames_give_the_tables_of_all(small_series, tmp_path, monkeyp
         assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "together" / name).read_bytes()
 
 
-@pytest.mark.parametrize("table_format", ["csv", "parquet"])
-def test_blocks_are_the_same_from_any_process(stored, tmp_path, monkeypatch, table_format):
+def test_blocks_are_the_same_from_any_process(stored, tmp_path, monkeypatch):
     experiment, store = stored
-    kept = series.measure_parts(experiment, workers=2, store=store)
+    kept = series.measure_parts(experiment, workers=1, store=store)
     monkeypatch.setattr(measured_series, "BLOCK_FRAMES", 1)
     for folder, workers in (("one", 1), ("two", 2)):
         (tmp_path / folder).mkdir()
-        write_run(replace(kept, workers=workers), tmp_path / folder, table_format)
+        for table_format in ("csv", "parquet"):
+            write_run(replace(kept, workers=workers), tmp_path / folder, table_format)
     written = sorted(path.name for path in (tmp_path / "one").iterdir())
-    assert f"contacts.{table_format}" in written
+    assert {"contacts.csv", "contacts.parquet"} <= set(written)
     for name in written:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 

@@ -122,6 +122,7 @@ def with_scene(run, target, section, **keys):
     return target
 
 
+@pytest.mark.usefixtures("svg_only")
 def test_runs_of_different_lenses_or_surfaces_are_told_apart(run, tmp_path, capsys):
     shutil.copytree(run, tmp_path / "twin")
     assert list(differences([open_place(run), open_place(tmp_path / "twin")])) == []
@@ -166,12 +167,13 @@ def test_loads_in_any_order_repeated_and_zero(run, tmp_path):
     assert measured["frame"].unique().tolist() == ["load_0.05N"]
 
 
+@pytest.mark.usefixtures("svg_only")
 def test_one_load_is_analysed_without_an_exponent(run, tmp_path):
     single = change_frames(run, tmp_path / "single", load_N=[np.nan, np.nan, 0.05])
     assert analyse(single, "-o", tmp_path / "out", "--no-models") == 0
     assert "area_exponent" not in results(tmp_path / "out").index.get_level_values(0)
     assert len(pd.read_csv(tmp_path / "out" / "area.csv")) == 1
-    assert (tmp_path / "out" / "profile_1.png").exists()
+    assert (tmp_path / "out" / "profile_1.svg").exists()
 
 
 def test_noise_of_ten_percent_on_the_load_widens_the_interval_and_keeps_the_truth(run, tmp_path):
@@ -226,6 +228,7 @@ def rough_lens(small_series, tmp_path_factory):
     return top / "run"
 
 
+@pytest.mark.usefixtures("svg_only")
 def test_unknown_radii_give_areas_and_densities_but_no_pressures(rough_lens, tmp_path):
     out = tmp_path / "out"
     assert analyse(rough_lens, "-o", out) == 0
@@ -233,7 +236,7 @@ def test_unknown_radii_give_areas_and_densities_but_no_pressures(rough_lens, tmp
     measured = profile[profile["model"] == "measured"]
     assert measured["pressure_Pa"].isna().all()
     assert (measured["density_per_m2"] > 0).any()
-    assert not list(out.glob("profile_*.png"))
+    assert not list(out.glob("profile_*.svg"))
     area = pd.read_csv(out / "area.csv")
     # L = 1/sqrt(1.75e7) = 239 um
     np.testing.assert_allclose(area["spacing_over_radius"] * area["mean_radius_m"], 1.75e7**-0.5, rtol=1e-12)
@@ -242,6 +245,7 @@ def test_unknown_radii_give_areas_and_densities_but_no_pressures(rough_lens, tmp
     assert any("no contact has a force" in note for note in notes)
 
 
+@pytest.mark.usefixtures("svg_only")
 def test_friction_gives_the_shear_stress_and_its_ratio(rough_lens, tmp_path):
     smooth = ["--smooth-stress-MPa", 0.34, "--smooth-stress-std-MPa", 0.01]
     assert analyse(rough_lens, "-o", tmp_path / "out", *smooth) == 0
@@ -304,6 +308,7 @@ def test_a_calibrated_centre_moves_the_annuli(run, tmp_path, capsys):
     assert "centre_x" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("svg_only")
 def test_a_topography_alone(tmp_path):
     file = tmp_path / "caps.csv"
     radius = np.array([30e-6, 50e-6, 70e-6, 90e-6, 110e-6, 65e-6])
