@@ -16,7 +16,7 @@ from pattern_scene import PIXEL, pattern_scene
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.files import open_experiment, read_scene
-from contactimg.pipeline.calibrate.force_sums import run_modulus, run_threshold
+from contactimg.pipeline.calibrate.thresholds import run_modulus, run_threshold
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.series import measure_series
 from contactimg.pipeline.simulate import write_simulation

@@ -125,7 +125,7 @@ def std_of_sum(result, visible):
 def unseen_rms(result):
     """Area that contacts below the stated detection limit may have, px^2."""
     try:
-        unseen_area = importlib.import_module("contactimg.unseen").unseen_area
+        unseen_area = importlib.import_module("contactimg.forces").unseen_area
         smallest = float(getattr(result, "smallest_px", np.nan))
         return float(unseen_area(result.disks.assign(radius_m=result.disks.radius_px), smallest).rms)
     except (ImportError, AttributeError, TypeError, ValueError):

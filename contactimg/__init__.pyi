@@ -69,8 +69,8 @@ from .models.solution import InteractingSolution as InteractingSolution
 from .pipeline.analyse.analysis import AnalysisOptions as AnalysisOptions
 from .pipeline.analyse.analysis import analyse_places as analyse_places
 from .pipeline.analyse.places import open_place as open_place
-from .pipeline.calibrate.circles import measure_circles as measure_circles
-from .pipeline.calibrate.threshold_scan import measure_thresholds as measure_thresholds
+from .pipeline.calibrate.jkr import measure_circles as measure_circles
+from .pipeline.calibrate.thresholds import measure_thresholds as measure_thresholds
 from .pipeline.effects import plan_effects as plan_effects
 from .pipeline.frame import measure_frame as measure_frame
 from .pipeline.series import Run as Run

@@ -4,8 +4,17 @@ The uncertainty of a sum has three parts: the independent uncertainties of the c
 quadrature; those of contrast, blur and edges, which all contacts of a frame share (``contrast_shift_px``,
 ``blur_shift_px`` and ``edge_shift_px`` state how each radius changes with them) and which add linearly; and
 those of the modulus and of the pixel size, which are common to everything.
+
+Contacts below the detection limit add to the area and the force of a frame. A contact of radius ``a`` on a
+sphere of radius ``R`` is pressed in by ``a^2/R``. Summits just touched are as many per depth as those a
+little deeper, whatever the heights' distribution, as long as it is smooth on that scale: the density of
+contacts in ``u = a^2`` is even near zero. That density is counted just above the detection limit and extended
+below it, with its trend where that is no chance. The light of a small contact is proportional to ``u``, and
+what stands out of the noise by `DETECTION_SIGMA` is detected in half of the cases, so that a share
+``Phi(DETECTION_SIGMA (u/u_half - 1))`` of the contacts is found.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,11 +36,9 @@ from contactimg.models.profile_law import pressed_profile
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
 from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
-from contactimg.unseen import NOTHING, Total, unseen_area, unseen_force
 
 ADHESION_EXPONENT = 1.5
 """Theory: adhesion takes sqrt(8 pi w E* a^3) ~ a^(3/2) from the force (JKR)."""
-
 
 ROUNDING = 1e-9
 """Relative difference of sums of the same terms in another order. Theory: 1e-16 times the number of terms."""
@@ -42,6 +49,36 @@ SUMS = (
     ("force_hertz_sum_N", "force_hertz_N", None),
 )
 """Columns of the table of frames that are sums, what is summed over the contacts, and their uncertainty."""
+
+DETECTION_SIGMA = 6.0
+"""Signal over noise at which half of the contacts are detected: the level of the matched filter."""
+
+WINDOW = (1.5, 5.5)
+"""Range of ``u/u_half`` in which contacts are counted. From 1.5 on all are found (three standard deviations);
+chosen: the upper end, a balance between counting and the trend of the distribution, which the two halves of
+the window give."""
+
+MEAN_UNSEEN_RATIO = 2 / 3
+"""Mean of ``u/u_half`` over the unseen area. Theory: an even density up to 1."""
+
+PRIOR_COUNT = 0.5
+"""Contacts added to those of the window (Jeffreys' prior of a count), so that none in it is not nothing."""
+
+
+@dataclass(frozen=True)
+class Total:
+    """A sum over the contacts of a frame, with its standard uncertainty."""
+
+    value: float
+    std: float
+
+    @property
+    def rms(self) -> float:
+        """Root mean square: the error of a sum that leaves this out."""
+        return float(np.hypot(self.value, self.std))
+
+
+NOTHING = Total(0.0, 0.0)
 
 
 def assign_forces(
@@ -106,20 +143,36 @@ def assign_forces(
     >>> assign_forces(table, 1e-4, contact_modulus=4e6)["force_N"].tolist()
     [0.00144]
     """
+    how = {"modulus_relative_std": modulus_relative_std, "work_of_adhesion": work_of_adhesion}
+    return _assign(contacts, sphere_radius, law, contact_modulus, elliptic=elliptic, **how)[0]
+
+
+def _assign(
+    contacts: pd.DataFrame,
+    sphere_radius: ArrayLike,
+    law: ForceLaw | AxisymmetricProfile,
+    contact_modulus: float,
+    *,
+    modulus_relative_std: float,
+    work_of_adhesion: float,
+    elliptic: bool,
+) -> tuple[pd.DataFrame, NDArray[np.float64]]:
+    """The contacts with forces as of `assign_forces`, and ``d ln p/d ln a`` of each."""
     a = contacts["radius_m"].to_numpy(float)
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
-    exponent = force_exponents(a, R, law=law)
-    pressed = pressing_force(a, R, contact_modulus=contact_modulus, law=law)
+    pressed = hertzian = pressing_force(a, R, contact_modulus=contact_modulus)
+    if law != "hertz":
+        pressed = pressing_force(a, R, contact_modulus=contact_modulus, law=law)
     if elliptic:
         pressed = pressed * _elliptic_ratio(contacts)
     pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
+    force, exponent = pressed - pulled, force_exponents(a, R, law=law)
     slope = exponent * pressed - ADHESION_EXPONENT * pulled
-    return contacts.assign(
-        force_N=pressed - pulled,
-        force_std_N=np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed),
-        force_hertz_N=pressing_force(a, R, contact_modulus=contact_modulus),
-        flags=_flags_beyond_hertz(contacts, R),
-    )
+    std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
+    flags = _flags_beyond_hertz(contacts, R)
+    filled = contacts.assign(force_N=force, force_std_N=std, force_hertz_N=hertzian, flags=flags)
+    share = pulled / force
+    return filled, exponent * (1 + share) - ADHESION_EXPONENT * share
 
 
 def _flags_beyond_hertz(contacts: pd.DataFrame, radius: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -266,7 +319,7 @@ def fill_forces(
     Notes
     -----
     The uncertainties of the sums allow for the contacts that are too small to be detected
-    (`contactimg.unseen`); these are not in the sums but beside them.
+    (`contactimg.forces`); these are not in the sums but beside them.
     """
     exponent = np.full(len(contacts), HERTZ_EXPONENT)
     if scene.elastic is not None:
@@ -366,28 +419,20 @@ def local_forces(
     """
     elastic = scene.need("elastic", "local forces")
     law: ForceLaw | AxisymmetricProfile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
-    law = pressed_profile(scene) or law
-    work = elastic.work_of_adhesion if scene.effects.adhesion == "on" else 0.0
-    radii = sphere_radii(contacts, scene, sites)
-    contacts = assign_forces(
+    contacts, exponent = _assign(
         contacts,
-        radii,
-        contact_modulus=elastic.contact_modulus,
+        sphere_radii(contacts, scene, sites),
+        pressed_profile(scene) or law,
+        elastic.contact_modulus,
         modulus_relative_std=elastic.young_modulus_std / elastic.young_modulus,
-        law=law,
-        work_of_adhesion=work,
+        work_of_adhesion=elastic.work_of_adhesion if scene.effects.adhesion == "on" else 0.0,
         elliptic=scene.measure.hertz == "ellipse",
     )
     shapes = _shapes(sites)
     if shapes is not None:
         strain = _of_asperities(contacts, shapes.strain_radius, np.full(len(contacts), np.nan))
         contacts = contacts.assign(flags=_flags_beyond_hertz(contacts, strain))
-    pulled = adhesive_pull(
-        contacts["radius_m"], contact_modulus=elastic.contact_modulus, work_of_adhesion=work
-    )
-    share = pulled / contacts["force_N"].to_numpy(float)
-    pressed_exponent = force_exponents(contacts["radius_m"], radii, law=law)
-    return contacts, pressed_exponent * (1 + share) - ADHESION_EXPONENT * share
+    return contacts, exponent
 
 
 def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
@@ -435,3 +480,87 @@ def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:
         return 1 / (curvature + (1 / scene.indenter.radius if scene.indenter is not None else 0.0))
     radii = law_radii(sites) if sites is not None else np.empty(0)
     return float(radii.mean()) if len(radii) and np.ptp(radii) <= 1e-6 * radii.max() else np.nan
+
+
+# --- contacts below the detection limit
+
+
+def unseen_area(contacts: pd.DataFrame, smallest: float) -> Total:
+    """Area of the contacts that are too small to be detected, m^2.
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        Those of one frame, with ``radius_m``.
+    smallest : float, m
+        Radius of which half of the contacts are detected.
+
+    Returns
+    -------
+    Total
+        Without any contact 0, known no better than one contact of that radius; nothing where the limit is
+        not known.
+
+    Examples
+    --------
+    >>> even = pd.DataFrame({"radius_m": 1e-6 * np.sqrt(np.arange(1.25, 30, 0.5))})
+    >>> found = unseen_area(even, 1e-6)  # two contacts per unit of u/u_half, and half a one
+    >>> round(found.value / (np.pi * 1e-12), 2)
+    1.09
+    """
+    if not smallest > 0:
+        return NOTHING
+    if not len(contacts):
+        return Total(0.0, float(np.pi * smallest**2))
+    return _unseen_sum(contacts, smallest, power=1.0, factor=np.pi)
+
+
+def unseen_force(contacts: pd.DataFrame, smallest: float) -> Total:
+    """Force on the contacts that are too small to be detected, N.
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        Those of one frame, with ``radius_m`` and ``force_N``; the force over ``a^3`` of those below is the
+        median of these.
+    smallest : float, m
+        Radius of which half of the contacts are detected.
+
+    Returns
+    -------
+    Total
+        Nothing where no contact has a force.
+    """
+    force, radius = contacts["force_N"].to_numpy(float), contacts["radius_m"].to_numpy(float)
+    known = np.isfinite(force)
+    if not smallest > 0 or not known.any():
+        return NOTHING
+    factor = float(np.median(force[known] / radius[known] ** 3))
+    return _unseen_sum(contacts, smallest, power=1.5, factor=factor)
+
+
+def _unseen_sum(contacts: pd.DataFrame, smallest: float, *, power: float, factor: float) -> Total:
+    """Sum of ``factor u^power`` over the contacts below the limit."""
+    ratio = (contacts["radius_m"].to_numpy(float) / smallest) ** 2
+    low, high = WINDOW
+    middle, width = 0.5 * (low + high), high - low
+    near, far = (_count(ratio, *ends) for ends in ((low, middle), (middle, high)))
+    number, trend = near + far + PRIOR_COUNT, near - far
+    # a straight line through the two halves, to where the missing area is; shrunk as far as it is chance
+    reach = (middle - MEAN_UNSEEN_RATIO) / (0.25 * width**2)
+    shrunk = trend**2 / (trend**2 + number)
+    density = max(number / width + shrunk * reach * trend, PRIOR_COUNT / width)  # per u_half
+    variance = number / width**2 + (shrunk * reach) ** 2 * number + ((1 - shrunk) * reach * trend) ** 2
+    scale = abs(factor) * smallest ** (2 * power)
+    own = density * _missed_moment(2 * power)  # the unseen are a number of independent contacts themselves
+    std = scale * np.sqrt(variance * _missed_moment(power) ** 2 + own)
+    return Total(float(np.sign(factor) * scale * _missed_moment(power) * density), float(std))
+
+
+def _count(ratio: NDArray[np.float64], low: float, high: float) -> int:
+    return int(np.count_nonzero((ratio >= low) & (ratio < high)))
+
+
+def _missed_moment(power: float) -> float:
+    """``int x^power (1 - Phi(s (x - 1))) dx`` from 0, to second order in ``1/s``: ``E[X^(p+1)]/(p+1)``."""
+    return (1 + 0.5 * (power + 1) * power / DETECTION_SIGMA**2) / (power + 1)

@@ -9,10 +9,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
@@ -104,11 +106,9 @@ class PlausibleRange:
         """A sentence about a value outside the range."""
         if not self.low <= value <= self.high:
             hint = self.below if value < self.low else self.above
-            yield (
-                f"{name} = {value:g} {self.unit}".rstrip()
-                + f" is outside the plausible range {self.low:g} ... {self.high:g}"
-                + (f"; {hint}" if hint else "")
-            )
+            said = f"{name} = {value:g} {self.unit}".rstrip()
+            said += f" is outside the plausible range {self.low:g} ... {self.high:g}"
+            yield f"{said}; {hint}" if hint else said
 
 
 # chosen, a decade beyond what is made or used: from gels to diamond, microspheres to optical flats
@@ -153,14 +153,11 @@ def settle(doubts: Iterable[str], place: str) -> None:
         With the first doubt, unless inside `doubts_as_warnings`.
     """
     doubts = list(doubts)
-    if not doubts:
-        return
     if _warn_only.get():
-        for doubt in doubts:
-            logger.warning("%s: %s", place, doubt)
-        return
-    more = f" (and {len(doubts) - 1} more of this kind)" if len(doubts) > 1 else ""
-    raise InputError(f"{place}: {doubts[0]}{more}; correct it, or give --no-plausibility if it is right")
+        warn_of(doubts, place)
+    elif doubts:
+        more = f" (and {len(doubts) - 1} more of this kind)" if len(doubts) > 1 else ""
+        raise InputError(f"{place}: {doubts[0]}{more}; correct it, or give --no-plausibility if it is right")
 
 
 def doubts_about_scene(
@@ -186,20 +183,22 @@ def doubts_about_scene(
     >>> list(doubts_about_scene(scene_from_dict({"elastic": {"young_modulus_Pa": 3.0}})))
     ['young_modulus_Pa = 3 Pa is outside the plausible range 1000 ... 1.3e+12; was it given in MPa or GPa?']
     """
-    if scene.elastic is not None:
-        if scene.elastic.stated_modulus is not None:
-            yield from YOUNG_MODULUS.doubt("young_modulus_Pa", scene.elastic.stated_modulus)
-        yield from POISSON_RATIO.doubt("poisson_ratio", scene.elastic.poisson_ratio)
-        yield from WORK_OF_ADHESION.doubt("work_of_adhesion_J_m2", scene.elastic.work_of_adhesion)
-        if scene.elastic.thickness is not None:
-            yield from THICKNESS.doubt("thickness_m", scene.elastic.thickness)
-    if scene.camera is not None:
-        yield from PIXEL_SIZE.doubt("pixel_size_m", scene.camera.pixel_size)
-    if scene.indenter is not None:
-        yield from INDENTER_RADIUS.doubt("[indenter] radius_m", scene.indenter.radius)
+    elastic, camera, indenter = scene.elastic, scene.camera, scene.indenter
+    stated: list[tuple[str, float | None, PlausibleRange]] = []
+    if elastic is not None:
+        stated += [
+            ("young_modulus_Pa", elastic.stated_modulus, YOUNG_MODULUS),
+            ("poisson_ratio", elastic.poisson_ratio, POISSON_RATIO),
+            ("work_of_adhesion_J_m2", elastic.work_of_adhesion, WORK_OF_ADHESION),
+            ("thickness_m", elastic.thickness, THICKNESS),
+        ]
+    stated += [] if camera is None else [("pixel_size_m", camera.pixel_size, PIXEL_SIZE)]
+    stated += [] if indenter is None else [("[indenter] radius_m", indenter.radius, INDENTER_RADIUS)]
     loads = [*loads, *(scene.simulate.loads if scene.simulate is not None else [])]
-    for load in sorted({min(loads), max(loads)}) if loads else ():
-        yield from LOAD.doubt("load_N", load)
+    stated += [("load_N", load, LOAD) for load in sorted({min(loads), max(loads)} if loads else ())]
+    for name, value, plausible in stated:
+        if value is not None:
+            yield from plausible.doubt(name, value)
     half_diagonal = np.inf
     if asperities is not None and len(asperities) > 1:
         yield from _doubts_about_asperities(asperities)
@@ -294,13 +293,20 @@ def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> 
     for slip, unit in SLIPS.items():
         if 1 / SAME_SLIP < ratio / slip < SAME_SLIP:
             yield f"the forces add up to {ratio:.2g} times load_N: were the loads given in {unit}?"
-    if shown is not None and shown.radius is not None and scene.indenter is not None:
-        radius = scene.indenter.radius
-        if abs(shown.radius / radius - 1) > max(SHOWN_RADIUS, SHOWN_STDS * shown.radius_std / shown.radius):
-            yield (
-                f"the contacts show a lens of {shown.radius:.3g} m, and [indenter] radius_m = {radius:.3g}: "
-                "is that of another lens, or pixel_size_m not of this camera?"
-            )
+    if scene.indenter is not None and (lens := _other_lens(scene, shown)):
+        yield (
+            f"{lens}, and [indenter] radius_m = {scene.indenter.radius:.3g}: is that of another lens, or "
+            "pixel_size_m not of this camera?"
+        )
+
+
+def _other_lens(scene: Scene, shown: Apex | None) -> str:
+    """What the contacts show of the lens, where that is not the stated one; empty where it is."""
+    if scene.indenter is None or shown is None or shown.radius is None:
+        return ""
+    off = abs(shown.radius / scene.indenter.radius - 1)
+    differs = off > max(SHOWN_RADIUS, SHOWN_STDS * shown.radius_std / shown.radius)
+    return f"the contacts show a lens of {shown.radius:.3g} m" if differs else ""
 
 
 def warn_of(doubts: Iterable[str], place: str) -> bool:
@@ -338,10 +344,8 @@ def doubts_about_match(
             wrong |= apart > spacing / 2
             x, y = shown.place
             causes.append(f"[indenter] apex_m: the contacts show the apex at ({x:.6g}, {y:.6g}) m")
-        if shown.radius is not None:
-            off = abs(shown.radius / scene.indenter.radius - 1)
-            if off > max(SHOWN_RADIUS, SHOWN_STDS * shown.radius_std / shown.radius):
-                causes.append(f"[indenter] radius_m: the contacts show a lens of {shown.radius:.3g} m")
+    if lens := _other_lens(scene, shown):
+        causes.append(f"[indenter] radius_m: {lens}")
     if not wrong:
         return
     if not 1 / SAME_COUNT <= predicted / max(measured, 1) <= SAME_COUNT:
@@ -349,11 +353,8 @@ def doubts_about_match(
         causes.append(
             f"the load or young_modulus_Pa: {more} contacts are predicted than measured; grams or mN?"
         )
-    known = ", and ".join(causes)
-    yield (
-        f"{matched} of {measured} measured and {predicted} predicted contacts match; likely cause: "
-        + (known or "the apex, [camera] mirrored, rotation_deg or pixel_size_m, or the load")
-    )
+    cause = ", and ".join(causes) or "the apex, [camera] mirrored, rotation_deg or pixel_size_m, or the load"
+    yield f"{matched} of {measured} measured and {predicted} predicted contacts match; likely cause: {cause}"
 
 
 def mean_spacing(asperities: pd.DataFrame) -> float:
@@ -379,8 +380,7 @@ def _doubts_about_asperities(asperities: pd.DataFrame) -> Iterator[str]:
             f"the asperities are taller (median of height_m {height:g} m) than their radius of curvature "
             f"({radius:g} m), more than a hemisphere; are the columns swapped, or in different units?"
         )
-    points = _points(asperities)
-    spacing = mean_spacing(asperities)
+    points, spacing = _points(asperities), mean_spacing(asperities)
     if spacing > 0 and radius > MAX_RADIUS_OVER_SPACING * spacing:
         yield (
             f"the radius of the asperities ({radius:g} m) is {radius / spacing:.3g} times their distance "
@@ -391,24 +391,16 @@ def _doubts_about_asperities(asperities: pd.DataFrame) -> Iterator[str]:
             f"the mean distance of the asperities ({spacing:g} m) is {spacing / radius:.3g} times their "
             f"radius ({radius:g} m), plausible at most {MAX_SPACING_OVER_RADIUS:g}; are they in metres?"
         )
-    yield from _doubts_about_signs(points, spacing)
-
-
-def _doubts_about_signs(points: NDArray[np.float64], spacing: float) -> Iterator[str]:
-    """Few asperities on the other side of zero that stand alone."""
-    for axis, name in enumerate(("x_m", "y_m")):
-        values = points[:, axis]
-        for sign in (-1.0, 1.0):
-            rows = np.flatnonzero(sign * values > 0)
-            if not 0 < len(rows) <= OPPOSITE_SHARE * len(points):
-                continue
-            others = np.delete(points, rows, axis=0)
-            apart = [float(np.min(np.hypot(*(others - points[row]).T))) for row in rows]
+    # few asperities on the other side of zero that stand alone
+    for axis, sign in product((0, 1), (-1.0, 1.0)):
+        rows = np.flatnonzero(sign * points[:, axis] > 0)
+        if 0 < len(rows) <= OPPOSITE_SHARE * len(points):
+            apart = np.asarray(cKDTree(np.delete(points, rows, axis=0)).query(points[rows])[0])
             alone = rows[int(np.argmax(apart))]
-            if max(apart) > ALONE_SPACINGS * spacing:
+            if apart.max() > ALONE_SPACINGS * spacing:
                 yield (
-                    f"asperities: row {alone}, {name} = {values[alone]:g} m lies {max(apart):g} m from the "
-                    "next asperity and has the opposite sign; is the sign right?"
+                    f"asperities: row {alone}, {'xy'[axis]}_m = {points[alone, axis]:g} m lies "
+                    f"{apart.max():g} m from the next asperity and has the opposite sign; is the sign right?"
                 )
 
 
@@ -416,38 +408,33 @@ def _doubts_about_places(scene: Scene, asperities: pd.DataFrame) -> Iterator[str
     """Apex and camera outside the sample."""
     points = _points(asperities)
     low, high = points.min(axis=0), points.max(axis=0)
-    side = float(np.max(high - low))
+
+    def outside(place: tuple[float, float], factor: float = 1.0) -> float:
+        point = factor * np.array(place)
+        return float(np.hypot(*np.maximum(np.maximum(low - point, point - high), 0.0)))
+
     places = {}
     if scene.indenter is not None and "apex" in scene.indenter.model_fields_set:
         places["[indenter] apex_m"] = scene.indenter.apex
     if scene.camera is not None and scene.camera.centre is not None:
         places["[camera] centre_m"] = scene.camera.centre
     for name, place in places.items():
-        if _distance(np.array(place), low, high) > MAX_APEX_DISTANCE * side:
-            likely = [
-                f"; was it given in {unit}?"
-                for factor, unit in _FACTORS.items()
-                if _distance(np.array(place) * factor, low, high) == 0
-            ]
+        if outside(place) > MAX_APEX_DISTANCE * float(np.max(high - low)):
+            units = [unit for factor, unit in _FACTORS.items() if outside(place, factor) == 0]
+            likely = f"; was it given in {units[0]}?" if units else ""
             yield (
                 f"{name} = ({place[0]:g}, {place[1]:g}) lies outside the asperities, which reach from "
-                f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m" + (likely or [""])[0]
+                f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m{likely}"
             )
-
-
-def _distance(point: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
-    """Distance of a point from a box."""
-    return float(np.hypot(*np.maximum(np.maximum(low - point, point - high), 0.0)))
 
 
 def _doubts_about_strain(scene: Scene, load: float, half_diagonal: float) -> Iterator[str]:
     """The contact of the smooth sphere against its radius and the sample."""
     if scene.indenter is None or scene.elastic is None or scene.elastic.stated_modulus is None:
         return
-    radius = scene.indenter.radius
+    radius, young = scene.indenter.radius, scene.elastic.young_modulus
     modulus = scene.elastic.contact_modulus
     contact = float(hertz.radius(load, sphere_radius=radius, contact_modulus=modulus))
-    young = scene.elastic.young_modulus
     given = f"load_N = {load:g}, [indenter] radius_m = {radius:g}, young_modulus_Pa = {young:g}"
     hint = "is one of them in another unit (load in mN or grams, mm, MPa)?"
     if contact > MAX_CONTACT_OVER_RADIUS * radius:

@@ -99,6 +99,7 @@ def predict_contacts(
     frame: str = "",
     tolerance: float | None = None,
     history: Sequence[Prescribed] = (),
+    always_plan: bool = False,
 ) -> Prediction:
     """Solve the interacting-asperity model for a scene at one load.
 
@@ -123,6 +124,8 @@ def predict_contacts(
     history : sequence of float, N, or of LoadSpring
         Loads that came before, in order; default: those that ``[load] path`` lists. Adhesive contacts
         remember them, so that adhesion is not left out then unless the scene switches it off.
+    always_plan : bool
+        Whether effects are planned, for their expected errors, where ``[effects]`` sets every switch.
 
     Returns
     -------
@@ -140,22 +143,13 @@ def predict_contacts(
     """
     history = history or scene.load.before
     scene, plan = with_memory(with_coupling(scene, coupling), history), None
-    if any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
+    if always_plan or any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
-    field = surrounding_field(scene, asperities, load, coupled=level != "none")
-    solution = solve_scene(
-        scene,
-        asperities,
-        load=load,
-        coupling=level,
-        tolerance=tolerance,
-        history=history,
-        surroundings=field,
+    solution, field = solve_around(
+        scene, asperities, load=load, level=level, tolerance=tolerance, history=history
     )
-    if solution.base_gap.beyond_models:
-        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
     contacts = solution.contacts(name)
     hertz_forces = hertz.load(
@@ -175,11 +169,43 @@ def predict_contacts(
         "min_gap_m": solution.base_gap.least,
         "law": law_name(scene, shapes=solution.shapes),
     }
-    row |= _judgement(solution, scene, _around_the_table(scene, asperities, solution, field, borne))
+    border = _around_the_table(scene, asperities, solution, field, borne)
+    row |= _judgement(solution, scene, border, () if plan is None else plan.messages)
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
     return Prediction(contacts, _frames(name, borne, **row), profile, plan)
+
+
+def solve_around(
+    scene: Scene,
+    asperities: pd.DataFrame,
+    *,
+    load: Prescribed,
+    level: str,
+    tolerance: float | None = None,
+    history: Sequence[Prescribed] = (),
+) -> tuple[InteractingSolution, MeanField | None]:
+    """Solve a scene whose switches are set, with the mean field around the table if that is asked for.
+
+    Raises
+    ------
+    ModelRangeError
+        As for `predict_contacts`.
+    """
+    field = surrounding_field(scene, asperities, load, coupled=level != "none")
+    solution = solve_scene(
+        scene,
+        asperities,
+        load=load,
+        coupling=level,
+        tolerance=tolerance,
+        history=history,
+        surroundings=field,
+    )
+    if solution.base_gap.beyond_models:
+        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
+    return solution, field
 
 
 def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: Prescribed) -> Plan:
@@ -204,7 +230,7 @@ def with_coupling(scene: Scene, coupling: str) -> Scene:
         "coupling": "off" if coupling == "none" else "on",
         "full_coupling": "on" if coupling == "full" else "off",
     }
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
+    return scene.with_effects(switches)
 
 
 def with_memory(scene: Scene, history: Sequence[Prescribed]) -> Scene:
@@ -212,15 +238,12 @@ def with_memory(scene: Scene, history: Sequence[Prescribed]) -> Scene:
     adheres = scene.elastic is not None and scene.elastic.work_of_adhesion > 0
     if not history or not adheres or scene.effects.adhesion != "auto":
         return scene
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update={"adhesion": "on"})})
+    return scene.with_effects({"adhesion": "on"})
 
 
 def scene_of_model(scene: Scene, model: str) -> Scene:
     """The scene of one of `COMPARED_MODELS`: without coupling for ``"uncoupled"``."""
-    if model == "coupled":
-        return scene
-    off = scene.effects.model_copy(update={"coupling": "off", "full_coupling": "off"})
-    return scene.model_copy(update={"effects": off})
+    return scene if model == "coupled" else scene.with_effects({"coupling": "off", "full_coupling": "off"})
 
 
 def scene_level(scene: Scene, coupling: str) -> str:
@@ -231,12 +254,14 @@ def scene_level(scene: Scene, coupling: str) -> str:
     return coupling_level(coupling=effects.coupling != "off", full_coupling=effects.full_coupling == "on")
 
 
-def _judgement(solution: InteractingSolution, scene: Scene, border: str) -> dict[str, str]:
-    """Status and message of the row, from what the solver says of its solution."""
+def _judgement(
+    solution: InteractingSolution, scene: Scene, border: str, more: Sequence[str]
+) -> dict[str, str]:
+    """Status and message of the row, from what the solver says of its solution, and more to say."""
     own = "" if solution.shapes is None else solution.shapes.words
     words = own if stated_profile(scene) is None else PROFILED
     notes = [*solution.validity.messages(), *([left_out_for(words)] if words else [])]
-    notes += [border] if border else []
+    notes += [*([border] if border else []), *more]
     lost = "runs off the table" in border
     if solution.status == CONVERGED and not solution.validity.planes_touch and not lost:
         return {"status": Status.OK, "message": "; ".join(notes)}
@@ -479,17 +504,20 @@ def pattern_sides(section: Asperities, asperities: pd.DataFrame) -> tuple[float,
     InputError
         If the table has too few asperities to determine the sides, or its span contradicts ``side_m``.
     """
-    base = base_radius(asperities["height_m"], equivalent_radii(asperities))
     spans = [float(np.ptp(asperities[name])) if len(asperities) else 0.0 for name in ("x_m", "y_m")]
-    sides = [float(np.ptp([asperities[name] - base, asperities[name] + base])) for name in ("x_m", "y_m")]
-    if section.generate is None and "side" not in section.model_fields_set:
-        if len(asperities) < MIN_ASPERITIES_FOR_SIDES or not min(spans) > 0:
-            raise InputError(
-                f"{len(asperities)} asperities do not tell the area that they stand for; state side_m or "
-                "density_per_m2 in [asperities]"
-            )
+    enough = len(asperities) >= MIN_ASPERITIES_FOR_SIDES
+    stated = section.generate is not None or "side" in section.model_fields_set
+    if not stated and not (enough and min(spans) > 0):
+        raise InputError(
+            f"{len(asperities)} asperities do not tell the area that they stand for; state side_m or "
+            "density_per_m2 in [asperities]"
+        )
+    sides = [0.0, 0.0]
+    if len(asperities):  # those of the caps, whatever is stated
+        sides = np.ptp(table_rectangle(Asperities(), asperities), axis=1).tolist()
+    if not stated:
         return sides[0], sides[1]
-    missed = len(asperities) >= MIN_ASPERITIES_FOR_SIDES and max(sides) < section.side / SIDE_MISMATCH_RATIO
+    missed = enough and max(sides) < section.side / SIDE_MISMATCH_RATIO
     if max(spans) > SIDE_MISMATCH_RATIO * section.side or missed:
         raise InputError(
             f"[asperities] side_m is {section.side:g} m but the table spans {spans[0]:.3g} x "
@@ -547,21 +575,30 @@ def find_touching_load(
     ModelRangeError
         If the model ends before the planes touch, with the smallest gap at the last load that it describes.
     """
-    gap = partial(_base_gap, scene, asperities, model, coupling)
+
+    def gap(load: float) -> float:
+        if model == "interacting":
+            table = _table(asperities, "a table")
+            row = predict_contacts(scene, table, load=load, coupling=coupling).frames
+        else:
+            row = predict_average(scene, asperities, load=load, model=model).frames
+        found = float(row["min_gap_m"].iloc[0])
+        if np.isnan(found):
+            raise InputError("the asperities cover all of the base: no planes are left that could touch")
+        return found
+
     size = _mean_radius(scene.asperities or Asperities(), asperities)
     first = trial = 1e-2 * scene.need("elastic", PURPOSE).contact_modulus * size**2
-    low, high = 0.0, np.inf
-    least, end = np.nan, ""
+    low, high, least, end = 0.0, np.inf, np.nan, ""
     for _ in range(MOST_TRIALS):
         try:
-            found = gap(trial)
+            found, reason = gap(trial), ""
         except (ModelRangeError, ConvergenceError) as error:
-            high, end = trial, str(error)
+            found, reason = -np.inf, str(error)
+        if found > 0:
+            low, least = trial, found
         else:
-            if found > 0:
-                low, least = trial, found
-            else:
-                high, end = trial, ""
+            high, end = trial, reason
         if low > 0 and high < np.inf:
             if not end:
                 return float(brentq(gap, low, high, rtol=relative))
@@ -578,21 +615,6 @@ def find_touching_load(
         f"the model ends before the planes touch: at {low:.4g} N the smallest gap is {least * 1e6:.3g} um; "
         f"beyond, {end}"
     )
-
-
-def _base_gap(
-    scene: Scene, asperities: pd.DataFrame | None, model: Model, coupling: Coupling, load: float
-) -> float:
-    """Smallest gap between the base planes at a load, m."""
-    if model == "interacting":
-        table = _table(asperities, "a table")
-        row = predict_contacts(scene, table, load=load, coupling=coupling).frames
-    else:
-        row = predict_average(scene, asperities, load=load, model=model).frames
-    found = float(row["min_gap_m"].iloc[0])
-    if np.isnan(found):
-        raise InputError("the asperities cover all of the base: no planes are left that could touch")
-    return found
 
 
 def load_name(load: Prescribed) -> str:

@@ -7,11 +7,11 @@ among these.
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ContextDecorator, contextmanager
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 OTHER = "other"
 """Time outside of all stages."""
@@ -32,35 +32,20 @@ class Timings:
         Stage -> wall time without that of the stages inside, s.
     calls : Counter
         Stage -> times it was entered.
+    entered : list of str
+        The stages around the current one, and it.
     """
 
     seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     calls: Counter[str] = field(default_factory=Counter)
-    _entered: list[str] = field(default_factory=lambda: [OTHER])
+    entered: list[str] = field(default_factory=lambda: [OTHER])
     _since: float = field(default_factory=perf_counter)
 
     def charge(self) -> None:
         """Charge the time since the last change of stage to the current stage."""
         now = perf_counter()
-        self.seconds[self._entered[-1]] += now - self._since
+        self.seconds[self.entered[-1]] += now - self._since
         self._since = now
-
-    def enter(self, name: str) -> None:
-        """Enter a stage: it becomes the current one."""
-        self.charge()
-        self._entered.append(name)
-        self.calls[name] += 1
-
-    def leave(self) -> None:
-        """Leave the current stage: the one around it becomes the current one."""
-        self.charge()
-        self._entered.pop()
-
-    def add(self, other: "Timings") -> None:
-        """Add the times and calls of another collector."""
-        for name, seconds in other.seconds.items():
-            self.seconds[name] += seconds
-        self.calls += other.calls
 
     def divide(self, name: str, parts: "Timings", processes: int) -> None:
         """Divide the time of a stage among the stages of processes that ran at the same time.
@@ -85,7 +70,8 @@ class Timings:
 _collector: ContextVar[Timings | None] = ContextVar("contactimg_timings", default=None)
 
 
-class stage(ContextDecorator):  # noqa: N801 - reads as a verb: with stage("fit")
+@contextmanager
+def stage(name: str) -> Iterator[None]:
     """A named part of the work, as a context or as a decorator.
 
     Parameters
@@ -100,21 +86,18 @@ class stage(ContextDecorator):  # noqa: N801 - reads as a verb: with stage("fit"
     >>> timings.calls["reading"]
     1
     """
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def _recreate_cm(self) -> Self:
-        return type(self)(self._name)
-
-    def __enter__(self) -> None:
-        self._timings = _collector.get()
-        if self._timings is not None:
-            self._timings.enter(self._name)
-
-    def __exit__(self, *_error: object) -> None:
-        if self._timings is not None:
-            self._timings.leave()
+    timings = _collector.get()
+    if timings is None:
+        yield
+        return
+    timings.charge()
+    timings.entered.append(name)
+    timings.calls[name] += 1
+    try:
+        yield
+    finally:
+        timings.charge()
+        timings.entered.pop()
 
 
 def is_collecting() -> bool:
@@ -167,7 +150,9 @@ def gather(results: Iterable[tuple[Result, Timings]], *, processes: int) -> Iter
                 item = next(pending, None)
             if item is None:
                 return
-            parts.add(item[1])
+            for name, seconds in item[1].seconds.items():
+                parts.seconds[name] += seconds
+            parts.calls += item[1].calls
             yield item[0]
     finally:
         timings = _collector.get()

@@ -29,6 +29,12 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20140801)
 
 
+@pytest.fixture
+def svg_only(monkeypatch) -> None:
+    """Commands write figures as SVG alone, the fastest of the formats."""
+    monkeypatch.setattr("contactimg.files.figures.FIGURE_FORMATS", ("svg",))
+
+
 @pytest.fixture(scope="session")
 def small_series(tmp_path_factory) -> Path:
     """Folder of a small synthetic series; copy it before you change it."""

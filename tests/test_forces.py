@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from contactimg.errors import InputError
-from contactimg.forces import assign_forces, sums_of_contacts, total_area, total_force
+from contactimg.forces import Total, assign_forces, sums_of_contacts, total_area, total_force
 from contactimg.mechanics import hertz, jkr, sphere
 from contactimg.mechanics.contact_force import force_exponents
 from contactimg.pipeline.frame import locate_contacts
@@ -14,7 +14,6 @@ from contactimg.pose import Pose
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES, Flag
-from contactimg.unseen import Total
 
 
 def contacts(radius, std):

@@ -8,7 +8,7 @@ from contactimg.errors import InputError
 from contactimg.files import open_experiment, read_scene, write_table
 from contactimg.forces import local_forces, sphere_radii
 from contactimg.pipeline.analyse.places import radius_ratios
-from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
+from contactimg.pipeline.calibrate.thresholds import measure_thresholds
 from contactimg.pipeline.inputs import contact_sites, scene_of_defined_laws
 from contactimg.pipeline.overlay import compare_run
 from contactimg.pipeline.series import measure_series

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import integrate, stats
 
-from contactimg.unseen import DETECTION_SIGMA, NOTHING, Total, unseen_area, unseen_force
+from contactimg.forces import DETECTION_SIGMA, NOTHING, Total, unseen_area, unseen_force
 
 
 def drawn(density, rng, *, slope=0.0):

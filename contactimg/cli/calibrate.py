@@ -91,7 +91,7 @@ def threshold(folder: shared.ExistingFolder, *, stated: shared.Stated, jkr: Jkr 
     """
     with stage("loading"):
         from contactimg.files import read_calibration
-        from contactimg.pipeline.calibrate.force_sums import run_threshold
+        from contactimg.pipeline.calibrate.thresholds import run_threshold
 
     record = read_calibration(jkr) if jkr else {}
     return _calibrate(
@@ -137,7 +137,7 @@ def modulus(
     """
     with stage("loading"):
         from contactimg.files import read_calibration
-        from contactimg.pipeline.calibrate.force_sums import run_modulus
+        from contactimg.pipeline.calibrate.thresholds import run_modulus
 
     record = read_calibration(calibration) if calibration else {}
 
@@ -170,7 +170,7 @@ def plateau(folder: shared.ExistingFolder, **common: Any) -> int:
       contactimg calibrate plateau sample_data/ra_plus
     """
     with stage("loading"):
-        from contactimg.pipeline.calibrate.force_sums import run_plateau
+        from contactimg.pipeline.calibrate.thresholds import run_plateau
 
     return _calibrate("plateau", folder, run_plateau, **common)
 

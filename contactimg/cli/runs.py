@@ -45,8 +45,8 @@ def overlay(
         from contactimg.cli.scenes import plausible
         from contactimg.files import main_tables, open_experiment, read_run
         from contactimg.pipeline.inputs import need_asperities
+        from contactimg.pipeline.measured_series import shown_apex
         from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
-        from contactimg.pipeline.pose_and_forces import shown_apex
         from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 
     measured = read_run(run)

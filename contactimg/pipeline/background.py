@@ -7,20 +7,17 @@ frame, what is left is registered and averaged, the radii are corrected together
 
 import hashlib
 import logging
-from array import array
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import FrameError
-from contactimg.files import Experiment, FrameSource, PartStore
+from contactimg.files import Experiment, PartStore
 from contactimg.frame import Frame
-from contactimg.imaging.background.find_illumination import BackgroundLevel
 from contactimg.imaging.background.pooled.agreement import Agreement, compare_views
 from contactimg.imaging.background.pooled.rims import RimHistory, Rims, RimSums, correct_radii
 from contactimg.imaging.background.pooled.sums import PooledBackground
@@ -32,7 +29,6 @@ from contactimg.imaging.background.pooled.views import (
     to_anchor,
     view_background,
 )
-from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.measure import BACKGROUND_IS
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -41,7 +37,6 @@ from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.inputs import read_reference
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.scene import Scene
 from contactimg.tables import SHARED_SHIFTS
 
 logger = logging.getLogger(__name__)
@@ -78,8 +73,8 @@ _MARGIN = np.array([0.0, 0.0, HIDDEN_PX])
 
 
 @dataclass(frozen=True, eq=False)
-class ViewRecipe:
-    """How a frame is turned into a view of the background.
+class FrameView:
+    """How a frame is turned into a view of the background, and what the view contributes to it.
 
     Parameters
     ----------
@@ -92,10 +87,14 @@ class ViewRecipe:
         Standard deviation of the profile's Gaussian, pixel included; NaN without contacts to divide out.
     film : FilmRim or None
         Around the contacts, where they were fitted with it.
-    placement : Placement
-        On the anchor.
+    placement : Placement or None
+        On the anchor, once it is found.
     digest : bytes
-        Of the pixels.
+        Of the pixels: a copy of a frame has the same noise.
+    used, light : ndarray
+        Of the `contactimg.imaging.background.pooled.agreement.Agreement`.
+    correction : ndarray, shape (n,), px
+        Of the radii.
     """
 
     disks: NDArray[np.float64]
@@ -103,11 +102,14 @@ class ViewRecipe:
     hidden: NDArray[np.float64]
     blur: float
     film: FilmRim | None = None
-    placement: Placement = field(default_factory=Placement.unknown)
+    placement: Placement | None = None
     digest: bytes = b""
+    used: NDArray[np.bool_] | None = None
+    light: NDArray[np.float32] | None = None
+    correction: NDArray[np.float64] | None = None
 
     @classmethod
-    def of(cls, part: MeasuredFrame, options: FrameOptions) -> "ViewRecipe":
+    def of(cls, part: MeasuredFrame, options: FrameOptions) -> "FrameView":
         """The contacts of a frame, to be divided out if their optics are known, else to be left out."""
         tables, optics = part.tables, part.own_optics
         places, rejected = (
@@ -115,30 +117,29 @@ class ViewRecipe:
             for table in (tables.contacts, tables.rejected)
         )
         contrast = blur = np.nan
-        described = options.scene.measure.method == "disk"
-        if optics is not None and np.isfinite([optics.blur_px, optics.contrast]).all() and part.level > 0:
+        if optics is not None and part.level > 0:
             contrast = np.sign(part.row["contrast"]) * optics.contrast / part.level
             blur = float(np.sqrt(optics.blur_px**2 + PIXEL_VARIANCE))
-            described &= optics.halo is None
-        else:
-            described = False
-        taken = options.film is not None and part.film is not None and part.film.taken
-        recipe = cls(
+        rim = part.film is not None and part.film.taken and options.film is not None
+        view = cls(
             np.column_stack([places, np.full(len(places), contrast)]),
             np.nan_to_num(tables.contacts["radius_std_px"].to_numpy(float), nan=1.0),
             rejected[np.isfinite(rejected).all(axis=1)] + _MARGIN,
             blur,
-            options.film.rim if taken and options.film else None,
+            options.film.rim if rim and options.film else None,
         )
-        return recipe if described else recipe.with_contacts_hidden()
+        known = np.isfinite(contrast * blur) and optics is not None and optics.halo is None
+        return view if known and options.scene.measure.method == "disk" else view.with_contacts_hidden()
 
-    def with_contacts_hidden(self) -> "ViewRecipe":
+    def with_contacts_hidden(self) -> "FrameView":
         """The same with the contacts left out instead of divided out."""
         hidden = np.concatenate([self.hidden, self.disks[:, :3] + _MARGIN])
         return replace(self, disks=self.disks[:0], radius_std=self.radius_std[:0], hidden=hidden)
 
     def rims(self, shape: tuple[int, int]) -> Rims:
         """The contacts on the anchor."""
+        if self.placement is None:
+            raise ValueError("a view that was not placed has no rims on the anchor")
         x, y = to_anchor(self.disks[:, 0], self.disks[:, 1], self.placement.alignment, shape)
         contrast = float(self.disks[0, 3]) if len(self.disks) else 1.0
         blur = self.blur if np.isfinite(self.blur) else 1.0
@@ -153,61 +154,46 @@ class ViewRecipe:
         model = render_disks(self.disks, self.blur, (image.shape[0], image.shape[1]), profile=table)
         return np.asarray(image / np.maximum(1.0 + model, np.float32(0.05)), np.float32)
 
-    def view(self, image: NDArray) -> View:
-        """What the image shows of the background."""
-        return view_background(self.without_contacts(image), self.placement, self.hidden)
+    def shown_by(self, image: NDArray) -> View:
+        """What the image shows of the background, its slow light corrected and only where it is used."""
+        if self.placement is None:
+            raise ValueError("a view that was not placed shows nothing of the anchor")
+        view = view_background(self.without_contacts(image), self.placement, self.hidden)
+        return view if self.used is None or self.light is None else view.restricted(self.used, self.light)
 
 
-@dataclass(frozen=True, eq=False)
-class OwnView:
-    """What a frame itself contributed to the pooled background.
-
-    Parameters
-    ----------
-    number : int
-        Number of the frame among those pooled.
-    recipe : ViewRecipe
-    used, light : ndarray
-        Of the `contactimg.imaging.background.pooled.agreement.Agreement`.
-    correction : ndarray, shape (n,), px
-        Of the radii.
-    """
-
-    number: int
-    recipe: ViewRecipe
-    used: NDArray[np.bool_]
-    light: NDArray[np.float32]
-    correction: NDArray[np.float64]
+PlacedView = tuple[FrameView, NDArray[np.float32]]
+"""A view with its placement, and the means over squares of what it shows."""
 
 
-def prepare_view(
+def place_view(
     frame: Frame,
     _reference: NDArray | None,
-    recipe: ViewRecipe,
+    view: FrameView,
     *,
     anchor: NDArray,
-    background_is: BackgroundLevel,
+    sign: int,
     registered: bool,
-) -> tuple[ViewRecipe, NDArray[np.float32]] | None:
+) -> PlacedView | None:
     """Place a frame on the anchor and bin what it shows of the background; None if it does not show it."""
-    placement = place_frame(frame.image, anchor, background_is=background_is, registered=registered)
+    level = BACKGROUND_IS["bright" if sign > 0 else "dark"]
+    placement = place_frame(frame.image, anchor, background_is=level, registered=registered)
     if placement is None or not placement.found:
         return None
-    recipe = replace(recipe, placement=placement, digest=digest_of(frame.image))
-    return recipe, recipe.view(frame.image).squares()
+    view = replace(view, placement=placement, digest=_digest_of(frame.image))
+    return view, view.shown_by(frame.image).squares()
 
 
 def contribute_view(
-    frame: Frame, _reference: NDArray | None, own: OwnView, *, brightness: NDArray[np.float32]
+    frame: Frame, _reference: NDArray | None, own: FrameView, *, brightness: NDArray[np.float32]
 ) -> tuple[View, RimSums]:
-    """The view of a frame, its slow light corrected and only where it is used, and its equations."""
-    view = own.recipe.view(frame.image).restricted(own.used, own.light)
-    rims = own.recipe.rims((view.image.shape[0], view.image.shape[1]))
+    """The view of a frame, and its equations."""
+    view = own.shown_by(frame.image)
+    rims = own.rims((view.image.shape[0], view.image.shape[1]))
     return view, RimSums.of(rims, view.image, brightness, view.seen > 0)
 
 
-def digest_of(image: NDArray) -> bytes:
-    """Digest of the pixels: a copy of a frame has the same noise."""
+def _digest_of(image: NDArray) -> bytes:
     return hashlib.blake2b(np.ascontiguousarray(image).tobytes(), digest_size=16).digest()
 
 
@@ -230,13 +216,8 @@ class Pool:
     options: FrameOptions
     source: str
 
-    @property
-    def mean_excess(self) -> float:
-        """What the background adds to the variance of a pixel, relative to it, on average."""
-        return float(np.mean(1.0 / np.maximum(self.background.count[::4, ::4], 1)))
 
-
-FirstPass = tuple[MeasuredFrame, OwnView | None, str]
+FirstPass = tuple[MeasuredFrame, FrameView | None, str]
 """A frame as measured with the reference, or without one; what it contributed, if anything; a remark."""
 
 
@@ -251,27 +232,24 @@ def measure_on_pool(
 ) -> MeasuredFrame:
     """Measure a frame on the mean of the other views; a copy of another frame as in the first pass."""
     first, own, remark = before
-    measure = partial(measure_scene_frame, options=pool.options)
-    if own is None and digest_of(frame.image) in pool.digests:
-        return first if optics is None else measure(frame, reference, optics, edits)
-    background = pool.background
-    if own is not None:
+    if own is None and _digest_of(frame.image) in pool.digests:
+        if optics is None:
+            return first
+        return measure_scene_frame(frame, reference, optics, edits, options=pool.options)
+    background, number = pool.background, None
+    if own is not None and own.correction is not None:
         view, sums = contribute_view(frame, reference, own, brightness=pool.brightness)
         background = background.changed_by(sums.change(own.correction, background.count.shape)).minus(view)
-    measured = measure(frame, background.mean(), optics, edits)
-    measured = _with_excess(measured, background, pool, but=None if own is None else own.number)
-    said = _describe(first, measured, int(np.median(background.count[::4, ::4])), pool.source)
-    return measured.with_remarks(said, remark)
-
-
-def _describe(before: MeasuredFrame, after: MeasuredFrame, views: int, source: str) -> str:
-    """What the pooled background is and what it gains."""
-    text = f"background pooled from {views} images{f' {source}' if source else ''}: noise "
-    text += f"{before.row['noise']:.3g} -> {after.row['noise']:.3g} grey levels"
-    stds = [part.contacts["radius_std_px"].median() for part in (before, after)]
-    if not np.isfinite(stds).all():
-        return text
-    return f"{text}, uncertainty of a radius {stds[0]:.2g} -> {stds[1]:.2g} px"
+        number = pool.digests.index(own.digest)
+    measured = measure_scene_frame(frame, background.mean(), optics, edits, options=pool.options)
+    measured = _with_excess(measured, background, pool, but=number)
+    views, source = int(np.median(background.count[::4, ::4])), f" {pool.source}" if pool.source else ""
+    text = f"background pooled from {views} images{source}: noise {first.row['noise']:.3g} -> "
+    text += f"{measured.row['noise']:.3g} grey levels"
+    stds = [part.contacts["radius_std_px"].median() for part in (first, measured)]
+    if np.isfinite(stds).all():
+        text += f", uncertainty of a radius {stds[0]:.2g} -> {stds[1]:.2g} px"
+    return measured.with_remarks(text, remark)
 
 
 def _with_excess(
@@ -287,7 +265,9 @@ def _with_excess(
     sharp = float(np.sqrt((blur if np.isfinite(blur) else 1.0) ** 2 + PIXEL_VARIANCE))
     rims = Rims(x - shift[0], y - shift[1], radius, std, 1.0, sharp)
     excess = pool.history.excess_variance(rims, background.views_at(rims.x, rims.y, radius), but=but)
-    factor = (1.0 + excess) / (1.0 + pool.mean_excess)
+    # relative to what the background adds to the variance of a pixel on average
+    usual = float(np.mean(1.0 / np.maximum(pool.background.count[::4, ::4], 1)))
+    factor = (1.0 + excess) / (1.0 + usual)
     shared = np.sum(contacts[list(SHARED_SHIFTS)].fillna(0.0).to_numpy(float) ** 2, axis=1)
     own = np.maximum(std**2 - shared, 0.0)
     return measured.with_contacts(
@@ -298,45 +278,15 @@ def _with_excess(
 # --- the pool of a series
 
 
-@dataclass(frozen=True, eq=False)
-class SeriesBackground:
-    """A pooled background, and what the frames of the series are to it.
-
-    Parameters
-    ----------
-    pool : Pool
-    first : sequence of MeasuredFrame
-        The frames as measured with the reference.
-    own : dict
-        Frame -> what it contributed.
-    remarks : dict
-        Frame -> what to say of it; under the empty name, what to say of each.
-    false_spots : int
-        Spots of the reference that look like contacts and that no frame confirms.
-    """
-
-    pool: Pool
-    first: Sequence[MeasuredFrame]
-    own: dict[str, OwnView]
-    remarks: dict[str, str]
-    false_spots: int
-
-    def before(self, k: int) -> FirstPass:
-        """What `measure_on_pool` needs for the frame of this number, beside optics and edits."""
-        name = str(self.first[k].row["frame"])
-        remark = "; ".join(text for text in (self.remarks.get(""), self.remarks.get(name)) if text)
-        return self.first[k], self.own.get(name), remark
-
-
 def measure_on_background(
     experiment: Experiment,
     options: FrameOptions,
-    edits: dict[str, tuple[HandEdit, ...]],
+    edits: dict[str, Edits],
     parts: list[MeasuredFrame],
     *,
     workers: int | None,
     store: PartStore | None = None,
-) -> tuple[list[MeasuredFrame], SeriesBackground | None]:
+) -> tuple[list[MeasuredFrame], Callable[..., MeasuredFrame] | None, list[FirstPass]]:
     """Measure the frames of a series again, on the background that they show together.
 
     Parameters
@@ -356,47 +306,52 @@ def measure_on_background(
     -------
     parts : list of MeasuredFrame
         As given where the background could not be pooled or, unless the scene asks for it, gains nothing.
-    background : SeriesBackground or None
-        None if ``parts`` are as given.
+    measure : callable or None
+        `measure_on_pool` with the pool; None if ``parts`` are as given.
+    before : list of FirstPass
+        What it takes of each frame.
     """
-    if not _is_wanted(options.scene, parts):
-        return parts, None
+    wish, numbers = options.scene.images.background, [k for k, part in enumerate(parts) if _is_measured(part)]
+    enough = len(numbers) >= FEWEST_FRAMES and options.scene.measure.method == "disk"
+    if not (enough if wish == "auto" else wish == "pooled" and len(numbers) > 1):
+        return parts, None, []
     again, fault, frames = list(parts), "", experiment.frames
+    corrections = [edits.get(frame.name, ()) for frame in frames]
     try:
-        background = _pool_views(_Pooling(experiment, options, again, workers))
-        if background is not None and background.false_spots >= FEWEST_FALSE_SPOTS:
-            fault = f"the reference shows {background.false_spots} spots like contacts that no frame confirms"
+        found = _pool_views(experiment, options, again, workers=workers)
+        if found is not None and found[2] >= FEWEST_FALSE_SPOTS:
+            fault = f"the reference shows {found[2]} spots like contacts that no frame confirms"
             logger.warning("%s; it is not used", fault)
-            jobs: list[tuple[Any, ...]] = [(frame, edits.get(frame.name, ())) for frame in frames]
             alone = partial(_measure_alone, options=options)
+            jobs = list(zip(frames, corrections, strict=True))
             new = for_each_frame(experiment, alone, jobs, workers=workers, store=store)
-            again = [
-                old if isinstance(part, FailedFrame) or not _is_measured(old) else part
-                for old, part in zip(parts, new, strict=True)
-            ]
-            background = _pool_views(_Pooling(experiment, options, again, workers, fault))
+            for k, part in enumerate(new):
+                if not isinstance(part, FailedFrame) and _is_measured(parts[k]):
+                    again[k] = part
+            found = _pool_views(experiment, options, again, workers=workers, fault=fault)
     except FrameError as error:  # a file that could be read a moment ago
         logger.warning("the background is not pooled: %s", error)
-        return parts, None
-    if background is None:
-        return parts, None
+        return parts, None, []
+    if found is None:
+        return parts, None, []
+    pool, before, _ = found
+    measure = partial(measure_on_pool, pool=pool)
     numbers = [k for k, part in enumerate(again) if _is_measured(part)]
-    jobs = [(frames[k], None, edits.get(frames[k].name, ()), background.before(k)) for k in numbers]
-    measure = partial(measure_on_pool, pool=background.pool)
-    second = for_each_frame(experiment, measure, jobs, workers=workers, store=store)
-    again, ratios = list(again), array("d")
-    for k, part in zip(numbers, second, strict=True):
+    second = [(frames[k], None, corrections[k], before[k]) for k in numbers]
+    ratios = []
+    for k, part in zip(
+        numbers, for_each_frame(experiment, measure, second, workers=workers, store=store), strict=True
+    ):
         if not isinstance(part, FailedFrame):
             again[k] = part
             if part.row["noise"] > 0:
                 ratios.append(parts[k].row["noise"] / part.row["noise"])
-    optional = options.scene.images.background == "auto" and not fault
-    if optional and not (ratios and np.median(ratios) > LEAST_GAIN):
+    if wish == "auto" and not fault and not (ratios and np.median(ratios) > LEAST_GAIN):
         logger.info("the pooled background gains nothing; the reference is used")
-        return parts, None
+        return parts, None, []
     for part in again:
         part.log("on the pooled background: ")
-    return again, background
+    return again, measure, before
 
 
 def _measure_alone(
@@ -406,179 +361,139 @@ def _measure_alone(
     return measure_scene_frame(frame, None, None, edits, options=options)
 
 
-def _is_wanted(scene: Scene, parts: list[MeasuredFrame]) -> bool:
-    """Whether the scene asks for a pooled background, or leaves the choice and the series is long enough."""
-    wish, count = scene.images.background, sum(_is_measured(part) for part in parts)
-    if wish == "auto":
-        return scene.measure.method == "disk" and count >= FEWEST_FRAMES
-    return wish == "pooled" and count > 1
+Placed = dict[int, PlacedView]
+"""Number of a frame -> its view, with the placement."""
 
 
-@dataclass(eq=False)
-class _Pooling:
-    """The background of a series in the making.
+def _place_views(
+    experiment: Experiment,
+    options: FrameOptions,
+    views: dict[int, FrameView],
+    anchor: NDArray,
+    *,
+    sign: int,
+    workers: int | None,
+) -> Placed:
+    """The views placed on an anchor; without those that do not show its surface, and copies of a frame."""
+    registered = bool(options.scene.effects.switched_off("position_drift"))
+    call = partial(place_view, anchor=anchor, sign=sign, registered=registered)
+    jobs = [(experiment.frames[k], view) for k, view in views.items()]
+    found = zip(views, for_each_frame(experiment, call, jobs, workers=workers), strict=True)
+    placed = {k: one for k, one in found if one is not None and not isinstance(one, FailedFrame)}
+    different = {view.digest: k for k, (view, _) in reversed(placed.items())}.values()
+    return {k: one for k, one in placed.items() if k in different}
 
-    Parameters
-    ----------
-    experiment : Experiment
-    options : FrameOptions
-    parts : sequence of MeasuredFrame
-        Every frame, measured.
-    workers : int or None
-    reference_fault : str
-        Why the reference is not used; empty if it is, or if there is none.
 
-    Attributes
-    ----------
-    anchor : ndarray
-        The image whose coordinates and light the views take: the reference, or the frame with the least
-        contact, its contacts divided out.
-    reference_count : int
-        Images that the anchor is the mean of if it is the reference, else 0.
-    source : str
-        What the anchor is, for messages; empty for the reference.
-    views : dict
-        Frame -> how it is turned into a view, and what that shows of each square.
+def _pool_views(
+    experiment: Experiment,
+    options: FrameOptions,
+    parts: list[MeasuredFrame],
+    *,
+    workers: int | None,
+    fault: str = "",
+) -> tuple[Pool, list[FirstPass], int] | None:
+    """The pooled background of a series; None if too few different frames show it, or agree on it.
+
+    The views take coordinates and light of an anchor: the reference, or the frame with the least contact,
+    its contacts divided out, where there is no reference, it is at fault or shows another surface.
+
+    Returns
+    -------
+    pool : Pool
+    before : list of FirstPass
+        Of every frame.
+    spots : int
+        Spots of the reference that look like contacts and that no frame confirms.
     """
-
-    experiment: Experiment
-    options: FrameOptions
-    parts: Sequence[MeasuredFrame]
-    workers: int | None
-    reference_fault: str = ""
-
-    def __post_init__(self) -> None:
-        usable = [k for k, part in enumerate(self.parts) if _is_measured(part)]
-        light = sum(np.sign(self.parts[k].row["contrast"]) * self.parts[k].row["n_contacts"] for k in usable)
-        self.sign = 1 if light >= 0 else -1  # whether most contacts are brighter than the background
-        places = np.linspace(0, len(usable) - 1, min(MOST_VIEWS, len(usable)))
-        self.numbers = [usable[k] for k in np.unique(np.rint(places).astype(int))]
-        self.views: dict[FrameSource, tuple[ViewRecipe, NDArray[np.float32]]] = {}
-        reference = None if self.reference_fault else read_reference(self.experiment)
-        if reference is None or not np.ptp(reference.image[np.isfinite(reference.image)]) > 0:
-            self.take_frame_as_anchor()
-        else:
-            self.anchor, self.source = reference.image, ""
-            self.reference_count = len(self.experiment.references)
-
-    def take_frame_as_anchor(self) -> None:
-        """Place the views on the frame with the least contact."""
-        areas = [float(np.sum(self.parts[k].contacts["radius_px"] ** 2)) for k in self.numbers]
-        number = self.numbers[int(np.argmin(areas))]
-        frame = self.experiment.frames[number]
-        recipe = ViewRecipe.of(self.parts[number], self.options)
-        self.anchor, self.reference_count = recipe.without_contacts(frame.read().image), 0
-        self.source = f"in the coordinates of {frame.name}"
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.anchor.shape[0], self.anchor.shape[1]
-
-    def prepare(self, recipes: dict[FrameSource, ViewRecipe]) -> None:
-        """Place frames on the anchor; those that do not show its surface are left out."""
-        place = partial(
-            prepare_view,
-            anchor=self.anchor,
-            background_is=BACKGROUND_IS["bright" if self.sign > 0 else "dark"],
-            registered=bool(self.options.scene.effects.switched_off("position_drift")),
-        )
-        jobs = list(recipes.items())
-        found = for_each_frame(self.experiment, place, jobs, workers=self.workers)
-        self.views = {
-            frame: part
-            for (frame, _), part in zip(jobs, found, strict=True)
-            if part is not None and not isinstance(part, FailedFrame)
-        }
-
-    def compare(self) -> Agreement:
-        """Where the views agree; if contacts do not show the surface, they are left out of all."""
-        agreement, first = self._agreement(), int(self.reference_count > 0)
-        rims = [recipe.rims(self.shape) for recipe, _ in self.views.values()]
-        ratios = [
-            agreement.scatter_inside(one.x, one.y, one.radius + HIDDEN_PX, view=k)
-            for k, one in enumerate(rims, start=first)
-        ]
-        if np.median(ratios) <= INSIDE_SCATTER:
-            return agreement
-        logger.info("contacts do not show the surface as their surroundings do: they are left out")
-        self.prepare({frame: recipe.with_contacts_hidden() for frame, (recipe, _) in self.views.items()})
-        return self._agreement()
-
-    def _agreement(self) -> Agreement:
-        """Where the views, the reference first, agree as they are."""
-        squares = [shown for _, shown in self.views.values()]
-        if self.reference_count:
-            squares = [View.plain(self.anchor).squares(), *squares]
-        return compare_views(np.stack(squares), sign=self.sign)
-
-    def add_up(
-        self, agreement: Agreement, own: dict[FrameSource, OwnView], brightness: NDArray[np.float32]
-    ) -> tuple[PooledBackground, dict[FrameSource, OwnView]]:
-        """The sum of the views, and the views with the corrections of the radii."""
-        pooled = PooledBackground.empty(self.shape)
-        if self.reference_count:
-            view = View.plain(self.anchor).restricted(agreement.used[0], agreement.light[0])
-            pooled = pooled.plus(view, self.reference_count)
-        equations: list[RimSums] = []
-        call = partial(contribute_view, brightness=brightness)
-        for part in for_each_frame(self.experiment, call, list(own.items()), workers=self.workers):
-            if isinstance(part, FailedFrame):
-                raise FrameError(str(part.row["message"]))
-            pooled = pooled.plus(part[0])
-            equations.append(part[1])
-        noise = agreement.pixel_noise
-        corrections = correct_radii(equations, pooled.mean(), pooled.count, brightness, noise=noise)
-        for sums, correction in zip(equations, corrections, strict=True):
-            pooled = pooled.changed_by(-sums.change(correction, self.shape))
-        corrected = zip(own.items(), corrections, strict=True)
-        return pooled, {frame: replace(one, correction=change) for (frame, one), change in corrected}
-
-    def remarks(self, agreement: Agreement, good: dict[FrameSource, int]) -> dict[str, str]:
-        """What to say of the series, and of the frames that were left out."""
-        left_out = "differs from the other frames: left out of the pooled background"
-        remarks = {frame.name: left_out for frame in self.views if frame not in good}
-        if self.reference_count:
-            if agreement.left_out[0]:
-                remarks[""] = "the reference differs from all frames: left out of the pooled background"
-        elif self.reference_fault:
-            remarks[""] = f"{self.reference_fault}: not used"
-        elif self.experiment.references:
-            remarks[""] = "the reference does not show the surface of the frames: not used"
-        return remarks
-
-
-def _pool_views(pooling: _Pooling) -> SeriesBackground | None:
-    """The pooled background of a series; None if too few different frames show it, or agree on it."""
-    parts, frames = pooling.parts, pooling.experiment.frames
-    recipes = {frames[k]: ViewRecipe.of(parts[k], pooling.options) for k in pooling.numbers}
-    pooling.prepare(recipes)
-    if pooling.reference_count and len(pooling.views) < 0.5 * len(recipes):
-        pooling.take_frame_as_anchor()
-        pooling.prepare(recipes)
-    by_digest = {recipe.digest: frame for frame, (recipe, _) in reversed(pooling.views.items())}
-    pooling.views = {frame: view for frame, view in pooling.views.items() if frame in by_digest.values()}
-    if len(pooling.views) < FEWEST_VIEWS:
-        logger.info("the background is not pooled: only %d different frames show it", len(pooling.views))
+    frames, usable = experiment.frames, [k for k, part in enumerate(parts) if _is_measured(part)]
+    light = sum(np.sign(parts[k].row["contrast"]) * parts[k].row["n_contacts"] for k in usable)
+    sign = 1 if light >= 0 else -1  # whether most contacts are brighter than the background
+    chosen = np.rint(np.linspace(0, len(usable) - 1, min(MOST_VIEWS, len(usable)))).astype(int)
+    views = {k: FrameView.of(parts[k], options) for k in (usable[n] for n in np.unique(chosen))}
+    place = partial(_place_views, experiment, options, sign=sign, workers=workers)
+    reference, shown = None if fault else read_reference(experiment), Placed()
+    if reference is not None and np.ptp(reference.image[np.isfinite(reference.image)]) > 0:
+        shown = place(views, reference.image)
+    if reference is not None and 0 < len(views) <= 2 * len(shown):
+        anchor, source, count = reference.image, "", len(experiment.references)
+    else:
+        least = min(views, key=lambda k: float(np.sum(parts[k].contacts["radius_px"] ** 2)))
+        anchor, count = views[least].without_contacts(frames[least].read().image), 0
+        source = f"in the coordinates of {frames[least].name}"
+        shown = place(views, anchor)
+    if len(shown) < FEWEST_VIEWS:
+        logger.info("the background is not pooled: only %d different frames show it", len(shown))
         return None
-    agreement, first = pooling.compare(), int(pooling.reference_count > 0)
-    good = {frame: n for n, frame in enumerate(pooling.views, start=first) if not agreement.left_out[n]}
-    if len(good) < FEWEST_VIEWS:
-        logger.info("the background is not pooled: only %d frames agree on it", len(good))
-        return None
+    first = View.plain(anchor) if count else None
+    shape = (anchor.shape[0], anchor.shape[1])
+    shown, agreement = _compare(shown, first, shape, sign, partial(place, anchor=anchor))
     own = {
-        frame: OwnView(k, pooling.views[frame][0], agreement.used[n], agreement.light[n], np.empty(0))
-        for k, (frame, n) in enumerate(good.items())
+        k: replace(view, used=agreement.used[n], light=agreement.light[n])
+        for n, (k, (view, _)) in enumerate(shown.items(), start=int(count > 0))
+        if not agreement.left_out[n]
     }
-    brightness = smooth_brightness(pooling.anchor)
-    pooled, own = pooling.add_up(agreement, own, brightness)
-    history = RimHistory(tuple(one.recipe.rims(pooling.shape) for one in own.values()))
-    digests = tuple(one.recipe.digest for one in own.values())
-    logger.info("background pooled from %d frames%s", len(good), " and the reference" * first)
-    return SeriesBackground(
-        Pool(pooled, brightness, history, digests, pooling.options, pooling.source),
-        parts,
-        {frame.name: one for frame, one in own.items()},
-        pooling.remarks(agreement, good),
-        agreement.spots_of(0, sign=pooling.sign) if first else 0,
-    )
+    if len(own) < FEWEST_VIEWS:
+        logger.info("the background is not pooled: only %d frames agree on it", len(own))
+        return None
+    pooled, brightness = PooledBackground.empty(shape), smooth_brightness(anchor)
+    if first is not None:
+        pooled = pooled.plus(first.restricted(agreement.used[0], agreement.light[0]), count)
+    pooled, own = _add_up(experiment, pooled, own, brightness, noise=agreement.pixel_noise, workers=workers)
+    logger.info("background pooled from %d frames%s", len(own), " and the reference" if count else "")
+    remark = ""
+    if count and agreement.left_out[0]:
+        remark = "the reference differs from all frames: left out of the pooled background"
+    elif fault or (experiment.references and not count):
+        remark = f"{fault or 'the reference does not show the surface of the frames'}: not used"
+    differs = "differs from the other frames: left out of the pooled background"
+    remarks = ([remark, differs * (k in shown and k not in own)] for k in range(len(parts)))
+    before = [
+        (part, own.get(k), "; ".join(filter(None, said)))
+        for k, (part, said) in enumerate(zip(parts, remarks, strict=True))
+    ]
+    history = RimHistory(tuple(view.rims(shape) for view in own.values()))
+    digests = tuple(view.digest for view in own.values())
+    pool = Pool(pooled, brightness, history, digests, options, source)
+    return pool, before, agreement.spots_of(0, sign=sign) if count else 0
+
+
+def _compare(
+    shown: Placed, first: View | None, shape: tuple[int, int], sign: int, place: Callable[..., Placed]
+) -> tuple[Placed, Agreement]:
+    """Where the views, the reference first, agree; contacts that hide the surface are left out of all."""
+    reference = [] if first is None else [first.squares()]
+    squares = [*reference, *(squares for _, squares in shown.values())]
+    agreement, ratios = compare_views(np.stack(squares), sign=sign), []
+    for n, (view, _) in enumerate(shown.values(), start=len(reference)):
+        rims = view.rims(shape)
+        ratios.append(agreement.scatter_inside(rims.x, rims.y, rims.radius + HIDDEN_PX, view=n))
+    if np.median(ratios) <= INSIDE_SCATTER:
+        return shown, agreement
+    logger.info("contacts do not show the surface as their surroundings do: they are left out")
+    shown = place({k: view.with_contacts_hidden() for k, (view, _) in shown.items()})
+    squares = [*reference, *(squares for _, squares in shown.values())]
+    return shown, compare_views(np.stack(squares), sign=sign)
+
+
+def _add_up(
+    experiment: Experiment,
+    pooled: PooledBackground,
+    own: dict[int, FrameView],
+    brightness: NDArray[np.float32],
+    *,
+    noise: float,
+    workers: int | None,
+) -> tuple[PooledBackground, dict[int, FrameView]]:
+    """The sum of the views, and the views with the corrections of the radii."""
+    equations, shape = list[RimSums](), brightness.shape
+    contribute = partial(contribute_view, brightness=brightness)
+    jobs = [(experiment.frames[k], view) for k, view in own.items()]
+    for part in for_each_frame(experiment, contribute, jobs, workers=workers):
+        if isinstance(part, FailedFrame):
+            raise FrameError(str(part.row["message"]))
+        pooled = pooled.plus(part[0])
+        equations.append(part[1])
+    corrections = correct_radii(equations, pooled.mean(), pooled.count, brightness, noise=noise)
+    for sums, correction in zip(equations, corrections, strict=True):
+        pooled = pooled.changed_by(-sums.change(correction, shape))
+    return pooled, {k: replace(own[k], correction=one) for k, one in zip(own, corrections, strict=True)}

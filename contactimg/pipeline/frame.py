@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import FrameWarning, InputError
 from contactimg.files import read_part
+from contactimg.forces import common_radius
 from contactimg.frame import Frame
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
-from contactimg.imaging.profile.film_rim import FilmSetting
+from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.pipeline.effects import film_setting, resolve_measurement
+from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.parallel import FailedFrame
 from contactimg.pose import Pose
 from contactimg.scene import Scene
@@ -33,6 +34,10 @@ Edits = tuple[HandEdit, ...]
 
 POINTS_IN_DISK = 4096
 """Points that the visible part of a contact is counted with. Measured: to 0.3 % of the contact's area."""
+
+SHARP_BLUR_PX = 1e-3
+"""Blur of a frame that is known to have none: small against the width of the pixel. Chosen: any value well
+below 0.3 px, the standard deviation of a pixel, gives the same edge."""
 
 
 def measure_frame(
@@ -307,6 +312,73 @@ class FrameOptions:
         return cls(resolved, film_setting(resolved, sites), relative)
 
 
+def resolve_measurement(scene: Scene) -> Scene:
+    """The scene with the switches and the blur that its frames are measured with.
+
+    Under "auto" a correction is on: shift, noise, dust and blur are measured on the frame itself. An effect
+    that is "off" is not corrected: shift, dust, saturated pixels, blur (the fit assumes a sharp edge). Under
+    "auto" the film is on if ``[simulate]`` states a contrast within a factor of two of that of an air film
+    and the radius of the asperities is known. Vignetting, light drift, noise, quantisation and rough edges
+    are always measured or divided out.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Scene
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> resolve_measurement(scene_from_dict({"effects": {"blur": "off"}})).measure.blur_px
+    0.001
+    """
+    measure = scene.measure
+    if scene.effects.blur == "off" and measure.blur_px is None:
+        measure = measure.model_copy(update={"blur_px": SHARP_BLUR_PX})
+    return scene.model_copy(update={"measure": measure})
+
+
+def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None:
+    """The rim that the air film may draw around contacts, and whether it is drawn.
+
+    Under "auto" the pixels decide where pixel size and radius of the asperities are known; else there is no
+    film.
+
+    Parameters
+    ----------
+    scene : Scene
+        The light is that of ``[light]`` (by default a white LED, glass and PDMS).
+    sites : DataFrame or None
+        Composite summits of the asperities: the film of the mean radius is drawn.
+
+    Raises
+    ------
+    InputError
+        If the film is switched on, and the pixel size or the asperities' radius is not known.
+    """
+    asked, profiled = scene.effects.film, scene.asperities is not None and scene.asperities.profiled
+    if scene.measure.method != "disk":
+        return None
+    if profiled and asked == "on":
+        raise InputError('[effects] film = "on" is defined for caps, not for a stated profile; switch it off')
+    radius = common_radius(scene, None)
+    if not np.isfinite(radius) and sites is not None and len(sites):
+        radius = float(sites["radius_m"].mean())
+    if profiled or (asked != "on" and (scene.camera is None or not np.isfinite(radius))):
+        return None
+    camera = scene.need("camera", 'measuring with [effects] film = "on"')
+    if not np.isfinite(radius):
+        raise InputError(
+            '[effects] film = "on" needs the radius of the asperities; give [asperities] radius_m, or a file '
+            'with it, or set film = "off"'
+        )
+    rim = FilmRim(lamp(scene.light), radius, camera.pixel_size)
+    return FilmSetting(rim, asked, scene.measure.film_doubt)
+
+
 def measure_scene_frame(
     frame: Frame,
     reference: NDArray | None,
@@ -403,19 +475,10 @@ def full_scale(frame: Frame, scene: Scene) -> float | None:
 
 def frame_row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:
     """The frame's row of the frames table; without a number of contacts where nothing could be measured."""
-    return {
-        "frame": name,
-        "status": measurement.status,
-        "n_contacts": len(measurement.disks) if measurement.measurable else pd.NA,
-        "threshold": measurement.threshold,
-        "contrast": measurement.contrast,
-        "noise": measurement.noise,
-        "shift_x_px": measurement.shift_x_px,
-        "shift_y_px": measurement.shift_y_px,
-        "message": measurement.message,
-        "smallest_px": measurement.smallest_px,
-        "detection_limit_px": measurement.smallest_px,
-    }
+    same = ["status", "threshold", "contrast", "noise", "shift_x_px", "shift_y_px", "message", "smallest_px"]
+    row: dict[str, Any] = {"frame": name} | {column: getattr(measurement, column) for column in same}
+    row["n_contacts"] = len(measurement.disks) if measurement.measurable else pd.NA
+    return row | {"detection_limit_px": measurement.smallest_px}
 
 
 def contacts_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
@@ -461,25 +524,13 @@ def visible_areas(contacts: pd.DataFrame, shape: tuple[int, ...]) -> NDArray[np.
 
 def outlines_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
     """The outlines of the contacts of free shape as a table."""
-    labels = measurement.disks["label"].to_numpy()
-    parts = [
-        pd.DataFrame(
-            {
-                "label": labels[row],
-                "outline": number,
-                "point": range(len(line)),
-                "x_px": line[:, 0],
-                "y_px": line[:, 1],
-            }
-        )
-        for row, lines in measurement.outlines()
-        for number, line in enumerate(lines)
-    ]
-    return (
-        OUTLINES.conform(pd.concat(parts, ignore_index=True).assign(frame=name))
-        if parts
-        else OUTLINES.empty()
-    )
+    labels, parts = measurement.disks["label"].to_numpy(), [OUTLINES.empty()]
+    for row, lines in measurement.outlines():
+        for number, line in enumerate(lines):
+            places = {"point": range(len(line)), "x_px": line[:, 0], "y_px": line[:, 1]}
+            table = pd.DataFrame(places | {"label": labels[row], "outline": number, "frame": name})
+            parts.append(OUTLINES.conform(table))
+    return pd.concat(parts[1:] or parts, ignore_index=True)
 
 
 _LENGTHS_AND_AREAS = [

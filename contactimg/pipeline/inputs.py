@@ -135,8 +135,7 @@ def scene_of_defined_laws(scene: Scene, sites: pd.DataFrame | None) -> Scene:
             '[measure] hertz = "ellipse" is defined for caps, not for a stated profile; take "equal_area"'
         )
     logger.warning(left_out_for(words))
-    off = scene.effects.model_copy(update=dict.fromkeys(OF_CAPS_ONLY, "off"))
-    return scene.model_copy(update={"effects": off})
+    return scene.with_effects(dict.fromkeys(OF_CAPS_ONLY, "off"))
 
 
 def asperities_and_sites(scene: Scene) -> tuple[Scene, pd.DataFrame | None, pd.DataFrame | None]:

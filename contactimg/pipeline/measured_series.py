@@ -1,4 +1,4 @@
-"""A measured series: its tables, a few frames at a time, and the files that they are written to."""
+"""A measured series: sample coordinates, asperities and forces of its contacts, and its files."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.local_law import LawEvidence, LawPlan, decide_law
 from contactimg.engine.calls import in_parallel
 from contactimg.files import (
@@ -25,16 +26,21 @@ from contactimg.files import (
     provenance,
     read_run,
 )
-from contactimg.files.runs import apex_record, pose_record
-from contactimg.forces import sphere_radii
+from contactimg.files.runs import apex_record, frame_shift, pose_record
+from contactimg.forces import fill_forces, sphere_radii
 from contactimg.imaging.fit.film_choice import summarise_films
-from contactimg.pipeline.frame import MeasuredFrame
+from contactimg.models.cap_shapes import CapShapes
+from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
-from contactimg.pipeline.pose_and_forces import apex_of, find_pose, shown_apex, with_forces, with_pose
-from contactimg.pose.apex import STATED, Apex
-from contactimg.pose.fit import PoseFit
+from contactimg.pose import Pose
+from contactimg.pose.apex import STATED, Apex, find_apex, find_centre
+from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseFit, PoseSearch, fit_pose
+from contactimg.pose.global_search import LARGEST_TURN_RAD, LEAST_VOTING_POINTS, search_everywhere
+from contactimg.pose.pairs import pair_points, pairing_distance
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema
+from contactimg.surfaces import equivalent_radii
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
+from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
 
@@ -44,7 +50,258 @@ process has some blocks waiting."""
 
 _TABLES = (CONTACTS, FRAMES, REJECTED, OUTLINES)
 
+POSE_REACH_FRACTION = 0.05
+"""Largest error of the stated centre of the camera, as a fraction of the longer side of the frame. Chosen by
+hand; sensitivity not measured."""
+
+EXCHANGED_SINE = 0.996
+"""Sine of the angle between the pose found and the stated one, mirrored, above which the columns of the
+asperities may be exchanged, which is exactly a right angle. Chosen: 5 degrees from it."""
+
+MATCHED_FRACTION = 0.9
+"""A frame gets a remark if fewer of its contacts fall on an asperity. Chosen by hand; changes no number."""
+
+FORCES_OFF_LOAD = 1.5
+"""Ratio of the sum of local forces to the load, or its inverse, from which on a frame is not ok. Chosen:
+above what an uncalibrated modulus or threshold is off by, below a slip of a unit. The ratio is always
+printed."""
+
+SIGNIFICANT_STDS = 3.0
+"""Standard deviations of the sum of forces beyond which it differs from the load: 0.3 % of false alarms."""
+
 Result = TypeVar("Result")
+
+# --- pose and apex
+
+
+@stage("pose")
+def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
+    """The pose of a series: the one that its contacts confirm, or the stated one.
+
+    The contacts of the frame that has most of them are looked for near the stated pose, or else anywhere on
+    the sample.
+
+    Parameters
+    ----------
+    run : Run
+        With the frames table of the series, and at least the contacts of that frame.
+    sites : DataFrame or None
+        Composite summits of the asperities.
+    guess : Pose
+        As stated.
+    """
+    if sites is None or run.scene.measure.pose != "fit":
+        return PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
+    targets, counts = sites[["x_m", "y_m"]].to_numpy(float), run.frames["n_contacts"].fillna(0)
+    name = str(run.frames["frame"].iloc[int(counts.to_numpy(float).argmax())])
+    part, shift = run.contacts[run.contacts["frame"] == name], frame_shift(run.frames, name)
+    x_px, y_px = part["x_px"] - shift[0], part["y_px"] - shift[1]
+    reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
+    pose = fit_pose(x_px, y_px, targets, guess, search=PoseSearch(shift=reach))
+    found = None if pose.fitted else search_everywhere(x_px, y_px, targets, guess)
+    if found is not None:
+        _say_where(found, guess, run.scene)
+    pose = found or pose
+    logger.info(
+        "pose %s: %d of %d contacts on an asperity, RMS %.3g m",
+        "fitted" if pose.fitted else "as given",
+        pose.n_matched,
+        pose.n_points,
+        pose.residual,
+    )
+    return pose
+
+
+def _say_where(found: PoseFit, guess: Pose, scene: Scene) -> None:
+    """Log that the camera looks elsewhere: as a warning if the scene states where, or it is turned."""
+    turned = np.abs(np.sin(found.pose.rotation - guess.rotation))
+    mirrored = found.pose.mirrored != guess.mirrored
+    stated = scene.camera is not None and scene.camera.centre is not None
+    logger.log(
+        logging.WARNING if stated or mirrored or turned > np.sin(LARGEST_TURN_RAD) else logging.INFO,
+        "the camera does not look where [camera] says; %d of %d contacts fall on asperities with [camera] "
+        "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here%s",
+        found.n_matched,
+        found.n_points,
+        ", ".join(f"{value:.6g}" for value in found.pose.centre),
+        np.rad2deg(found.pose.rotation),
+        str(found.pose.mirrored).lower(),
+        "; are x_m and y_m of the asperities exchanged?" if mirrored and turned > EXCHANGED_SINE else "",
+    )
+
+
+def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -> Apex | None:
+    """The apex that a scene states, or else the one that the contacts show; None without an indenter."""
+    if scene.indenter is None:
+        return None
+    stated = "apex" in scene.indenter.model_fields_set or (shown is None and asperities is None)
+    if not stated and shown is None:
+        logger.warning(
+            "[indenter] apex_m is not stated, and the contacts do not show it: (%g, %g) m is taken; state it "
+            "for overlay and analyse",
+            *scene.indenter.apex,
+        )
+    return Apex(scene.indenter.apex) if stated else shown
+
+
+def shown_apex(
+    contacts: pd.DataFrame,
+    frames: pd.DataFrame,
+    scene: Scene,
+    pose: Pose | None,
+    asperities: pd.DataFrame | None,
+) -> Apex | None:
+    """The apex that the contacts of one frame show, the frame that shows it best; None if none does.
+
+    None does on a curved sample, or where the asperities are no caps. Without asperities it is the centre of
+    the contacts.
+    """
+    profiled = scene.asperities is not None and scene.asperities.profiled
+    lens = None if scene.indenter is None or profiled or scene.shaped else scene.indenter.radius
+    if pose is None or lens is None:
+        return None
+    lost = frames.loc[frames["status"] == Status.NO_POSE, "frame"]
+    used = ~contacts["frame"].isin(lost) & (contacts["asperity"].notna() if asperities is not None else True)
+    found = []
+    for name, part in contacts[used].groupby("frame"):
+        field = FieldOfView(pose, frame_shift(frames, str(name)))
+
+        def in_view(points: NDArray[np.float64], field: FieldOfView = field) -> NDArray[np.bool_]:
+            return field.holds(*points.T)
+
+        if asperities is None:
+            apex = find_centre(part[["x_m", "y_m"]], part["area_m2"], in_view=in_view)
+        else:
+            caps = asperities.iloc[part["asperity"].to_numpy(int)]
+            radius = equivalent_radii(caps)
+            apex = find_apex(
+                caps[["x_m", "y_m"]],
+                caps["height_m"],
+                radius / (1 + radius / lens),
+                part["radius_m"],
+                in_view=in_view,
+            )
+        if apex is not None:
+            found.append(apex)
+    return min(found, key=lambda apex: np.hypot(*apex.std), default=None)
+
+
+# --- contacts with sample coordinates and forces
+
+
+def locate_frames(
+    contacts: pd.DataFrame, frames: pd.DataFrame, pose: Pose, targets: NDArray[np.float64] | None
+) -> pd.DataFrame:
+    """The contacts of frames in sample coordinates, each with its asperity."""
+    shifts = frames.set_index("frame")[["shift_x_px", "shift_y_px"]].reindex(contacts["frame"])
+    shift_x, shift_y = np.nan_to_num(shifts.to_numpy(float).T, nan=0.0)
+    located = locate_contacts(contacts, pose, shift_px=(shift_x, shift_y))
+    if targets is None:
+        return located
+    points = located[["x_m", "y_m"]].to_numpy(float)
+    asperity, reach = np.full(len(located), -1), pairing_distance(targets, pose)
+    for rows in contacts.groupby("frame").indices.values():
+        i, j, _ = pair_points(points[rows], targets, max_distance=reach)
+        asperity[rows[i]] = j
+    return located.assign(asperity=pd.arrays.IntegerArray(asperity, asperity < 0))
+
+
+def _noted(frames: pd.DataFrame, notes: Mapping[str, str], status: Status | None = None) -> pd.DataFrame:
+    """The frames with notes added to the messages of those named; with a status, these are no longer ok."""
+    messages = [
+        "; ".join(filter(None, [message, notes.get(name, "")]))
+        for name, message in zip(frames["frame"], frames["message"], strict=True)
+    ]
+    changed = (frames["status"] == Status.OK) & frames["frame"].isin(list(notes)) & (status is not None)
+    return frames.assign(message=messages, status=frames["status"].mask(changed, status))
+
+
+def _known(contacts: pd.DataFrame, column: str) -> Iterator[tuple[str, int, int]]:
+    """Of each frame, how many of its contacts have a value in a column, and their number."""
+    table = contacts[column].notna().groupby(contacts["frame"]).agg(["sum", "size"])
+    return ((str(name), int(found), int(count)) for name, found, count in table.itertuples())
+
+
+@stage("pose")
+def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit) -> Run:
+    """The run with sample coordinates and asperities under a pose."""
+    targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
+    located, frames = (
+        CONTACTS.conform(locate_frames(run.contacts, run.frames, pose.pose, targets)),
+        run.frames,
+    )
+    if targets is not None:
+        few, lost = dict[str, str](), dict[str, str]()
+        for name, found, count in _known(located, "asperity"):
+            if found < MATCHED_FRACTION * count:
+                few[name] = (
+                    f"only {found} of {count} contacts fall on an asperity: check the asperity table, "
+                    "[camera] pixel_size_m and centre_m, and [indenter] apex_m"
+                )
+            if found < SIGNIFICANT_FRACTION * count and count >= LEAST_VOTING_POINTS:
+                lost[name] = ""
+        frames = _noted(_noted(frames, few), lost, Status.NO_POSE)
+    return replace(run, contacts=located, frames=frames, pose=pose)
+
+
+@stage("forces")
+def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None = None) -> Run:
+    """The run with local forces where the elastic body and the asperity's radius are known, and with sums.
+
+    Without a ``law`` the contacts of this run decide on it.
+    """
+    length_std = 0.0 if run.pose is None else run.pose.length_relative_std
+    camera = run.scene.need("camera", "forces") if run.pose is None else run.pose.pose
+    law = law or local_law(run, sites)
+    if law is not None and sites is not None:
+        law = replace(law, shapes=CapShapes.of(sites))
+    contacts, frames = fill_forces(
+        run.scene if law is None else law.scene,
+        run.contacts,
+        run.frames,
+        sites,
+        pixel_size=camera.pixel_size,
+        length_relative_std=length_std,
+    )
+    notes = {
+        name: f"{count - found} contacts have no asperity and so no force; the sum leaves them out"
+        for name, found, count in _known(contacts, "force_N")
+        if 0 < found < count
+    }
+    frames = _noted(frames, notes)
+    if law is not None and law.scene.elastic is not None:
+        frames = _noted(frames, _unbalanced(frames, law.scene.elastic.young_modulus), Status.OFF_LOAD)
+    forces = contacts["force_N"].notna().any()
+    return replace(run, contacts=contacts, frames=frames, law=law if forces else None)
+
+
+def local_law(run: Run, sites: pd.DataFrame | None) -> LawPlan | None:
+    """The law of the local forces of a run, and what it leaves out; None without an elastic body."""
+    return None if run.scene.elastic is None else decide_law(run.scene, _law_evidence(run, sites))
+
+
+def _law_evidence(run: Run, sites: pd.DataFrame | None) -> LawEvidence:
+    """What the contacts of a run say of the law of the local forces."""
+    return LawEvidence.of(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
+
+
+def _unbalanced(frames: pd.DataFrame, young_modulus: float) -> dict[str, str]:
+    """Name of a frame whose forces do not balance the load -> what to check."""
+    notes = {}
+    columns = ["frame", "force_sum_N", "force_sum_std_N", "load_N"]
+    for name, total, std, load in frames[columns].itertuples(index=False):
+        if load > 0 and total > 0 and abs(total - load) > SIGNIFICANT_STDS * std:
+            ratio = total / load
+            if max(ratio, 1 / ratio) > FORCES_OFF_LOAD:
+                notes[str(name)] = (
+                    f"the local forces add up to {ratio:.3g} times the load: check the load and its zero, "
+                    f"[elastic] young_modulus_Pa = {young_modulus:g}, [camera] pixel_size_m and the radii of "
+                    "the asperities"
+                )
+    return notes
+
+
+# --- the series
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +384,8 @@ class MeasuredSeries:
         """The law of the local forces, on which the contacts of all frames decide; None without forces."""
         if self.scene.elastic is None or self.pose is None:
             return None
-        return decide_law(self.scene, reduce(or_, self._share(_law_evidence)))
+        evidence = self._share(lambda block: _law_evidence(block._located(), block.sites))
+        return decide_law(self.scene, reduce(or_, evidence))
 
     def _share(self, call: Callable[["MeasuredSeries"], Result]) -> Iterator[Result]:
         """The results of a function of each block, as a series of its own."""
@@ -159,12 +417,6 @@ class MeasuredSeries:
         contacts, rejected, outlines = (_joined(schema, tables) for schema in (CONTACTS, REJECTED, OUTLINES))
         more = {"rejected": rejected, "outlines": outlines}
         return Run(self.scene, contacts, frames.assign(load_N=self.loads), tables=more)
-
-
-def _law_evidence(block: MeasuredSeries) -> LawEvidence:
-    """What a block says of the law of the local forces."""
-    run = block._located()
-    return LawEvidence.of(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, block.sites))
 
 
 def _joined(schema: Schema, parts: Sequence[object]) -> pd.DataFrame:

@@ -1,7 +1,8 @@
 """Compare a run with the predictions of the models: pairs and scores, frame by frame."""
 
-from collections.abc import Callable, Hashable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,8 @@ import numpy as np
 import pandas as pd
 
 from contactimg.effects.plan import Plan
-from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError
-from contactimg.files import Experiment, FrameSource, write_table
+from contactimg.files import Experiment, write_table
 from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
 from contactimg.matching import match_contacts
@@ -19,24 +19,20 @@ from contactimg.pipeline.inputs import contact_sites, loads_before
 from contactimg.pipeline.pictures import (
     PREDICTED,
     disk_in_pixels,
+    draw_frames,
     draw_predicted,
     series_stretch,
     view_of,
-    write_picture,
 )
-from contactimg.plots.overlay import View
 from contactimg.prediction import (
     COMPARED_MODELS,
-    Prediction,
     hertz_circle,
     predict_contacts,
     scene_of_model,
     see_contacts,
 )
-from contactimg.scene import Scene
 from contactimg.tables import FAILED, MATCHES, SCORES
 from contactimg.tables.outlines import Outline, contact_outlines
-from contactimg.timings import stage
 
 
 @dataclass(frozen=True)
@@ -101,30 +97,33 @@ def compare_run(
     pose = run.need_pose()
     for section in ("indenter", "elastic"):
         run.scene.need(section, "comparing with a contact model")
-    matches: list[pd.DataFrame] = [MATCHES.empty()]
-    scores: list[dict[str, Any]] = []
-    predicted: dict[str, dict[str, pd.DataFrame]] = {}
-    left_out: dict[str, str] = {}
-    plans: dict[str, Plan] = {}
-    comparable, sites = _comparable(run.frames), contact_sites(asperities, run.scene)
-    loads = comparable["load_N"].tolist()
-    for row in comparable.to_dict("records"):
-        frame = row["frame"]
+    frames = _comparable(run.frames)
+    found = Comparison(MATCHES.empty(), SCORES.empty(), {}, {}, {}, min_radius_px)
+    matches, scores = [found.matches], list[dict[str, Any]]()
+    sites, loads = contact_sites(asperities, run.scene), frames["load_N"].tolist()
+    for frame, load in zip(frames["frame"], loads, strict=True):
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
-        found, reasons = _predicted(run.scene, asperities, row, loads)
-        coupled, shift_px = found.get("coupled"), frame_shift(run.frames, frame)
-        if coupled is not None and measured["force_N"].notna().any():  # both sides follow one law
-            planned = run.scene if coupled.plan is None else coupled.plan.apply(run.scene)
+        shift_px, reasons = frame_shift(run.frames, frame), []
+        found.predicted[frame] = {}
+        for model in COMPARED_MODELS:
+            history = loads_before(run.scene, load, loads)
+            told = scene_of_model(run.scene, model)
+            try:
+                prediction = predict_contacts(told, asperities, load=load, frame=frame, history=history)
+            except ContactimgError as error:
+                reasons.append(f"{model}: {error}")
+                continue
+            seen = see_contacts(prediction.contacts, pose, shift_px=shift_px)
+            found.predicted[frame][model] = _in_view(seen, pose.shape)
+            if model == "coupled" and prediction.plan is not None:
+                found.plans[frame] = prediction.plan
+        if "coupled" in found.predicted[frame] and measured["force_N"].notna().any():
+            # both sides follow one law
+            planned = found.plans[frame].apply(run.scene) if frame in found.plans else run.scene
             measured = local_forces(planned, measured, sites)[0]
-        predicted[frame] = {
-            model: _in_view(see_contacts(prediction.contacts, pose, shift_px=shift_px), pose.shape)
-            for model, prediction in found.items()
-        }
-        if coupled is not None and coupled.plan is not None:
-            plans[frame] = coupled.plan
         if reasons:
-            left_out[frame] = reasons
-        for model, contacts in predicted[frame].items():
+            found.left_out[frame] = "; ".join(reasons)
+        for model, contacts in found.predicted[frame].items():
             pairs, score = compare_frame(
                 measured, contacts, pixel_size=pose.pixel_size, min_radius_px=min_radius_px
             )
@@ -134,37 +133,20 @@ def compare_run(
         if advance is not None:
             advance()
     table = SCORES.conform(pd.DataFrame(scores)) if scores else SCORES.empty()
-    pairs = MATCHES.conform(pd.concat(matches, ignore_index=True))
-    return Comparison(pairs, table, predicted, left_out, plans, min_radius_px)
+    return replace(found, matches=MATCHES.conform(pd.concat(matches, ignore_index=True)), scores=table)
 
 
 def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
     """The frames that were measured at a known load."""
-    loaded = frames["load_N"].notna()
+    loaded, good = frames["load_N"].notna(), frames["status"] != FAILED
     if not loaded.any():
         raise InputError(
             "there is nothing to compare: no frame of the run has a load; run `process` again with a table "
             "of loads, loads.csv or [images] loads"
         )
-    good = loaded & (frames["status"] != FAILED)
-    if not good.any():
+    if not (loaded & good).any():
         raise InputError("there is nothing to compare: no frame with a load could be measured")
-    return frames[good]
-
-
-def _predicted(
-    scene: Scene, asperities: pd.DataFrame, row: dict[Hashable, Any], loads: list[float]
-) -> tuple[dict[str, Prediction], str]:
-    """What each model predicts for a frame, one of all the loads, and why models have no solution."""
-    load, found, reasons = row["load_N"], dict[str, Prediction](), list[str]()
-    history = loads_before(scene, load, loads)
-    for model in COMPARED_MODELS:
-        told = scene_of_model(scene, model)
-        try:
-            found[model] = predict_contacts(told, asperities, load=load, frame=row["frame"], history=history)
-        except ContactimgError as error:
-            reasons.append(f"{model}: {error}")
-    return found, "; ".join(reasons)
+    return frames[loaded & good]
 
 
 def compare_frame(
@@ -179,16 +161,13 @@ def compare_frame(
     visible = predicted["radius_m"] >= min_radius_px * pixel_size
     counted = pairs["radius_predicted_m"] >= min_radius_px * pixel_size
     n_measured, n_predicted = len(measured) - int((~counted).sum()), int(visible.sum())
-    n_matched = int(counted.sum())
-    precision = n_matched / n_predicted if n_predicted else np.nan
-    recall = n_matched / n_measured if n_measured else np.nan
-    good = pairs[counted]
+    n_matched, good = int(counted.sum()), pairs[counted]
     return pairs, {
         "n_measured": n_measured,
         "n_predicted": n_predicted,
         "n_matched": n_matched,
-        "precision": precision,
-        "recall": recall,
+        "precision": n_matched / n_predicted if n_predicted else np.nan,
+        "recall": n_matched / n_measured if n_measured else np.nan,
         "f1": 2 * n_matched / (n_measured + n_predicted) if n_measured + n_predicted else np.nan,
         "position_rms_m": _rms(good["distance_m"]),
         "radius_rms_m": _rms(good["radius_measured_m"] - good["radius_predicted_m"]),
@@ -232,31 +211,22 @@ def draw_comparison(
     stretch = series_stretch([sources[frame] for frame in predicted])
     pose = run.need_pose()
 
+    loads, least = run.frames.set_index("frame")["load_N"], comparison.min_radius_px
+
     def jobs() -> Iterator[tuple[Any, ...]]:
         for frame, models in predicted.items():
             shift, view = frame_shift(run.frames, frame), view_of(frame, experiment, stretch, pose.pixel_size)
-            circle = disk_in_pixels(hertz_circle(run.scene, _load_of(run, frame)), pose, shift)
+            circle = disk_in_pixels(hertz_circle(run.scene, float(loads[frame])), pose, shift)
             contacts, lines = (table[table["frame"] == frame] for table in (run.contacts, run.outlines))
-            seen = _in_view(contacts, pose.shape)
-            least = {"pixel_size": pose.pixel_size, "min_radius_px": comparison.min_radius_px}
-            marked = {model: mark_contacts(seen, table, lines, **least) for model, table in models.items()}
-            yield sources[frame], marked, circle, view, folder
+            seen, how = (
+                _in_view(contacts, pose.shape),
+                {"pixel_size": pose.pixel_size, "min_radius_px": least},
+            )
+            marked = {model: mark_contacts(seen, table, lines, **how) for model, table in models.items()}
+            draw = partial(draw_predicted, marked=marked, hertz_circle=circle, view=view)
+            yield sources[frame], draw
 
-    for _ in in_parallel(_draw, jobs(), count=len(predicted), workers=workers):
-        if advance is not None:
-            advance()
-
-
-@stage("pictures")
-def _draw(
-    source: FrameSource,
-    marked: dict[str, dict[str, list[Outline]]],
-    circle: list[Outline],
-    view: View,
-    folder: Path,
-) -> None:
-    """Read one frame again and draw it."""
-    write_picture(draw_predicted(source.read().image, marked, circle, view=view), folder, source.name)
+    draw_frames(jobs(), folder, count=len(predicted), workers=workers, advance=advance)
 
 
 def mark_contacts(
@@ -279,8 +249,3 @@ def mark_contacts(
         "predicted, not measured": contact_outlines(predicted[false]),
         PREDICTED: contact_outlines(predicted),
     }
-
-
-def _load_of(run: Run, frame: str) -> float:
-    """The load of a frame, N."""
-    return float(run.frames.loc[run.frames["frame"] == frame, "load_N"].iloc[0])

@@ -1,7 +1,8 @@
 """Pictures of a run: outlines of the measured contacts on each frame, predictions over them."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -75,13 +76,33 @@ def draw_overlays(
     sources = [source for source in experiment.frames if source.name not in failed]
     stretch = series_stretch(sources)
     measured = ((name, shown) for name, shown in _shown(series) if name not in failed)
+    views = (view_of(source.name, experiment, stretch, pixel_size) for source in sources)
     jobs = (
-        (source, shown, view_of(name, experiment, stretch, pixel_size), folder, numbers)
-        for source, (name, shown) in zip(sources, measured, strict=True)
+        (source, partial(draw_measured, shown=shown, view=view, numbers=numbers))
+        for source, (_, shown), view in zip(sources, measured, views, strict=True)
     )
-    for _ in in_parallel(_draw_frame, jobs, count=len(sources), workers=workers):
+    draw_frames(jobs, folder, count=len(sources), workers=workers, advance=advance)
+
+
+def draw_frames(
+    jobs: Iterable[tuple[FrameSource, Callable[[NDArray], Picture]]],
+    folder: Path,
+    *,
+    count: int,
+    workers: int | None,
+    advance: Callable[[], None] | None,
+) -> None:
+    """Read frames again, and write what a function draws of each."""
+    for _ in in_parallel(partial(_draw_frame, folder), jobs, count=count, workers=workers):
         if advance is not None:
             advance()
+
+
+@stage("pictures")
+def _draw_frame(folder: Path, source: FrameSource, draw: Callable[[NDArray], Picture]) -> None:
+    """Read one frame again and draw it."""
+    picture = draw(source.read().image)
+    write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(source.name)}.png")
 
 
 def _shown(series: MeasuredSeries) -> Iterator[tuple[str, FrameTables]]:
@@ -133,17 +154,6 @@ def view_of(
     load = experiment.load_of(frame)
     title = f"{frame}, {1e3 * load:g} mN" if np.isfinite(load) else frame
     return View(stretch, title=title, pixel_size=pixel_size)
-
-
-@stage("pictures")
-def _draw_frame(source: FrameSource, shown: FrameTables, view: View, folder: Path, numbers: bool) -> None:  # noqa: FBT001 - a job
-    """Read one frame again and draw it."""
-    write_picture(draw_measured(source.read().image, shown, view, numbers=numbers), folder, source.name)
-
-
-def write_picture(picture: Picture, folder: Path, frame: str) -> None:
-    """Write the picture of a frame."""
-    write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(frame)}.png")
 
 
 def draw_measured(image: NDArray, shown: FrameTables, view: View, *, numbers: bool = False) -> Picture:

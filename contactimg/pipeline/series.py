@@ -3,8 +3,8 @@
 import logging
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,8 @@ from contactimg.errors import FrameError, InputError
 from contactimg.files import EVERY_FRAME, Experiment, PartStore, Run, edit_points, open_experiment
 from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
 from contactimg.imaging.fit.pooling import FEWEST_SCORES, gain_of_pooling, pool_edges, pool_optics
-from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
-from contactimg.pipeline.background import measure_on_background, measure_on_pool
+from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.pipeline.background import measure_on_background
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.measured_series import MeasuredSeries
@@ -149,16 +149,14 @@ def _measure_frames(
         parts.append(MeasuredFrame.of(measured))
         parts[-1].log()
     shape = _refuse_other_sizes(parts)
-    parts, background = measure_on_background(experiment, options, edits, parts, workers=workers, store=store)
-    optics = _OpticsOfSeries.of(parts, options.scene.measure.method)
-    if optics is None:
-        return parts, shape
-    again = [k for k, part in enumerate(parts) if optics.gains(k, part)]
-    lent = (optics.for_frame(k).scaled(parts[k].level or 1.0) for k in again)
-    jobs = [(frames[k], own, edits.get(frames[k].name, ())) for k, own in zip(again, lent, strict=True)]
-    if background is not None:
-        measure = partial(measure_on_pool, pool=background.pool)
-        jobs = [(*job, background.before(k)) for k, job in zip(again, jobs, strict=True)]
+    parts, on_pool, before = measure_on_background(
+        experiment, options, edits, parts, workers=workers, store=store
+    )
+    lent = _lent_optics(parts, options.scene.measure.method)
+    again = list(lent)
+    jobs = [(frames[k], lent[k].scaled(parts[k].level or 1.0), edits.get(frames[k].name, ())) for k in again]
+    if on_pool is not None:
+        measure, jobs = on_pool, [(*job, before[k]) for k, job in zip(again, jobs, strict=True)]
     second_pass = for_each_frame(experiment, measure, jobs, workers=workers, store=store)
     for k, measured in zip(again, second_pass, strict=True):
         part = MeasuredFrame.of(measured)
@@ -168,51 +166,31 @@ def _measure_frames(
     return parts, shape
 
 
-@dataclass(frozen=True, eq=False)
-class _OpticsOfSeries:
-    """Contrast, blur and edge that the frames of a series have in common.
+def _lent_optics(parts: Sequence[MeasuredFrame], method: str) -> dict[int, SharedOptics]:
+    """Number of a frame that gains by it -> contrast, blur and edge that the frames of the series share.
 
-    Parameters
-    ----------
-    pooled : SharedOptics
-        Contrast and blur of all frames, edge of those in the pool.
-    pool : dict
-        Number of a frame -> its own edge, of the frames that the edge is pooled from.
-    method : str
-        Of the scene, where no other was chosen for a frame.
+    Contrast and blur are those of all frames that were fitted; of the edge a frame gets what the others of a
+    pool show: its own adds nothing to it. Nothing is lent where no frame determines its contrast.
     """
-
-    pooled: SharedOptics
-    pool: dict[int, EdgeKnowledge]
-    method: str
-
-    @classmethod
-    def of(cls, parts: Sequence[MeasuredFrame], method: str) -> "_OpticsOfSeries | None":
-        """Those of the frames that were fitted; None if none of them determines its contrast."""
-        own = (part.relative_optics if _is_fitted(part, method) else None for part in parts)
-        pooled = pool_optics(replace(optics, edge=None) for optics in own if optics is not None)
-        if pooled is None:
-            return None
-        edges = [None if part.own_optics is None else part.own_optics.edge for part in parts]
-        seen = [k for k, edge in enumerate(edges) if edge is not None and edge.count >= FEWEST_SCORES]
-        places = np.linspace(0, len(seen) - 1, min(MOST_EDGES, len(seen)))
-        chosen = [seen[k] for k in np.unique(np.rint(places).astype(int))]
-        pool = {k: edge for k in chosen if (edge := edges[k]) is not None}
-        return cls(replace(pooled, edge=pool_edges(list(pool.values()))), pool, method)
-
-    def for_frame(self, k: int) -> SharedOptics:
-        """The pooled optics for a frame, with the edge that the others show: its own adds nothing to it."""
-        return self._without.get(k, self.pooled)
-
-    @cached_property
-    def _without(self) -> dict[int, SharedOptics]:
-        """Number of a frame in the pool -> the optics with the edge that the others show."""
-        edges = {k: [edge for other, edge in self.pool.items() if other != k] for k in self.pool}
-        return {k: replace(self.pooled, edge=pool_edges(others)) for k, others in edges.items()}
-
-    def gains(self, k: int, part: MeasuredFrame) -> bool:
-        """Whether a frame is measured again with these optics."""
-        return _is_fitted(part, self.method) and _gains_by_pooling(part, self.for_frame(k))
+    fitted = [_is_fitted(part, method) for part in parts]
+    own = (part.relative_optics for part, is_fitted in zip(parts, fitted, strict=True) if is_fitted)
+    pooled = pool_optics(replace(optics, edge=None) for optics in own if optics is not None)
+    if pooled is None:
+        return {}
+    edges = [None if part.own_optics is None else part.own_optics.edge for part in parts]
+    seen = [k for k, edge in enumerate(edges) if edge is not None and edge.count >= FEWEST_SCORES]
+    places = np.linspace(0, len(seen) - 1, min(MOST_EDGES, len(seen)))
+    chosen = [seen[k] for k in np.unique(np.rint(places).astype(int))]
+    pool = {k: edge for k in chosen if (edge := edges[k]) is not None}
+    common = replace(pooled, edge=pool_edges(list(pool.values())))
+    lent = {}
+    for k, part in enumerate(parts):
+        optics = common
+        if k in pool:
+            optics = replace(pooled, edge=pool_edges([edge for other, edge in pool.items() if other != k]))
+        if fitted[k] and _gains_by_pooling(part, optics):
+            lent[k] = optics
+    return lent
 
 
 def _is_fitted(part: MeasuredFrame, method: str) -> bool:

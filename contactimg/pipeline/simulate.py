@@ -76,8 +76,7 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None, *, optics: bo
     decisions = [decision for plan in plans for decision in plan.decisions]
     on = {decision.effect for decision in decisions if decision.on}
     switches = {one.effect: "on" if one.effect in on else "off" for one in decisions}
-    effects = scene.effects.model_copy(update=switches)
-    return SimulationPlan(explicit_switches(scene.model_copy(update={"effects": effects})), plans)
+    return SimulationPlan(explicit_switches(scene.with_effects(switches)), plans)
 
 
 def _refuse_film_of_profile(scene: Scene) -> None:
@@ -104,7 +103,7 @@ def explicit_switches(scene: Scene) -> Scene:
     shown = read_render_settings(scene).effects | ({"coupling"} if scene.asperities is not None else set())
     stated = scene.effects.switches()
     switches = {name: "on" if name in shown else "off" for name in stated if stated[name] == "auto"}
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
+    return scene.with_effects(switches)
 
 
 @dataclass(frozen=True)

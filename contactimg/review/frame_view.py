@@ -17,7 +17,7 @@ from contactimg.files import Experiment
 from contactimg.frame import Frame
 from contactimg.imaging.measure import ImageMeasurement, count_again
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS
+from contactimg.pipeline.calibrate.thresholds import THRESHOLDS
 from contactimg.pipeline.frame import Edits, FrameOptions, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites, read_reference
 from contactimg.tables.outlines import Outline, contact_outlines

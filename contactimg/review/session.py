@@ -29,7 +29,7 @@ from contactimg.files import (
     read_run_table,
     set_scene_keys,
 )
-from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
+from contactimg.pipeline.calibrate.thresholds import measure_thresholds
 from contactimg.pipeline.frame import MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.measured_series import write_run
 from contactimg.pipeline.pictures import series_stretch

@@ -63,6 +63,10 @@ class Scene(Section):
             return self
         return self.model_copy(update={"indenter": self.indenter.model_copy(update={"apex": apex})})
 
+    def with_effects(self, switches: Mapping[str, str]) -> "Scene":
+        """The scene with other switches of its effects."""
+        return self.model_copy(update={"effects": self.effects.model_copy(update=switches)})
+
     def need(self, section: str, purpose: str) -> Any:
         """The named section, or an `InputError` that says what it is needed for."""
         value = getattr(self, section)

@@ -20,7 +20,7 @@ from contactimg.imaging import foreground
 from contactimg.imaging.background import subtract as reference
 from contactimg.imaging.evidence import rules
 from contactimg.optics import render_settings
-from contactimg.pipeline.effects import SHARP_BLUR_PX, film_setting, resolve_measurement
+from contactimg.pipeline.frame import SHARP_BLUR_PX, film_setting, resolve_measurement
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import explicit_switches, plan_simulation
 from contactimg.render import contacts as render_contacts_module

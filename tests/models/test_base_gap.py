@@ -8,7 +8,7 @@ from contactimg.cli import main
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.adhesive import solve_adhesive
 from contactimg.models.interacting import solve_interacting
-from contactimg.pipeline.ensemble import predict_ensemble
+from contactimg.pipeline.predict import predict_ensemble
 from contactimg.prediction import find_touching_load, predict_average, predict_contacts
 from contactimg.scene import scene_from_dict
 from contactimg.surfaces import generate_asperities

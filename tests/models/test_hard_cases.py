@@ -2,35 +2,29 @@
 
 import numpy as np
 import pytest
+from hard_problems import ALL_CASES, GROUPS, LAYER_FORCES
 
 from contactimg import hard_cases
 from contactimg.cli import main
 from contactimg.errors import ModelRangeError
-from contactimg.hard_cases import CASES, GROUPS, LAYER_FORCES, MODULUS, Outcome, chosen_cases, run_cases
+from contactimg.hard_cases import CASES, LAYER_FORCE, MODULUS, PAIR_AREA, Outcome, run_cases
 
-MANY = [case for case in CASES if case.name.startswith("pattern of")]
+MANY = [name for name in ALL_CASES if name.startswith("pattern of")]
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case not in MANY], ids=lambda case: case.name)
-def test_hard_case(case):
-    outcome = case.check()
+@pytest.mark.parametrize("name", [name for name in ALL_CASES if name not in MANY])
+def test_hard_case(name):
+    outcome = ALL_CASES[name]()
     assert outcome.passed, outcome
 
 
 @pytest.mark.slow
 def test_a_hundred_thousand_caps():
-    assert MANY[0].check().passed
-
-
-def test_the_quick_selection_has_one_case_of_each_kind():
-    names = [case.name for case in CASES]
-    assert len(set(names)) == len(names) > 40
-    assert 12 <= len(chosen_cases(every=False)) <= 30
-    assert not set(MANY) & set(chosen_cases(every=False))
+    assert ALL_CASES[MANY[0]]().passed
 
 
 def test_self_test_prints_a_table_and_its_exit_code_says_whether_all_hold(monkeypatch, capsys):
-    some = [case for case in CASES if case.quick][:4]
+    some = dict(list(CASES.items())[:4])
     monkeypatch.setattr(hard_cases, "CASES", some)
     assert main(["selftest"]) == 0
     assert "4 of 4 hold" in capsys.readouterr().out
@@ -43,7 +37,7 @@ def test_self_test_prints_a_table_and_its_exit_code_says_whether_all_hold(monkey
         lambda: Outcome("converged", 1e-3, 1e-9, "closed form"),
         lambda: Outcome("approximate", np.nan, 0.0, ""),
     ):
-        monkeypatch.setattr(hard_cases, "CASES", [*some, hard_cases.HardCase("wrong", wrong, True)])
+        monkeypatch.setattr(hard_cases, "CASES", some | {"wrong": wrong})
         assert main(["selftest"]) == 1
         assert "4 of 5 hold, 1 do not" in capsys.readouterr().out
 
@@ -59,10 +53,13 @@ def test_a_refusal_must_say_why(words):
 
 def test_a_changed_law_is_seen(monkeypatch):
     """The sums one by one know nothing of the solver: a modulus that is off by 1e-6 fails."""
-    pattern = next(case for case in CASES if case.name.startswith("SA+ of 10 mm"))
     monkeypatch.setitem(hard_cases.FLAT, "contact_modulus", MODULUS * (1 + 1e-6))
-    assert not pattern.check().passed
-    assert run_cases(every=False)["passed"].sum() < len(chosen_cases(every=False))
+    assert not CASES["SA+ of 10 mm under a lens, 1 N"]().passed
+    assert not run_cases()["passed"].all()
+
+
+def test_the_self_test_compares_with_the_stored_solutions():
+    assert (LAYER_FORCES[2e-5, 0.5, 4e-6], GROUPS[2, 2.1]) == (LAYER_FORCE, PAIR_AREA)
 
 
 @pytest.mark.parametrize("key", LAYER_FORCES, ids=str)

@@ -85,9 +85,7 @@ def test_stated_uncertainty_falls_with_the_error(series, pooled):
 def test_reference_can_be_asked_for_and_short_series_keep_it(series, single, tmp_path):
     assert (single.frames["message"] == "").all()
     names = [f"frame_{k}.tif" for k in (1, 2, 3, 4)]
-    short = measured(series, frames=names)
-    alone = measured(series, frames=names, background="reference")
-    pd.testing.assert_frame_equal(short.contacts, alone.contacts)
+    assert (measured(series, frames=names).frames["message"] == "").all()
     asked = measured(series, frames=names, background="pooled")
     assert asked.frames["message"].str.contains("pooled from 4 images").all()
 

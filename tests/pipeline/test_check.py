@@ -13,7 +13,7 @@ from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.check import check_experiment
 from contactimg.scene import scene_from_dict
 
-FOREIGN = ("low light", "Bayer", "dark contacts", "defocus")
+FOREIGN = ("low light", "Bayer", "dark contacts")
 """Frames of a renderer that shares no code with the package."""
 
 
@@ -69,11 +69,13 @@ def test_a_blur_that_is_set_wrong_shows_as_bias(tmp_path):
     assert bias[1] > 0.4
 
 
-def test_classes_count_every_drawn_contact_once(tmp_path):
-    result = check_experiment(experiment_of([make_scene("plain", 25, 51)], tmp_path), workers=1)
+def test_classes_count_every_drawn_contact_once_and_the_same_seed_draws_the_same(tmp_path):
+    experiment = experiment_of([make_scene("plain", 25, 51)], tmp_path)
+    result, again = (check_experiment(experiment, workers=1) for _ in range(2))
     assert result.classes["drawn"].sum() == len(result.drawn)
     assert result.classes["found"].sum() == result.drawn["found"].sum()
     assert "are found" in result.sentence
+    pd.testing.assert_frame_equal(result.drawn, again.drawn)
 
 
 def test_frames_without_contacts_are_refused_with_the_reason(tmp_path):
@@ -87,10 +89,3 @@ def test_frames_without_contacts_are_refused_with_the_reason(tmp_path):
     experiment = open_experiment(scene_from_dict(data, folder=str(tmp_path)))
     with pytest.raises(InputError, match="no frame shows contacts like which others could be drawn"):
         check_experiment(experiment, workers=1)
-
-
-def test_the_same_seed_draws_the_same(tmp_path):
-    experiment = experiment_of([make_scene("plain", 25, 51)], tmp_path)
-    pd.testing.assert_frame_equal(
-        check_experiment(experiment, workers=1).drawn, check_experiment(experiment, workers=1).drawn
-    )

@@ -146,7 +146,7 @@ def test_a_row_that_says_too_little_gets_one_sentence(folder, row, sentence):
 def test_the_command_applies_edits_of_the_folder_and_counts_them(folder, tmp_path):
     edits = EDITS.conform(pd.DataFrame([{"frame": "frame_1.tif"} | at("exclude", ALONE)]))
     write_edits(edits, folder / "edits.csv")
-    command = ["process", str(folder), "--pixel-size-um", "1", "--no-pictures", "--quiet"]
+    command = ["process", str(folder), "--pixel-size-um", "1", "--no-pictures", "--quiet", "--workers", "1"]
     try:
         assert main([*command, "-o", str(tmp_path / "a")]) == 0
         assert main([*command, "-o", str(tmp_path / "b")]) == 0

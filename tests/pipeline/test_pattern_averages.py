@@ -6,9 +6,9 @@ import pytest
 from local_cluster import files_of
 
 from contactimg.cli import main
-from contactimg.pipeline import ensemble as ensemble_module
-from contactimg.pipeline.ensemble import Ensemble, predict_ensemble
+from contactimg.pipeline import predict as ensemble_module
 from contactimg.pipeline.inputs import generated_asperities
+from contactimg.pipeline.predict import Ensemble, predict_ensemble
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
 

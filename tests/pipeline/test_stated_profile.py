@@ -10,8 +10,9 @@ from contactimg.files import open_experiment, read_scene
 from contactimg.forces import local_forces
 from contactimg.mechanics.contact_force import force_exponents, pressing_force
 from contactimg.mechanics.profiles import ProfileUnderLens
-from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
-from contactimg.pipeline.effects import film_setting, plan_effects
+from contactimg.pipeline.calibrate.thresholds import measure_thresholds
+from contactimg.pipeline.effects import plan_effects
+from contactimg.pipeline.frame import film_setting
 from contactimg.pipeline.inputs import contact_sites, scene_of_defined_laws
 from contactimg.pipeline.overlay import compare_run
 from contactimg.pipeline.series import measure_series

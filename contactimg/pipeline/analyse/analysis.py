@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 
-from contactimg.analysis.annuli import sum_moments
+from contactimg.analysis.annuli import annulus_edges, sum_moments
 from contactimg.analysis.area_against_load import area_by_load, fit_area_law, frame_areas
 from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contact_law, pressure_points
 from contactimg.analysis.estimates import Estimate
@@ -25,16 +25,16 @@ from contactimg.analysis.radial_profiles import (
 )
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.pipeline.analyse.places import (
-    LoadGroup,
     Place,
+    annuli_of,
+    count_solutions,
     differences,
-    group_frames,
-    has_models,
+    grouped,
     joined,
     predict_places,
     usable_frames,
 )
-from contactimg.pipeline.pose_and_forces import shown_apex
+from contactimg.pipeline.measured_series import shown_apex
 from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
@@ -153,18 +153,25 @@ def analyse_places(
     """
     own = _run_model(places)
     notes = [note for place in places for note in _left_out(place)]
-    groups = group_frames(places, tolerance=options.load_tolerance)
-    if not groups:
-        raise InputError("there is nothing to analyse: no frame was measured at a known load above zero")
-    places_of = {own: list(places)}
-    if options.models:
-        places_of |= _predicted_places(places, notes, workers=workers, advance=advance)
-        if own == "measured" and "coupled" in places_of:
-            for place, predicted in zip(places, places_of["coupled"], strict=True):
+    friction, density = _friction_table(places), _density(places[0])
+    places_of = {own: grouped(places, tolerance=options.load_tolerance)}
+    if options.models and not count_solutions(places):
+        notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
+    elif options.models:
+        for model in COMPARED_MODELS:
+            found = predict_places(places_of[own], model, workers=workers, advance=advance)
+            places_of[model] = found[0]
+            notes += found[1]
+        for place, predicted in zip(places_of[own], places_of["coupled"], strict=True):
+            if own == "measured":
                 _doubt_match(place, predicted, options.min_radius_px)
-    density = _density(places[0])
-    averages = [_average_load(group, places_of, options, notes) for group in groups]
-    friction = _friction_table(places)
+    shots = pd.concat([place.frames for place in places_of[own]])
+    averages = [
+        _average_load(
+            str(part["group_name"].iloc[0]), float(part["group_load"].iloc[0]), places_of, options, notes
+        )
+        for _, part in shots.groupby("group")
+    ]
     stress = None if friction.empty else _fit_or_note(notes, "friction", _shear_stress, friction, options)
     ratio = None
     if stress is not None and options.smooth_stress is not None:
@@ -211,24 +218,6 @@ def _run_model(places: Sequence[Place]) -> str:
     for difference in differences(places):
         logger.warning(difference)
     return "predicted" if predicted == {True} else "measured"
-
-
-def _predicted_places(
-    places: Sequence[Place],
-    notes: list[str],
-    *,
-    workers: int | None,
-    advance: Callable[[], None] | None,
-) -> dict[str, list[Place]]:
-    """Model -> the places with its contacts; nothing where the scene does not determine them."""
-    if not all(has_models(place) for place in places):
-        notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
-        return {}
-    places_of = {}
-    for model in COMPARED_MODELS:
-        places_of[model], left_out = predict_places(places, model, workers=workers, advance=advance)
-        notes += left_out
-    return places_of
 
 
 def _doubt_match(place: Place, predicted: Place, min_radius_px: float) -> None:
@@ -287,7 +276,9 @@ class LoadAverage:
 
     Parameters
     ----------
-    group : LoadGroup
+    name : str
+        Of the frames, or of the load.
+    load : float, N
     moments : dict
         Model -> place -> sums over annuli, all with the same edges.
     profile, normalised : DataFrame
@@ -296,7 +287,8 @@ class LoadAverage:
         Of the Greenwood-Tripp model; NaN if it was not solved.
     """
 
-    group: LoadGroup
+    name: str
+    load: float
     moments: dict[str, dict[str, pd.DataFrame]]
     profile: pd.DataFrame
     normalised: pd.DataFrame
@@ -313,39 +305,51 @@ def _density(place: Place) -> float:
 
 
 def _average_load(
-    group: LoadGroup, places_of: dict[str, list[Place]], options: AnalysisOptions, notes: list[str]
+    name: str, load: float, places_of: dict[str, list[Place]], options: AnalysisOptions, notes: list[str]
 ) -> LoadAverage:
     """Average the contacts of one load over annuli; where models were solved, Greenwood-Tripp is added.
 
     What cannot be computed is added to the notes.
     """
-    own = next(iter(places_of.values()))[0]
-    edges = group.edges([place for places in places_of.values() for place in places], width=options.annulus)
+    scene, asperities = (getattr(next(iter(places_of.values()))[0], part) for part in ("scene", "asperities"))
+    contacts: dict[tuple[str, str], dict[str, pd.DataFrame]] = {}
+    edges = np.empty(0)  # of the annuli that hold the contacts of all places
+    for model, places in places_of.items():
+        for place in places:
+            frames = place.frames.loc[place.frames["group_load"] == load, "frame"]
+            parts = {frame: place.contacts[place.contacts["frame"] == frame] for frame in frames}
+            for part in parts.values():
+                own = annulus_edges(part, centre=place.centre, width=options.annulus)
+                edges = max(edges, own, key=len)
+            contacts[model, place.name] = parts
     moments = {
-        model: group.moments(places, edges, min_radius_px=options.min_radius_px)
+        model: {
+            place.name: annuli_of(contacts[model, place.name], place, edges, options.min_radius_px)
+            for place in places
+            if contacts[model, place.name]
+        }
         for model, places in places_of.items()
     }
     profiles = [
-        average_profile(list(tables.values()), frame=group.name, model=model)
+        average_profile(list(tables.values()), frame=name, model=model)
         for model, tables in moments.items()
         if tables
     ]
     ring_area, normalised = np.nan, NORMALISED.empty()
     if len(places_of) > 1:
         try:
-            rings = predict_average(own.scene, own.asperities, load=group.load, model="gt")
+            rings = predict_average(scene, asperities, load=load, model="gt")
             ring_area = float(rings.frames["area_m2"].iloc[0])
-            profiles.append(ring_profile(rings.profile, edges, frame=group.name))
+            profiles.append(ring_profile(rings.profile, edges, frame=name))
         except (InputError, ConvergenceError) as error:
-            notes.append(f"{group.name}: no Greenwood-Tripp curve: {error}")
-    indenter, elastic = own.scene.indenter, own.scene.elastic
-    if indenter is None or elastic is None:
-        return LoadAverage(group, moments, joined(profiles, PROFILE), normalised, ring_area)
-    smooth = {"sphere_radius": indenter.radius, "contact_modulus": elastic.contact_modulus}
-    profiles.append(hertz_profile(edges, load=group.load, frame=group.name, **smooth))
+            notes.append(f"{name}: no Greenwood-Tripp curve: {error}")
+    if scene.indenter is None or scene.elastic is None:
+        return LoadAverage(name, load, moments, joined(profiles, PROFILE), normalised, ring_area)
+    smooth = {"sphere_radius": scene.indenter.radius, "contact_modulus": scene.elastic.contact_modulus}
+    profiles.append(hertz_profile(edges, load=load, frame=name, **smooth))
     profile = joined(profiles, PROFILE)
-    normalised = normalise_profile(profile, load=group.load, **smooth)
-    return LoadAverage(group, moments, profile, normalised, ring_area)
+    normalised = normalise_profile(profile, load=load, **smooth)
+    return LoadAverage(name, load, moments, profile, normalised, ring_area)
 
 
 def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.DataFrame:
@@ -369,9 +373,9 @@ def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.Dat
         table = pd.DataFrame({name: found[source] for name, source in columns.items()}).assign(
             density_ratio=found["density"] / density,
             density_ratio_std=found["density_std"] / density,
-            frame=average.group.name,
+            frame=average.name,
             model=model,
-            load_N=average.group.load,
+            load_N=average.load,
         )
         parts.append(PRESSURE_LAW.conform(table))
     return joined(parts, PRESSURE_LAW)
@@ -393,24 +397,15 @@ def _area_table(
     places_of: dict[str, list[Place]], averages: list[LoadAverage], density: float, options: AnalysisOptions
 ) -> pd.DataFrame:
     """Areas of each load, measured and of every model."""
-    number = {
-        (place, frame): k
-        for k, average in enumerate(averages)
-        for place, frames in average.group.frames.items()
-        for frame in frames
-    }
     tables = []
     for model, places in places_of.items():
+        numbers = pd.concat([place.frames for place in places]).set_index(["place", "frame"])["group"]
         areas = _area_frames(places)
-        groups = np.array([number[key] for key in zip(areas["place"], areas["frame"], strict=True)], int)
+        groups = numbers.loc[pd.MultiIndex.from_frame(areas[["place", "frame"]])].to_numpy(np.intp)
         table = area_by_load(areas, groups, model=model, asperity_density=density)
         spread = np.hypot(options.load_relative_std * table["load_N"], options.load_std)
         tables.append(table.assign(load_std_N=spread / np.sqrt(table["n_frames"].astype(float))))
-    rings = [
-        {"model": "gt", "load_N": average.group.load, "area_m2": average.ring_area}
-        for average in averages
-        if np.isfinite(average.ring_area)
-    ]
+    rings = [("gt", one.load, one.ring_area) for one in averages if np.isfinite(one.ring_area)]
     return joined([*tables, AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"]))], AREA)
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import ks_2samp
 
-from contactimg.analysis.annuli import MOMENTS, SECTORS, FieldOfView, annulus_edges, annulus_moments
+from contactimg.analysis.annuli import MOMENTS, SECTORS, FieldOfView, annulus_moments
 from contactimg.analysis.area_against_load import group_loads
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
@@ -203,104 +203,33 @@ def _optional(read: Callable[[], Result], folder: Path, without: str) -> Result 
 
 
 def differences(places: Sequence[Place]) -> Iterator[str]:
-    """A sentence for each property in which a place differs from the first one."""
-    for place in places[1:]:
-        yield from _different_numbers(places[0], place)
-        yield from _different_asperities(places[0], place)
+    """A sentence for each property in which a place differs from the first one.
 
-
-def _different_numbers(first: Place, place: Place) -> Iterator[str]:
-    """Lens and rubber as the scenes state them."""
-    for section, key in STATED:
-        one, two = (float(run.scene.source.get(section, {}).get(key, np.nan)) for run in (first, place))
-        if abs(two - one) > SAME_NUMBER * max(abs(one), abs(two)):
-            yield (
-                f"[{section}] {key} is {one:g} in {first.name} and {two:g} in {place.name}: averaged "
-                f"as places of one surface under one lens, with the value of {first.name}"
-            )
-
-
-def _different_asperities(first: Place, place: Place) -> Iterator[str]:
-    """Distributions of heights and radii; the height that heights count from has no meaning."""
-    tables = [run.asperities for run in (first, place) if run.asperities is not None]
-    if len(tables) < 2:
-        return
-    for column, name in (("height_m", "heights above their median"), ("radius_m", "radii")):
-        one, two = (_centred(table[column]) for table in tables)
-        if len(one) and len(two) and ks_2samp(one, two).pvalue < CHANCE:
-            yield (
-                f"the asperities of {place.name} are not of the surface of {first.name}: their {name} have "
-                f"standard deviations of {np.std(one):.3g} and {np.std(two):.3g} m; analyse the runs apart"
-            )
-
-
-def _centred(column: pd.Series) -> np.ndarray:
-    """Heights about their median; radii as they are, where they are known."""
-    values = column.to_numpy(float)
-    values = values[np.isfinite(values)]
-    return values - np.median(values) if column.name == "height_m" and len(values) else values
-
-
-# --- frames at nearly the same load
-
-
-@dataclass(frozen=True)
-class LoadGroup:
-    """Frames at one load.
-
-    Parameters
-    ----------
-    name : str
-        The frames' common name, or the load's.
-    load : float, N
-        Mean over the places.
-    frames : dict
-        Place -> its frames at this load.
+    Of the asperities the distributions are compared; the height that heights count from has no meaning.
     """
-
-    name: str
-    load: float
-    frames: dict[str, list[str]]
-
-    def contacts(self, place: Place) -> dict[str, pd.DataFrame]:
-        """Frame -> its contacts, of those at this load that a place has."""
-        present = set(place.frames["frame"])
-        names = (name for name in self.frames.get(place.name, []) if name in present)
-        return {name: place.contacts[place.contacts["frame"] == name] for name in names}
-
-    def edges(self, places: Sequence[Place], *, width: float) -> Values:
-        """Edges of the annuli (m) that hold the contacts of all places."""
-        edges = [
-            annulus_edges(contacts, centre=place.centre, width=width)
-            for place in places
-            for contacts in self.contacts(place).values()
-        ]
-        return max(edges, key=len)
-
-    def moments(
-        self, places: Sequence[Place], edges: Values, *, min_radius_px: float
-    ) -> dict[str, pd.DataFrame]:
-        """Place -> its sums over the annuli; several frames of a place count as one, averaged.
-
-        Contacts smaller than ``min_radius_px`` do not count, measured or predicted.
-        """
-        columns, means = list(MOMENTS), {}
-        for place in places:
-            least = -np.inf if place.pose is None else min_radius_px * place.pose.pixel_size
-            tables = [
-                annulus_moments(
-                    contacts[contacts["radius_m"] >= least],
-                    centre=place.centre,
-                    edges=edges,
-                    field=place.field(frame),
-                    sectors=SECTORS,
+    for place in places[1:]:
+        first = places[0]
+        for section, key in STATED:
+            one, two = (float(run.scene.source.get(section, {}).get(key, np.nan)) for run in (first, place))
+            if abs(two - one) > SAME_NUMBER * max(abs(one), abs(two)):
+                yield (
+                    f"[{section}] {key} is {one:g} in {first.name} and {two:g} in {place.name}: averaged "
+                    f"as places of one surface under one lens, with the value of {first.name}"
                 )
-                for frame, contacts in self.contacts(place).items()
-            ]
-            if tables:
-                means[place.name] = tables[0].copy()
-                means[place.name][columns] = sum(table[columns] for table in tables) / len(tables)
-        return means
+        caps = [run.asperities for run in (first, place) if run.asperities is not None]
+        for column, name in (("height_m", "heights above their median"), ("radius_m", "radii")):
+            values = [table[column].dropna().to_numpy(float) for table in caps]
+            if column == "height_m":
+                values = [one - np.median(one) for one in values if len(one)]
+            if sum(len(one) > 0 for one in values) == 2 and ks_2samp(values[0], values[1]).pvalue < CHANCE:
+                stds = " and ".join(f"{np.std(one):.3g}" for one in values)
+                yield (
+                    f"the asperities of {place.name} are not of the surface of {first.name}: their {name} "
+                    f"have standard deviations of {stds} m; analyse the runs apart"
+                )
+
+
+# --- their frames, and the models of them
 
 
 def usable_frames(place: Place) -> pd.DataFrame:
@@ -309,8 +238,11 @@ def usable_frames(place: Place) -> pd.DataFrame:
     return frames[(frames["load_N"] > 0) & frames["area_m2"].notna()]
 
 
-def group_frames(places: Sequence[Place], *, tolerance: float) -> list[LoadGroup]:
-    """Groups of nearly equal load, from the lowest.
+def grouped(places: Sequence[Place], *, tolerance: float) -> list[Place]:
+    """The places with their usable frames, and what groups these by nearly equal load.
+
+    Columns ``group`` (from the lowest load), ``group_name`` (the common name of its frames, or of the load)
+    and ``group_load`` (N, the mean over the places) are added to the frames.
 
     Parameters
     ----------
@@ -318,16 +250,37 @@ def group_frames(places: Sequence[Place], *, tolerance: float) -> list[LoadGroup
     tolerance : float
         Relative difference up to which loads are averaged as one.
     """
-    usable = [usable_frames(place).assign(place=place.name) for place in places]
-    shots = pd.concat(usable, ignore_index=True)[["place", "frame", "load_N"]]
-    groups = []
-    for _, part in shots.groupby(group_loads(shots["load_N"].tolist(), tolerance=tolerance)):
-        load = float(part.groupby("place")["load_N"].mean().mean())
-        names = part["frame"].unique()
-        name = str(names[0]) if len(names) == 1 else load_name(load)
-        frames = part.groupby("place", sort=False)["frame"].agg(list)
-        groups.append(LoadGroup(name, load, {str(place): found for place, found in frames.items()}))
-    return groups
+    shots = pd.concat([usable_frames(place).assign(place=place.name) for place in places], ignore_index=True)
+    if shots.empty:
+        raise InputError("there is nothing to analyse: no frame was measured at a known load above zero")
+    shots["group"] = group_loads(shots["load_N"].tolist(), tolerance=tolerance)
+    load = shots.groupby(["group", "place"])["load_N"].mean().groupby("group").mean()
+    shots["group_load"] = shots["group"].map(load)
+    names = []
+    for k, frames in enumerate(shots.groupby("group")["frame"].unique()):
+        names.append(str(frames[0]) if len(frames) == 1 else load_name(float(load.iloc[k])))
+    shots["group_name"] = [names[k] for k in shots["group"]]
+    return [replace(place, frames=shots[shots["place"] == place.name]) for place in places]
+
+
+def annuli_of(
+    contacts: Mapping[str, pd.DataFrame], place: Place, edges: Values, least: float
+) -> pd.DataFrame:
+    """Sums over annuli of the contacts from radius ``least`` (px) on, averaged over frames of a place."""
+    smallest = -np.inf if place.pose is None else least * place.pose.pixel_size
+    tables = [
+        annulus_moments(
+            one[one["radius_m"] >= smallest],
+            centre=place.centre,
+            edges=edges,
+            field=place.field(frame),
+            sectors=SECTORS,
+        )
+        for frame, one in contacts.items()
+    ]
+    mean, columns = tables[0].copy(), list(MOMENTS)
+    mean[columns] = sum(table[columns] for table in tables) / len(tables)
+    return mean
 
 
 def joined(tables: Sequence[pd.DataFrame], schema: Schema) -> pd.DataFrame:
@@ -335,15 +288,12 @@ def joined(tables: Sequence[pd.DataFrame], schema: Schema) -> pd.DataFrame:
     return schema.conform(pd.concat([table for table in tables if len(table)] or [schema.empty()]))
 
 
-def has_models(place: Place) -> bool:
-    """Whether the models can be solved for a place: its lens, rubber and asperities are known."""
-    scene = place.scene
-    return place.asperities is not None and scene.indenter is not None and scene.elastic is not None
-
-
 def count_solutions(places: Sequence[Place]) -> int:
     """Solutions that `predict_places` finds for one model; none if a place is not known well enough."""
-    known = all(has_models(place) for place in places)
+    known = all(
+        place.asperities is not None and place.scene.indenter is not None and place.scene.elastic is not None
+        for place in places
+    )
     return sum(len(usable_frames(place)) for place in places) if known else 0
 
 
@@ -359,7 +309,7 @@ def predict_places(
     Parameters
     ----------
     places : sequence of Place
-        For which `has_models` holds.
+        For which `count_solutions` is not 0.
     model : {"coupled", "uncoupled"}
     workers : int, optional
         Processes that share the solutions.
@@ -374,29 +324,29 @@ def predict_places(
         Why frames were left out.
     """
     jobs = [(place.name, row) for place in places for row in usable_frames(place).to_dict("records")]
-    tables: dict[str, tuple[list[pd.DataFrame], list[dict[Hashable, Any]]]] = {
-        p.name: ([], []) for p in places
-    }
-    notes = []
-    solve = partial(_solve, {place.name: place for place in places}, model)
+    contacts: dict[str, list[pd.DataFrame]] = {place.name: [] for place in places}
+    frames: dict[str, list[dict[Hashable, Any]]] = {place.name: [] for place in places}
+    notes, solve = list[str](), partial(_solve, {place.name: place for place in places}, model)
     solutions = in_parallel(solve, jobs, count=len(jobs), workers=workers)
     for (name, row), solved in zip(jobs, solutions, strict=True):
         if isinstance(solved, str):
             notes.append(f"{name}, {row['frame']}: the {model} model is left out: {solved}")
         else:
-            contacts, rows = tables[name]
-            contacts.append(solved)
-            rows.append(row | {"n_contacts": len(solved), "area_m2": float(solved["area_m2"].sum())})
+            contacts[name].append(solved)
+            area = float(solved["area_m2"].sum())
+            # free of measurement errors
+            frames[name].append(row | {"n_contacts": len(solved), "area_m2": area, "area_std_m2": 0.0})
         if advance is not None:
             advance()
-    predicted = []
-    for place in places:  # free of measurement errors
-        contacts, rows = tables[place.name]
-        none = CONTACTS.empty().assign(radius_ratio=pd.Series(dtype=float))
-        together = pd.concat(contacts, ignore_index=True) if contacts else none
-        frames = pd.DataFrame(rows, columns=place.frames.columns).assign(area_std_m2=0.0)
-        predicted.append(replace(place, contacts=together, frames=frames))
-    return predicted, notes
+    none = CONTACTS.empty().assign(radius_ratio=pd.Series(dtype=float))
+    return [
+        replace(
+            place,
+            contacts=pd.concat(contacts[place.name] or [none], ignore_index=True),
+            frames=pd.DataFrame(frames[place.name], columns=place.frames.columns),
+        )
+        for place in places
+    ], notes
 
 
 def _solve(places: dict[str, Place], model: str, name: str, row: dict[Hashable, Any]) -> pd.DataFrame | str:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from contactimg.analysis.contacts_against_pressure import QUANTITIES
 from contactimg.analysis.estimates import Estimate
+from contactimg.analysis.friction import ShearStress
 from contactimg.analysis.power_laws import BrokenLaw, PowerLaw
 from contactimg.analysis.topography import Topography, describe_topography
 from contactimg.files import write_figures, write_table
@@ -25,6 +26,11 @@ from contactimg.plots import (
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE, RESULTS, RUN_MODELS
 
 Row = dict[str, Any]
+
+
+ANOTHER_SURFACE = (
+    "the same exponent, interval of what another surface of the same kind gives at as many places"
+)
 
 
 def result_rows(analysis: Analysis) -> pd.DataFrame:
@@ -48,13 +54,6 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
     return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))
 
 
-def _fit(law: PowerLaw, unit: str, n_places: float | None = None) -> Row:
-    """The data behind a law: confidence level, points, places, and the fitted range of the abscissa."""
-    n_places = law.n_places if n_places is None else n_places
-    ends = {"range_low": law.low, "range_high": law.high, "range_unit": unit}
-    return ends | {"confidence": law.confidence, "n_points": law.n_points, "n_places": n_places}
-
-
 def _row(quantity: str, model: str, found: Estimate | float, unit: str, note: str = "", **fit: Any) -> Row:
     """One number, with its interval if it has one, and what it was fitted to."""
     estimate = found if isinstance(found, Estimate) else Estimate(found, np.nan, np.nan, np.nan)
@@ -62,9 +61,15 @@ def _row(quantity: str, model: str, found: Estimate | float, unit: str, note: st
     return {"quantity": quantity, "model": model, "unit": unit, "note": note} | interval | fit
 
 
+def _fit(law: PowerLaw | ShearStress, unit: str, n_places: float) -> Row:
+    """The data behind a law: confidence level, points, places, and the fitted range of the abscissa."""
+    ends = {"range_low": law.low, "range_high": law.high, "range_unit": unit}
+    return ends | {"confidence": law.confidence, "n_points": law.n_points, "n_places": n_places}
+
+
 def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
     """A(P)."""
-    fit = _fit(law, "N")
+    fit = _fit(law, "N", law.n_places)
     source = "scatter between places" if law.n_places > 1 else "stated errors and scatter within the place"
     note = f"A ~ P^m, errors in A and P; of this surface, whatever its places: interval from {source}"
     yield _row("area_exponent", model, law.exponent, "1", note, **fit)
@@ -81,42 +86,34 @@ def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
     yield _row("area_excess_scatter", model, law.scatter, "1", note, **fit)
 
 
-ANOTHER_SURFACE = (
-    "the same exponent, interval of what another surface of the same kind gives at as many places"
-)
-
-
 def _contact_rows(quantity: str, model: str, law: BrokenLaw) -> Iterator[Row]:
     """Density or mean radius against the local pressure; two laws only where the points support a break."""
-    fit, name = _fit(law.single, "Pa"), f"{quantity}_exponent"
+    fit, name = _fit(law.single, "Pa", law.single.n_places), f"{quantity}_exponent"
     note = f"{quantity} ~ p^m, one law; of this surface, whatever its places"
     yield _row(name, model, law.single.exponent, "1", note, **fit)
     yield _row(f"{name}_another_surface", model, law.single.another_surface, "1", ANOTHER_SURFACE, **fit)
     note = "probability of as much gain by a break that is not there (Davies)"
     yield _row(f"{quantity}_break_p_value", model, law.p_value, "1", note, **fit)
-    if not law.supported:
-        return
-    yield _row(f"{name}_above", model, law.high_exponent, "1", "above p*", **fit)
-    yield _row(f"{name}_below", model, law.low_exponent, "1", "below p*", **fit)
-    note = "p*, where the two laws meet; interval from the bootstrap"
-    yield _row(f"{quantity}_break_pressure", model, law.break_x, "Pa", note, **fit)
+    if law.supported:
+        yield _row(f"{name}_above", model, law.high_exponent, "1", "above p*", **fit)
+        yield _row(f"{name}_below", model, law.low_exponent, "1", "below p*", **fit)
+        note = "p*, where the two laws meet; interval from the bootstrap"
+        yield _row(f"{quantity}_break_pressure", model, law.break_x, "Pa", note, **fit)
 
 
 def _friction_rows(analysis: Analysis) -> Iterator[Row]:
     """Shear stress, and its ratio to the smooth contact's."""
-    stress = analysis.shear_stress
+    stress, law = analysis.shear_stress, analysis.velocity_law
     if stress is None:
         return
     n_places = analysis.friction["place"].nunique()
-    fit = {"range_low": stress.low, "range_high": stress.high, "range_unit": "m2", "n_places": n_places}
-    fit |= {"confidence": stress.confidence, "n_points": stress.n_points}
+    fit = _fit(stress, "m2", n_places)
     note = "tau0 of Q = tau0 A, least squares through the origin, errors in A and Q"
     yield _row("shear_stress", "measured", stress.stress, "Pa", note, **fit)
     if analysis.stress_ratio is not None:
         note = "tau0 over that of the smooth contact"
         yield _row("shear_stress_ratio", "measured", analysis.stress_ratio, "1", note, **fit)
-    if analysis.velocity_law is not None:
-        law = analysis.velocity_law
+    if law is not None:
         note = "tau0 ~ v^m, one shear stress at each velocity; 0 where friction does not depend on it"
         fit = _fit(law, "m/s", n_places)
         yield _row("shear_stress_velocity_exponent", "measured", law.exponent, "1", note, **fit)
@@ -179,32 +176,28 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
     DataFrame
         The numbers of the analysis, for `write_results`.
     """
-    write_table(analysis.area, AREA, folder / "area.csv")
-    write_table(analysis.profile, PROFILE, folder / "profile.csv")
-    write_table(analysis.normalised, NORMALISED, folder / "profile_normalised.csv")
-    write_table(analysis.pressure_law, PRESSURE_LAW, folder / "pressure_law.csv")
-    if len(analysis.friction):
-        write_table(analysis.friction, FRICTION, folder / "friction.csv")
-    _draw(analysis, folder, smooth_stress)
-    return result_rows(analysis)
-
-
-def _draw(analysis: Analysis, folder: Path, smooth_stress: Estimate | None) -> None:
-    """Draw A(P), profiles, laws against the local pressure and friction, as far as they exist."""
-    _save(plot_areas(analysis.area, analysis.area_laws), folder, "area")
-    seen = analysis.normalised[
-        analysis.normalised["model"].isin(RUN_MODELS) & analysis.normalised["pressure_over_hertz"].notna()
+    tables = [
+        (analysis.area, AREA),
+        (analysis.profile, PROFILE),
+        (analysis.normalised, NORMALISED),
+        (analysis.pressure_law, PRESSURE_LAW),
+        *([(analysis.friction, FRICTION)] if len(analysis.friction) else []),
     ]
-    loads = seen[["frame", "load_N"]].drop_duplicates()
-    for number, frame in enumerate(loads["frame"], start=1):
-        part = analysis.normalised[analysis.normalised["frame"] == frame]
-        _save(plot_profile(part), folder, f"profile_{number:0{len(str(len(loads)))}d}")
-    if len(analysis.pressure_law):
-        for quantity in QUANTITIES:
-            ax = plot_pressure_law(analysis.pressure_law, analysis.contact_laws, quantity)
-            _save(ax, folder, quantity)
+    for table, schema in tables:
+        write_table(table, schema, folder / f"{schema.name}.csv")
+    _save(plot_areas(analysis.area, analysis.area_laws), folder, "area")
+    normalised = analysis.normalised
+    known = normalised["model"].isin(RUN_MODELS) & normalised["pressure_over_hertz"].notna()
+    frames = normalised["frame"][known].unique()
+    for number, frame in enumerate(frames, start=1):
+        part = normalised[normalised["frame"] == frame]
+        _save(plot_profile(part), folder, f"profile_{number:0{len(str(len(frames)))}d}")
+    for quantity in QUANTITIES if len(analysis.pressure_law) else ():
+        ax = plot_pressure_law(analysis.pressure_law, analysis.contact_laws, quantity)
+        _save(ax, folder, quantity)
     if analysis.shear_stress is not None:
         _save(plot_friction(analysis.friction, analysis.shear_stress, smooth_stress), folder, "friction")
+    return result_rows(analysis)
 
 
 def write_topography(table: pd.DataFrame, folder: Path, *, confidence: float) -> pd.DataFrame:

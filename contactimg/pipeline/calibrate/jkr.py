@@ -1,12 +1,14 @@
-"""`calibrate jkr`: modulus and work of adhesion from the circles of a smooth contact, with notes on them."""
+"""`calibrate jkr`: modulus and work of adhesion from the contact circles of a smooth contact, with notes."""
 
-from collections.abc import Iterator
-from dataclasses import asdict, replace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate
@@ -18,14 +20,23 @@ from contactimg.calibration.jkr_uncertainties import (
     suggested_layer,
     suggested_zero,
 )
+from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
+from contactimg.frame import Frame
+from contactimg.imaging.measure import ImageMeasurement
+from contactimg.imaging.smooth.find_circle import EdgeSamples, find_circle, sample_edge
+from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_opening, fit_circle
 from contactimg.mechanics import jkr
+from contactimg.optics.film import excess_table
+from contactimg.optics.render_settings import lamp
 from contactimg.optics.wide_edge import film_opening
-from contactimg.pipeline.calibrate.circles import CircleSeries, mean_astigmatism, mean_centre, measure_circles
 from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
+from contactimg.pipeline.frame import measure_prepared
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.numbers import number_with_interval
+from contactimg.pose.fit import MAD_TO_STD
 from contactimg.scene import Scene
 from contactimg.tables import CIRCLES, UNCERTAINTIES, Status
 
@@ -36,6 +47,274 @@ FEW_LOADS = 5
 
 BEYOND_PRIOR = 3.0
 """Zero over its stated uncertainty from which the two contradict each other. Theory: 0.3 % by chance."""
+
+# --- the circle of each frame
+
+BEYOND_FILM_PX = 12.0
+"""Width of the background that is sampled outside the film. Chosen by hand; sensitivity not measured."""
+
+ELLIPSE_SIGMA = 3.72
+"""Excess of the axis ratio over 1, in standard deviations, from which it is no chance. Theory: a circle's
+excess follows Rayleigh's law, beyond 3.72 with a false-alarm rate of 1e-3."""
+
+LEAST_ELLIPSE_STD = 1e-4
+"""Least uncertainty of an axis ratio, so that no frame outweighs all others. Chosen by hand."""
+
+NO_FILM = Opening(np.inf, np.inf, 0.0)
+
+NEGLIGIBLE_DOUBT = 0.01
+"""Probability of a rival opening below which its circles are not fitted. Chosen by hand: the uncertainty
+grows by at most a tenth of the difference between the two openings."""
+
+OUTLIER_SIGMA = 4.0
+"""Distance of a centre, in standard deviations, at which it has lost half its weight. Chosen by hand;
+sensitivity not measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class CircleSeries:
+    """Circles of a series.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns of `CIRCLES`, one row a frame.
+    opening : float, sqrt(m)
+        How fast the film opens with the distance from the edge; infinite where no film is visible.
+    doubt : float
+        Probability that the rival opening is the true one.
+    rival : DataFrame or None
+        The circles with the next best opening; None if that is very unlikely.
+    """
+
+    table: pd.DataFrame
+    opening: float
+    doubt: float = 0.0
+    rival: pd.DataFrame | None = None
+
+
+@dataclass(frozen=True)
+class Centre:
+    """Centre of the apparent contact with its standard uncertainty, px.
+
+    In the pixels of the reference if the contact moves with the sample, else in those of the frames.
+    """
+
+    x_px: float
+    y_px: float
+    std_px: float
+    moves_with_sample: bool
+
+
+def measure_circles(
+    experiment: Experiment, *, workers: int | None = None, advance: Callable[[], None] | None = None
+) -> CircleSeries:
+    """Measure the contact circle of every frame of a smooth contact.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with a camera and an indenter.
+    workers : int, optional
+        Processes that share the frames.
+    advance : callable, optional
+        Called once a frame.
+
+    Returns
+    -------
+    CircleSeries
+        A frame without a circle has a row that says why.
+
+    Raises
+    ------
+    InputError
+        If no frame shows a circle; the message gives the first reason.
+
+    Notes
+    -----
+    The film's opening is found from the images themselves, once for the series, from the smallest, the middle
+    and the largest contact; with ``[effects] film = "off"`` the edge is taken as sharp.
+    """
+    scene = experiment.scene
+    camera = scene.need("camera", "measuring a smooth contact")
+    indenter = scene.need("indenter", "measuring a smooth contact")
+    model = EdgeModel(camera.pixel_size, indenter.radius, excess_table(lamp(scene.light)))
+    measure = partial(_sample_frame, scene=scene, model=model)
+    parts = [
+        (part.row, None) if isinstance(part, FailedFrame) else part
+        for part in for_each_frame(experiment, measure, workers=workers, advance=advance)
+    ]
+    sampled = [samples for _, samples in parts if samples is not None]
+    if not sampled:
+        raise InputError(f"no frame shows a contact circle; the first: {parts[0][0]['message']}")
+    by_size = sorted(sampled, key=lambda one: one.circle.radius_px)
+    # the frames with the middle, the smallest and the largest contact
+    chosen = [by_size[k] for k in dict.fromkeys((len(by_size) // 2, 0, len(by_size) - 1))]
+    opening = NO_FILM if scene.effects.film == "off" else choose_opening(chosen, model)
+
+    def circles(value: float) -> pd.DataFrame:
+        rows = [_with_circle(row, samples, model, value) for row, samples in parts]
+        loads = [experiment.load_of(str(row["frame"])) for row, _ in parts]
+        return CIRCLES.conform(pd.DataFrame(rows)).assign(load_N=loads)
+
+    rival = circles(opening.rival) if opening.doubt > NEGLIGIBLE_DOUBT else None
+    return CircleSeries(circles(opening.value), opening.value, opening.doubt, rival)
+
+
+def _sample_frame(
+    frame: Frame, reference: NDArray | None, *, scene: Scene, model: EdgeModel
+) -> tuple[dict[str, object], EdgeSamples | None]:
+    """The row of one frame and samples of its edge; without samples if it shows no circle."""
+    measurement = measure_prepared(frame, reference, scene, count_at=0.5)
+    names = ("status", "message", "shift_x_px", "shift_y_px")
+    row: dict[str, object] = {"frame": frame.name} | {name: getattr(measurement, name) for name in names}
+    try:
+        return row, _sample_edge(frame, measurement, model)
+    except FrameError as error:
+        return row | FailedFrame.of(frame.name, error).row, None
+
+
+def _sample_edge(frame: Frame, measurement: ImageMeasurement, model: EdgeModel) -> EdgeSamples:
+    """Samples of the light across the edge of the contact."""
+    contrast, noise = abs(measurement.contrast), measurement.noise
+    if not contrast:
+        raise FrameError(measurement.message or "nothing stands out of the noise")
+    image = measurement.difference * np.float32(np.sign(measurement.contrast))
+    valid = np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
+    circle = find_circle(image, contrast)
+    for _ in range(2):  # the second time about the circle that a sharp edge gives
+        outside_px = model.film_px(circle.radius_px) + BEYOND_FILM_PX
+        samples = sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
+        circle = fit_circle(samples, model, opening=np.inf)
+    return sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
+
+
+def _with_circle(
+    row: dict[str, object], samples: EdgeSamples | None, model: EdgeModel, opening: float
+) -> dict[str, object]:
+    """The frame's row with its circle."""
+    if samples is None:
+        return row
+    try:
+        circle = fit_circle(samples, model, opening=opening, blur_px=samples.circle.blur_px)
+    except Exception as error:  # whatever it is, the other frames are not concerned
+        return row | FailedFrame.of(str(row["frame"]), error).row
+    same = ("x_px", "y_px", "centre_std_px", "radius_px", "contrast", "blur_px", "arc", "misfit")
+    found = {name: getattr(circle, name) for name in same}
+    found["radius_m"] = circle.radius_px * model.pixel_size
+    found["radius_std_m"] = circle.radius_std_px * model.pixel_size
+    along, across = circle.ellipse_px
+    excess = float(np.hypot(along, across))
+    if excess < circle.radius_px:  # the arc is long enough to tell
+        found["axis_ratio"] = (circle.radius_px + excess) / (circle.radius_px - excess)
+        found["axis_ratio_std"] = 2 * circle.ellipse_std_px / circle.radius_px
+        found["angle_rad"] = float(np.arctan2(across, along)) / 2
+    return row | found
+
+
+@dataclass(frozen=True)
+class Astigmatism:
+    """The ellipse that the contacts of a series have in common.
+
+    Parameters
+    ----------
+    axis_ratio : float
+        Larger over smaller axis; 1 if no frame tells.
+    axis_ratio_std : float
+    angle_rad : float
+        Of the larger axis, from +x towards +y.
+    """
+
+    axis_ratio: float
+    axis_ratio_std: float
+    angle_rad: float
+
+    @property
+    def curvature_std(self) -> float:
+        """Relative standard uncertainty of the sphere's radius, of which only one direction may be known.
+
+        The axes of Hertz's ellipse are as the radii of curvature to the power 2/3, and the geometric mean of
+        these acts on the mean axis; a radius measured along some direction lies evenly between the two.
+        """
+        return 0.75 * (self.axis_ratio - 1) / np.sqrt(3)
+
+    @property
+    def seen(self) -> bool:
+        """Whether circular contacts would show it less often than once in a thousand series."""
+        return self.axis_ratio - 1 > ELLIPSE_SIGMA * self.axis_ratio_std
+
+
+def mean_astigmatism(table: pd.DataFrame) -> Astigmatism:
+    """The mean of the contacts' ellipses, each weighted by its uncertainty.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns of `CIRCLES`.
+
+    Returns
+    -------
+    Astigmatism
+        Under a lens of unequal curvature the ellipse is the same at all loads. The uncertainty includes the
+        scatter between frames.
+    """
+    good = table[np.isfinite(table["axis_ratio"])]
+    if good.empty:
+        return Astigmatism(1.0, 0.0, 0.0)
+    excess, own = good["axis_ratio"].to_numpy(float) - 1, good["axis_ratio_std"].to_numpy(float)
+    vectors = excess * np.exp(2j * good["angle_rad"].to_numpy(float))
+    weight = 1 / np.maximum(own, LEAST_ELLIPSE_STD) ** 2
+    mean = complex(weight @ vectors / weight.sum())
+    n = len(good)
+    scatter = float(np.sqrt(weight @ np.abs(vectors - mean) ** 2 / weight.sum() / max(2 * (n - 1), 1)))
+    std = float(np.hypot(1 / np.sqrt(weight.sum()), scatter))
+    return Astigmatism(1 + abs(mean), std, float(np.angle(mean)) / 2)
+
+
+def mean_centre(table: pd.DataFrame) -> Centre:
+    """Centre of the apparent contact over all frames of a series.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns of `CIRCLES`.
+
+    Returns
+    -------
+    Centre
+        In the pixels of the reference where the contact moves with the sample, else in those of the frames:
+        whichever centres scatter less.
+
+    Notes
+    -----
+    Weighted by the uncertainties of the circles; outlying centres have less weight. The uncertainty includes
+    the scatter of the centres.
+    """
+    good = table[np.isfinite(table["x_px"])]
+    still = good[["x_px", "y_px"]].to_numpy(float)
+    shift = good[["shift_x_px", "shift_y_px"]].fillna(0.0).to_numpy(float)
+    own = good["centre_std_px"].to_numpy(float)
+    candidates = [
+        (*_weighted_mean(points, own), moves) for points, moves in ((still, False), (still - shift, True))
+    ]
+    middle, std, moves = min(candidates, key=lambda candidate: candidate[1])
+    return Centre(float(middle[0]), float(middle[1]), float(std), moves and bool(shift.any()))
+
+
+def _weighted_mean(
+    points: NDArray[np.float64], own: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """Mean of points weighted by their own uncertainty and their common scatter, and its uncertainty."""
+    median = np.median(points, axis=0)
+    scatter = MAD_TO_STD * float(np.median(np.abs(points - median)))
+    variance = own**2 + scatter**2
+    far = np.sum((points - median) ** 2, axis=1) / np.maximum(variance, 1e-12)
+    weight = 1 / np.maximum(variance, 1e-12) / (1 + far / OUTLIER_SIGMA**2)
+    mean = weight @ points / weight.sum()
+    return mean, float(np.sqrt(1 / weight.sum()))
+
+
+# --- the calibration
 
 
 def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
@@ -58,45 +337,39 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
         If the loads and circles determine nothing; the message says why.
     """
     check_loads(experiment.loads["load_N"])
-    series = measure_circles(experiment, workers=workers, advance=advance)
+    series, scene = measure_circles(experiment, workers=workers, advance=advance), experiment.scene
     table = series.table
     chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])
-    part, scene = table[chosen], experiment.scene
-    calibration = _calibrate(part, scene)
-    sphere = calibration.problem.sphere
-    doubts = doubts_about_calibration(
-        young_modulus=calibration.young_modulus.value,
-        work_of_adhesion=calibration.work_of_adhesion.value,
-        contact_over_radius=float(part["radius_m"].max()) / sphere.radius,
+    calibration = _calibrate(table[chosen], scene)
+    settle(
+        doubts_about_calibration(
+            young_modulus=calibration.young_modulus.value,
+            work_of_adhesion=calibration.work_of_adhesion.value,
+            contact_over_radius=float(table["radius_m"][chosen].max()) / calibration.problem.sphere.radius,
+        ),
+        "the calibration",
     )
-    settle(doubts, "the calibration")
     sources = list(jkr_uncertainties(calibration))
     if series.rival is not None:
         rival = _calibrate(series.rival[chosen & np.isfinite(series.rival["radius_m"])], scene)
-        sources.append(_film_source(calibration, rival, series.doubt))
-        calibration = _widened(calibration, rival, series.doubt)
+        calibration, source = _widened(calibration, rival, series.doubt)
+        sources.append(source)
     for column in ("branch", "fitted_N", "residual_N", "used"):
         table.loc[chosen, column] = calibration.points[column].to_numpy()
     notes = calibration_notes(calibration, table, scene)
-    modulus = calibration.young_modulus.value / (1 - sphere.poisson_ratio**2)
-    record = _jkr_record(calibration, series, modulus) | _conditions(calibration, scene)
-    record |= {"uncertainties": [asdict(source) for source in sources], "notes": notes}
-    record |= _edge_record(calibration, table)
-    record["fitted"] += ["edge_shift"] if "edge_shift" in record else []
-    figures = _jkr_figures(calibration, sphere.radius, modulus)
+    rows = [asdict(source) for source in sources]
+    record = _jkr_record(calibration, series, scene) | {"uncertainties": rows, "notes": notes}
     failed = bool((table["status"] == Status.FAILED).any())
     tables = {
         "circles.csv": (CIRCLES, table),
-        "uncertainties.csv": (UNCERTAINTIES, pd.DataFrame([asdict(source) for source in sources])),
+        "uncertainties.csv": (UNCERTAINTIES, pd.DataFrame(rows)),
     }
-    return Calibrated(record, tables, figures, notes, failed=failed)
+    return Calibrated(record, tables, {"jkr": _jkr_figure(calibration)}, notes, failed=failed)
 
 
 def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
     """The fit to the circles under the conditions that the scene states."""
-    sphere_radius = scene.need("indenter", "a JKR fit").radius
-    elastic = scene.elastic
-    layered = elastic is not None and scene.effects.layer != "off"
+    sphere_radius, elastic = scene.need("indenter", "a JKR fit").radius, scene.elastic
     return calibrate_jkr(
         circles["load_N"],
         circles["radius_m"],
@@ -104,67 +377,35 @@ def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
         sphere_radius=sphere_radius,
         poisson_ratio=0.5 if elastic is None else elastic.poisson_ratio,
         load_cell=LoadCell.stated(scene.load),
-        thickness=elastic.thickness if layered and elastic is not None else None,
+        thickness=None if elastic is None or scene.effects.layer == "off" else elastic.thickness,
         sphere_radius_std=sphere_radius * mean_astigmatism(circles).curvature_std,
         pixel_size=scene.need("camera", "a JKR fit").pixel_size,
     )
 
 
-def _conditions(calibration: JkrCalibration, scene: Scene) -> dict[str, Any]:
-    """What was fixed in the fit, and what was assumed about the errors of the loads."""
-    problem = calibration.problem
-    fixed = {"sphere_radius_m": problem.sphere.radius, "poisson_ratio": problem.sphere.poisson_ratio}
-    if problem.sphere.thickness is not None:
-        fixed["thickness_m"] = problem.sphere.thickness
-    assumed = {
-        "load_zero_std_N": problem.series.zero_std,
-        "load_gain_std": problem.cell.gain_std,
-        "stated": scene.load.zero_std is not None and scene.load.gain_std is not None,
+def _widened(
+    calibration: JkrCalibration, rival: JkrCalibration, doubt: float
+) -> tuple[JkrCalibration, UncertaintySource]:
+    """The calibration with the uncertainty added by a rival opening of the film, and that as a row."""
+    names, part = ("young_modulus", "work_of_adhesion"), float(np.sqrt(doubt))
+    pairs = [(getattr(calibration, name), getattr(rival, name)) for name in names]
+    changes = [part * (other.value / one.value - 1) for one, other in pairs if one.value]
+    wider = {
+        name: one.widened(part * abs(other.value - one.value))
+        for name, (one, other) in zip(names, pairs, strict=True)
     }
-    return {"fixed": fixed, "assumed": assumed}
+    source = UncertaintySource("opening of the film", doubt, "1", changes[0], changes[-1], ALLOWED)
+    return replace(calibration, **wider), source
 
 
-def _edge_record(calibration: JkrCalibration, circles: pd.DataFrame) -> dict[str, Any]:
-    """What the reference contact tells of edges: their blur, and their shift where the loads settle it."""
-    blur = circles["blur_px"].dropna().to_numpy(float)
-    record: dict[str, Any] = {}
-    if len(blur) > 1:
-        spread = float(np.std(blur, ddof=1) / np.sqrt(len(blur)))
-        record["edge_blur"] = CoverageEstimate.of_normal(float(np.mean(blur)), spread).record("px")
-    if calibration.edge is not None and calibration.edge.settled:
-        record["edge_shift"] = calibration.edge.shift.record("px")
-    return record
+def _contact_modulus(calibration: JkrCalibration) -> float:
+    return calibration.young_modulus.value / (1 - calibration.problem.sphere.poisson_ratio**2)
 
 
-def _film_source(calibration: JkrCalibration, rival: JkrCalibration, doubt: float) -> UncertaintySource:
-    """What the doubt about the opening of the film does, as `_widened` allows for it."""
-    changes = [
-        float(np.sqrt(doubt)) * (other.value / one.value - 1)
-        for one, other in (
-            (calibration.young_modulus, rival.young_modulus),
-            (calibration.work_of_adhesion, rival.work_of_adhesion),
-        )
-        if one.value
-    ]
-    return UncertaintySource("opening of the film", doubt, "1", changes[0], changes[-1], ALLOWED)
-
-
-def _widened(calibration: JkrCalibration, rival: JkrCalibration, doubt: float) -> JkrCalibration:
-    """The calibration with the uncertainty added by a rival opening of the film, of probability ``doubt``."""
-
-    def widened(estimate: CoverageEstimate, other: CoverageEstimate) -> CoverageEstimate:
-        return estimate.widened(np.sqrt(doubt) * abs(other.value - estimate.value))
-
-    return replace(
-        calibration,
-        young_modulus=widened(calibration.young_modulus, rival.young_modulus),
-        work_of_adhesion=widened(calibration.work_of_adhesion, rival.work_of_adhesion),
-    )
-
-
-def _jkr_record(calibration: JkrCalibration, series: CircleSeries, contact_modulus: float) -> dict[str, Any]:
-    """What ``calibration.json`` says of a JKR fit."""
-    centre = mean_centre(series.table)
+def _jkr_record(calibration: JkrCalibration, series: CircleSeries, scene: Scene) -> dict[str, Any]:
+    """What ``calibration.json`` says of a JKR fit: results, quality, what was fixed, assumed and fitted."""
+    centre, problem, table = mean_centre(series.table), calibration.problem, series.table
+    fitted = ["young_modulus", "work_of_adhesion", "centre_x", "centre_y"]
     record: dict[str, Any] = {
         "kind": "jkr",
         "young_modulus": calibration.young_modulus.record("Pa"),
@@ -172,56 +413,71 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries, contact_modul
         "centre_x": CoverageEstimate.of_normal(centre.x_px, centre.std_px).record("px"),
         "centre_y": CoverageEstimate.of_normal(centre.y_px, centre.std_px).record("px"),
         "correlation": {"young_modulus, work_of_adhesion": calibration.correlation},
-        "fitted": ["young_modulus", "work_of_adhesion", "centre_x", "centre_y"],
+        "fitted": fitted,
         "quality": {
             "frames_used": int(calibration.points["used"].sum()),
-            "frames": len(series.table),
+            "frames": len(table),
             "load_residual_rms_N": calibration.load_noise,
-            "radius_std_median_m": float(series.table["radius_std_m"].median()),
+            "radius_std_median_m": float(table["radius_std_m"].median()),
             "film_opening_images_sqrt_m": series.opening,
             "film_opening_doubt": series.doubt,
             "film_opening_fit_sqrt_m": film_opening(
-                contact_modulus=contact_modulus, work_of_adhesion=max(calibration.work_of_adhesion.value, 0.0)
+                contact_modulus=_contact_modulus(calibration),
+                work_of_adhesion=max(calibration.work_of_adhesion.value, 0.0),
             ),
             "contact_moves_with_sample": centre.moves_with_sample,
+            "departure": calibration.departure,
+            "departure_rival": calibration.rival,
+            "axis_ratio": mean_astigmatism(table).axis_ratio,
+        },
+        "fixed": {
+            "sphere_radius_m": problem.sphere.radius,
+            "poisson_ratio": problem.sphere.poisson_ratio,
+        },
+        "assumed": {
+            "load_zero_std_N": problem.series.zero_std,
+            "load_gain_std": problem.cell.gain_std,
+            "stated": scene.load.zero_std is not None and scene.load.gain_std is not None,
         },
     }
+    if problem.sphere.thickness is not None:
+        record["fixed"]["thickness_m"] = problem.sphere.thickness
     if calibration.load_zero is not None:
         record["load_zero"] = calibration.load_zero.record("N")
-    if calibration.load_zero_seen:
-        record["fitted"].append("load_zero")
+        fitted += ["load_zero"] * calibration.load_zero_seen
     if calibration.drift is not None:
         record["drift"] = calibration.drift.record("N" if calibration.departure.endswith("zero") else "1")
-        record["fitted"].append("drift")
-    record["quality"] |= {
-        "departure": calibration.departure,
-        "departure_rival": calibration.rival,
-        "axis_ratio": mean_astigmatism(series.table).axis_ratio,
-    }
+        fitted.append("drift")
     if calibration.work_of_adhesion_unloading is not None:
         record["work_of_adhesion_unloading"] = calibration.work_of_adhesion_unloading.record("J/m^2")
+    blur = table["blur_px"].dropna().to_numpy(float)
+    if len(blur) > 1:  # of the edges of the reference contact
+        spread = float(np.std(blur, ddof=1) / np.sqrt(len(blur)))
+        record["edge_blur"] = CoverageEstimate.of_normal(float(np.mean(blur)), spread).record("px")
+    if calibration.edge is not None and calibration.edge.settled:
+        record["edge_shift"] = calibration.edge.shift.record("px")
+        fitted.append("edge_shift")
     return record
 
 
-def _jkr_figures(
-    calibration: JkrCalibration, sphere_radius: float, contact_modulus: float
-) -> dict[str, Axes]:
+def _jkr_figure(calibration: JkrCalibration) -> Axes:
     """The fit with its residuals."""
-    work = calibration.work_of_adhesion.value
-    lowest = max(
-        float(calibration.points["load_N"].min()),
-        jkr.pull_off_load(sphere_radius=sphere_radius, work_of_adhesion=work),
-    )
-    loads = np.linspace(lowest, float(calibration.points["load_N"].max()), CURVE_POINTS)
-    radius = jkr.radius(
-        loads, sphere_radius=sphere_radius, contact_modulus=contact_modulus, work_of_adhesion=work
-    )
-    curve = pd.DataFrame({"load_N": loads, "radius_m": radius})
+    sphere = {
+        "sphere_radius": calibration.problem.sphere.radius,
+        "work_of_adhesion": calibration.work_of_adhesion.value,
+    }
+    measured = calibration.points["load_N"]
+    loads = np.linspace(max(measured.min(), jkr.pull_off_load(**sphere)), measured.max(), CURVE_POINTS)
+    radius = jkr.radius(loads, contact_modulus=_contact_modulus(calibration), **sphere)
     fitted = [
         f"E = {number_with_interval(calibration.young_modulus, factor=1e-6)} MPa",
         f"w = {number_with_interval(calibration.work_of_adhesion, factor=1e3)} mJ/m²",
     ]
-    return {"jkr": plot_jkr(calibration.points, curve, fitted=fitted)}
+    curve = pd.DataFrame({"load_N": loads, "radius_m": radius})
+    return plot_jkr(calibration.points, curve, fitted=fitted)
+
+
+# --- sentences for a person
 
 
 def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene: Scene) -> list[str]:
@@ -245,34 +501,14 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
             f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
             for name in left_out["frame"]
         ),
-        *_zero_notes(calibration),
-        *_edge_notes(calibration),
-        *_departure_notes(calibration),
-        *_series_notes(calibration),
-        *_lens_notes(circles),
-        *_layer_notes(calibration),
+        *_notes_on_loads(calibration),
+        *_notes_on_shapes(calibration, circles),
         *cell_notes(scene),
     ]
 
 
-def _edge_notes(calibration: JkrCalibration) -> Iterator[str]:
-    """An edge that is shifted, or whose shift the loads do not determine."""
-    edge = calibration.edge
-    if edge is None:
-        return
-    stated = f"{edge.shift.value:+.3g} +- {edge.shift.std:.2g} px"
-    if edge.seen:
-        yield (
-            f"the edge seems to lie {stated} outside the true one: the radii were corrected; `process "
-            "--calibration` takes it off the radii of other contacts"
-        )
-    else:
-        used = "" if edge.settled else "; too uncertain to act on other contacts"
-        yield f"the edge lies where it seems, to {stated}{used}"
-
-
-def _zero_notes(calibration: JkrCalibration) -> Iterator[str]:
-    """A zero of the loads that the frames show to be off."""
+def _notes_on_loads(calibration: JkrCalibration) -> Iterator[str]:
+    """Zero of the loads, difference between unloading and loading, and limits of the series of loads."""
     zero, stated = calibration.load_zero, calibration.problem.series.zero_std
     asked = suggested_zero(calibration) if zero is None else None
     if asked is not None:
@@ -280,35 +516,24 @@ def _zero_notes(calibration: JkrCalibration) -> Iterator[str]:
             f"the frames ask for a zero of the loads of {1e3 * asked:.3g} mN, which was not fitted: state "
             "zero_std_N in [load] if the load cell may be off so far, or correct the loads"
         )
-    if zero is None or not calibration.load_zero_seen:
-        return
-    note = (
-        f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted and "
-        "taken off; correct the loads of the other folders of this load cell too"
-    )
-    if abs(zero.value) > BEYOND_PRIOR * stated:
-        note += f". This is far more than the {1e3 * stated:.2g} mN stated: check the loads"
-    yield note
-
-
-def _departure_notes(calibration: JkrCalibration) -> Iterator[str]:
-    """The cause of a difference between unloading and loading."""
-    name, rival = calibration.departure, calibration.rival
-    if not name:
-        return
-    note = f"the order of the loads matters: a {name} was fitted"
-    if name == HYSTERESIS:
-        note = "unloading adheres more or less than loading: each branch has its own work of adhesion"
-    if rival:
-        note += (
-            f"; a {rival} explains the frames nearly as well, and the difference is in the uncertainties; "
-            "repeat the first load at the end to tell them apart"
+    if zero is not None and calibration.load_zero_seen:
+        beyond = abs(zero.value) > BEYOND_PRIOR * stated
+        yield (
+            f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted "
+            "and taken off; correct the loads of the other folders of this load cell too"
+            + beyond
+            * f". This is far more than the {1e3 * stated:.2g} mN stated: check the loads"
         )
-    yield note
-
-
-def _series_notes(calibration: JkrCalibration) -> Iterator[str]:
-    """The limits of a short series, or of one of a single branch."""
+    if calibration.departure:
+        note = f"the order of the loads matters: a {calibration.departure} was fitted"
+        if calibration.departure == HYSTERESIS:
+            note = "unloading adheres more or less than loading: each branch has its own work of adhesion"
+        if calibration.rival:
+            note += (
+                f"; a {calibration.rival} explains the frames nearly as well, and the difference is in the "
+                "uncertainties; repeat the first load at the end to tell them apart"
+            )
+        yield note
     points = calibration.points[calibration.points["used"].astype(bool)]
     count, branches = points["load_N"].nunique(), set(points["branch"])
     if count < FEW_LOADS:
@@ -328,21 +553,27 @@ def _series_notes(calibration: JkrCalibration) -> Iterator[str]:
         )
 
 
-def _lens_notes(circles: pd.DataFrame) -> Iterator[str]:
-    """Contacts that are ellipses."""
+def _notes_on_shapes(calibration: JkrCalibration, circles: pd.DataFrame) -> Iterator[str]:
+    """A shifted edge, elliptic contacts, and the thickness of the layer."""
+    edge = calibration.edge
+    if edge is not None:
+        shift = f"{edge.shift.value:+.3g} +- {edge.shift.std:.2g} px"
+        if edge.seen:
+            yield (
+                f"the edge seems to lie {shift} outside the true one: the radii were corrected; `process "
+                "--calibration` takes it off the radii of other contacts"
+            )
+        else:
+            used = "" if edge.settled else "; too uncertain to act on other contacts"
+            yield f"the edge lies where it seems, to {shift}{used}"
     lens = mean_astigmatism(circles)
     if lens.seen:
-        curvatures = 100 * 1.5 * (lens.axis_ratio - 1)
         yield (
             f"the contacts are ellipses, axes {lens.axis_ratio:.4f} +- {lens.axis_ratio_std:.1g} to 1: the "
-            f"lens's radii of curvature differ by {curvatures:.2g} % (or pixels are not square); radius_m "
-            f"must be their geometric mean, and E is uncertain by {100 * lens.curvature_std:.2g} % unless it "
-            "is"
+            f"lens's radii of curvature differ by {150 * (lens.axis_ratio - 1):.2g} % (or pixels are not "
+            f"square); radius_m must be their geometric mean, and E is uncertain by "
+            f"{100 * lens.curvature_std:.2g} % unless it is"
         )
-
-
-def _layer_notes(calibration: JkrCalibration) -> Iterator[str]:
-    """The thickness of the layer."""
     thickness = calibration.problem.sphere.thickness
     hint = suggested_layer(calibration) if thickness is None else None
     if thickness is not None:

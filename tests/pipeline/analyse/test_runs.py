@@ -13,9 +13,10 @@ from small_series import copy_of
 from contactimg import tables
 from contactimg.cli import main
 from contactimg.files import read_scene, write_scene
-from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places
+from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places, smooth_shear_stress
 from contactimg.pipeline.analyse.places import differences, open_place
 from contactimg.pipeline.analyse.places import read_centre as read_centre_of
+from contactimg.pipeline.analyse.results_table import result_rows
 
 QUICK = ["--no-pictures", "--quiet", "--workers", "1"]
 
@@ -82,9 +83,10 @@ def test_measured_and_rendered_contacts_say_the_same(run):
     assert np.sum(first["pressure_Pa"] * area) == pytest.approx(0.005, rel=1e-9)
 
 
-def test_results_tell_this_surface_and_another_one_apart(run, tmp_path):
-    assert analyse(run, "-o", tmp_path / "out", "--no-models") == 0
-    table = results(tmp_path / "out").reset_index().set_index("quantity")
+def test_results_tell_this_surface_and_another_one_apart(run):
+    table = result_rows(analyse_places([open_place(run)], AnalysisOptions(models=False))).set_index(
+        "quantity"
+    )
     own, other = table.loc["area_exponent"], table.loc["area_exponent_another_surface"]
     assert own["value"] == other["value"]
     # places count twice, errors of the measurement once
@@ -120,10 +122,10 @@ def with_scene(run, target, section, **keys):
     return target
 
 
+@pytest.mark.usefixtures("svg_only")
 def test_runs_of_different_lenses_or_surfaces_are_told_apart(run, tmp_path, capsys):
     shutil.copytree(run, tmp_path / "twin")
-    assert analyse(run, tmp_path / "twin", "-o", tmp_path / "a", "--no-models") == 0
-    assert "one lens" not in capsys.readouterr().err
+    assert list(differences([open_place(run), open_place(tmp_path / "twin")])) == []
     other = with_scene(run, tmp_path / "lens", "indenter", radius_m=0.2)
     assert analyse(run, other, "-o", tmp_path / "b", "--no-models") == 0
     assert "[indenter] radius_m is 0.1288 in" in capsys.readouterr().err
@@ -165,12 +167,13 @@ def test_loads_in_any_order_repeated_and_zero(run, tmp_path):
     assert measured["frame"].unique().tolist() == ["load_0.05N"]
 
 
+@pytest.mark.usefixtures("svg_only")
 def test_one_load_is_analysed_without_an_exponent(run, tmp_path):
     single = change_frames(run, tmp_path / "single", load_N=[np.nan, np.nan, 0.05])
     assert analyse(single, "-o", tmp_path / "out", "--no-models") == 0
     assert "area_exponent" not in results(tmp_path / "out").index.get_level_values(0)
     assert len(pd.read_csv(tmp_path / "out" / "area.csv")) == 1
-    assert (tmp_path / "out" / "profile_1.png").exists()
+    assert (tmp_path / "out" / "profile_1.svg").exists()
 
 
 def test_noise_of_ten_percent_on_the_load_widens_the_interval_and_keeps_the_truth(run, tmp_path):
@@ -225,6 +228,7 @@ def rough_lens(small_series, tmp_path_factory):
     return top / "run"
 
 
+@pytest.mark.usefixtures("svg_only")
 def test_unknown_radii_give_areas_and_densities_but_no_pressures(rough_lens, tmp_path):
     out = tmp_path / "out"
     assert analyse(rough_lens, "-o", out) == 0
@@ -232,7 +236,7 @@ def test_unknown_radii_give_areas_and_densities_but_no_pressures(rough_lens, tmp
     measured = profile[profile["model"] == "measured"]
     assert measured["pressure_Pa"].isna().all()
     assert (measured["density_per_m2"] > 0).any()
-    assert not list(out.glob("profile_*.png"))
+    assert not list(out.glob("profile_*.svg"))
     area = pd.read_csv(out / "area.csv")
     # L = 1/sqrt(1.75e7) = 239 um
     np.testing.assert_allclose(area["spacing_over_radius"] * area["mean_radius_m"], 1.75e7**-0.5, rtol=1e-12)
@@ -241,6 +245,7 @@ def test_unknown_radii_give_areas_and_densities_but_no_pressures(rough_lens, tmp
     assert any("no contact has a force" in note for note in notes)
 
 
+@pytest.mark.usefixtures("svg_only")
 def test_friction_gives_the_shear_stress_and_its_ratio(rough_lens, tmp_path):
     smooth = ["--smooth-stress-MPa", 0.34, "--smooth-stress-std-MPa", 0.01]
     assert analyse(rough_lens, "-o", tmp_path / "out", *smooth) == 0
@@ -272,8 +277,9 @@ def test_friction_at_several_velocities_gives_an_exponent(rough_lens):
 
 
 def test_a_smooth_run_is_a_reference_too(rough_lens, tmp_path, capsys):
-    assert analyse(rough_lens, "-o", tmp_path / "out", "--smooth", rough_lens) == 0
-    assert results(tmp_path / "out").loc[("shear_stress_ratio", "measured"), "value"] == pytest.approx(1.0)
+    place, options = open_place(rough_lens), AnalysisOptions(models=False)
+    options = replace(options, smooth_stress=smooth_shear_stress(place, options))
+    assert analyse_places([place], options).stress_ratio.value == pytest.approx(1.0)
     both = ["--smooth", rough_lens, "--smooth-stress-MPa", 0.34]
     assert analyse(rough_lens, "-o", tmp_path / "other", *both) == 2
     assert "keep one" in capsys.readouterr().err
@@ -292,17 +298,17 @@ def test_a_calibrated_centre_moves_the_annuli(run, tmp_path, capsys):
     place = open_place(run, centre_px=read_centre_of(file))
     assert place.centre == pytest.approx((0.0011, 0.00095), rel=1e-9)
     assert place.scene.indenter.apex == place.centre  # the models press there too
-    assert analyse(run, "-o", tmp_path / "out", "--calibration", file, "--no-models") == 0
     moved, plain = (
-        pd.read_csv(tmp_path / "out" / "profile.csv"),
-        analyse_places([open_place(run)], AnalysisOptions(models=False)),
+        analyse_places([one], AnalysisOptions(models=False)).profile["pressure_Pa"].iloc[0]
+        for one in (place, open_place(run))
     )
-    assert moved["pressure_Pa"].iloc[0] != plain.profile["pressure_Pa"].iloc[0]
+    assert moved != plain
     bare = calibration(tmp_path / "bare.json", threshold=0.5)
     assert analyse(run, "-o", tmp_path / "none", "--calibration", bare) == 2
     assert "centre_x" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("svg_only")
 def test_a_topography_alone(tmp_path):
     file = tmp_path / "caps.csv"
     radius = np.array([30e-6, 50e-6, 70e-6, 90e-6, 110e-6, 65e-6])
@@ -315,24 +321,27 @@ def test_a_topography_alone(tmp_path):
     assert (tmp_path / "out" / "topography.svg").exists()
 
 
-@pytest.mark.slow
-def test_a_prediction_can_be_analysed_like_a_measurement(small_series, tmp_path):
+@pytest.fixture(scope="module")
+def model(small_series, tmp_path_factory):
+    """A prediction at the loads of the series."""
     loads = [part for load in (0.005, 0.02, 0.05) for part in ("--load-N", str(load))]
-    assert main(["predict", str(small_series), *loads, "-o", str(tmp_path / "model"), "--quiet"]) == 0
-    found = analyse_places([open_place(tmp_path / "model")], AnalysisOptions(), workers=1)
+    folder = tmp_path_factory.mktemp("prediction") / "model"
+    assert main(["predict", str(small_series), *loads, "-o", str(folder), "--quiet"]) == 0
+    return folder
+
+
+@pytest.mark.slow
+def test_a_prediction_can_be_analysed_like_a_measurement(model):
+    found = analyse_places([open_place(model)], AnalysisOptions(), workers=1)
     for name in ("exponent", "amplitude"):
         predicted, own = (getattr(found.area_laws[model], name).value for model in ("predicted", "coupled"))
         assert predicted == pytest.approx(own, rel=1e-9)
 
 
-def test_what_was_predicted_is_not_called_measured(run, small_series, tmp_path, capsys):
-    loads = [part for load in (0.005, 0.02, 0.05) for part in ("--load-N", str(load))]
-    model, out = tmp_path / "model", tmp_path / "out"
-    assert main(["predict", str(small_series), *loads, "-o", str(model), "--quiet"]) == 0
-    assert analyse(model, "-o", out, "--no-models") == 0
-    assert (out / "profile_1.png").exists()
-    for name in ("area", "profile", "profile_normalised", "pressure_law", "results"):
-        models = set(pd.read_csv(out / f"{name}.csv")["model"])
+def test_what_was_predicted_is_not_called_measured(run, model, tmp_path, capsys):
+    found = analyse_places([open_place(model)], AnalysisOptions(models=False))
+    for table in (found.area, found.profile, found.normalised, found.pressure_law, result_rows(found)):
+        models = set(table["model"])
         assert "predicted" in models
         assert models <= {"predicted", "hertz"}
     assert analyse(model, run, "-o", tmp_path / "both") == 2
@@ -341,11 +350,10 @@ def test_what_was_predicted_is_not_called_measured(run, small_series, tmp_path, 
 
 def test_averages_of_a_statistical_model_are_predicted_areas(small_series, tmp_path):
     loads = [part for load in (0.02, 0.05) for part in ("--load-N", str(load))]
-    model, out = tmp_path / "model", tmp_path / "out"
+    model = tmp_path / "model"
     words = ["predict", str(small_series), *loads, "--model", "gt", "-o", str(model), "--quiet"]
     assert main(words) == 0
-    assert analyse(model, "-o", out, "--no-models") == 0
-    areas = pd.read_csv(out / "area.csv")
+    areas = analyse_places([open_place(model)], AnalysisOptions(models=False)).area
     assert areas["model"].tolist() == ["predicted", "predicted"]
     np.testing.assert_allclose(areas["area_m2"], pd.read_csv(model / "frames.csv")["area_m2"], rtol=1e-12)
 

@@ -1,0 +1,405 @@
+"""Calibrations by a threshold: `calibrate threshold`, `calibrate modulus` and `calibrate plateau`."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.analysis.load_cell import LoadCell
+from contactimg.calibration.coverage_estimate import CoverageEstimate
+from contactimg.calibration.modulus import calibrate_modulus
+from contactimg.calibration.plateau import find_plateau
+from contactimg.calibration.threshold import calibrate_threshold, load_slope
+from contactimg.errors import FrameError, InputError
+from contactimg.files import Experiment, Run
+from contactimg.frame import Frame
+from contactimg.imaging.measure import count_again
+from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
+from contactimg.pipeline.frame import frame_row, measure_prepared
+from contactimg.pipeline.inputs import asperities_and_sites
+from contactimg.pipeline.measured_series import find_pose, local_law, locate_frames, with_forces
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.series import measure_parts
+from contactimg.plausibility import MAX_SCANNED_FORCES_OVER_LOAD, doubts_about_forces, settle
+from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
+from contactimg.plots.numbers import number_with_interval, plain_number
+from contactimg.scene import Scene
+from contactimg.surfaces import refuse_own_caps
+from contactimg.tables import CONTACTS, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema
+
+Values = NDArray[np.float64]
+
+THRESHOLDS = np.round(np.arange(0.05, 0.951, 0.025), 3)
+"""Fractions of the contrast, from where noise makes contacts to where small contacts are lost. Chosen: curves
+of area against threshold are smooth on this grid; sensitivity not measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class ThresholdSeries:
+    """Area and force sums of a series' frames at many thresholds.
+
+    Parameters
+    ----------
+    thresholds : ndarray, shape (m,)
+    areas : ndarray, shape (m, n), m^2
+    forces : ndarray, shape (m, n), N
+        NaN where no asperity radius is known.
+    frames : DataFrame
+        The frames table's rows of the n frames that could be measured.
+    failed : DataFrame
+        Rows of those that could not.
+    """
+
+    thresholds: Values
+    areas: Values
+    forces: Values
+    frames: pd.DataFrame
+    failed: pd.DataFrame
+
+
+def measure_thresholds(
+    experiment: Experiment,
+    thresholds: ArrayLike = THRESHOLDS,
+    *,
+    workers: int | None = None,
+    advance: Callable[[], None] | None = None,
+) -> ThresholdSeries:
+    """Count the pixels of every frame above each of many thresholds.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with a camera; forces need the elastic body and the asperities' radii as well.
+    thresholds : array_like, shape (m,)
+        Fractions of the contact contrast, between 0 and 1.
+    workers : int, optional
+        Processes that share the frames.
+    advance : callable, optional
+        Called once a frame.
+
+    Returns
+    -------
+    ThresholdSeries
+
+    Raises
+    ------
+    InputError
+        If no frame at all could be measured.
+
+    Notes
+    -----
+    The pose of the camera is found once, at the threshold next to one half.
+    """
+    levels = np.sort(np.asarray(thresholds, float))
+    scene = experiment.scene
+    scene.need("camera", "a calibration")
+    measure = partial(_count_frame, scene=scene, thresholds=levels)
+    parts = [
+        (part.row, [], (0, 0)) if isinstance(part, FailedFrame) else part
+        for part in for_each_frame(experiment, measure, workers=workers, advance=advance)
+    ]
+    loads = [experiment.load_of(str(row["frame"])) for row, _, _ in parts]
+    frames = FRAMES.conform(pd.DataFrame([row for row, _, _ in parts])).assign(load_N=loads)
+    good = np.array([len(contacts) > 0 for _, contacts, _ in parts])
+    if not good.any():
+        raise InputError(f"no frame could be measured; the first: {frames['message'].iloc[0]}")
+    kept = frames[good].reset_index(drop=True)
+    counted = [
+        pd.concat(tables, ignore_index=True)
+        for tables in zip(*(contacts for _, contacts, _ in parts if contacts), strict=True)
+    ]
+    shape = next(size for _, contacts, size in parts if contacts)
+    runs = _runs(scene, kept, counted, shape, int(np.abs(levels - 0.5).argmin()))
+    return ThresholdSeries(
+        levels,
+        np.array([run.frames["area_m2"].to_numpy(float) for run in runs]),
+        np.array([run.frames["force_sum_N"].to_numpy(float) for run in runs]),
+        kept,
+        frames[~good].reset_index(drop=True),
+    )
+
+
+def _count_frame(
+    frame: Frame, reference: NDArray | None, *, scene: Scene, thresholds: Values
+) -> tuple[dict[str, object], list[pd.DataFrame], tuple[int, int]]:
+    """Register one frame and count it: its row, its contacts at each threshold, and its shape."""
+    measurement = measure_prepared(frame, reference, scene, count_at=0.5)
+    if not measurement.contrast:
+        raise FrameError(measurement.message or "nothing stands out of the noise")
+    counted = (count_again(measurement.foreground, float(level)).disks for level in thresholds)
+    contacts = [CONTACTS.conform(disks.assign(frame=frame.name)) for disks in counted]
+    own = {"n_contacts": len(measurement.disks), "smallest_px": np.nan}
+    return frame_row(measurement, frame.name) | own, contacts, frame.shape
+
+
+def _runs(
+    scene: Scene, frames: pd.DataFrame, counted: list[pd.DataFrame], shape: tuple[int, int], half: int
+) -> list[Run]:
+    """One run a threshold, all under the pose found at the threshold of number ``half``."""
+    scene, asperities, sites = asperities_and_sites(scene)
+    if asperities is not None:
+        refuse_own_caps(asperities, "calibrate", columns=("young_modulus_Pa",))
+    targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
+    middle = counted[half]
+    run = Run(scene, middle, frames)
+    pose = find_pose(run, sites, scene.pose(shape)).pose
+
+    def located(contacts: pd.DataFrame) -> Run:
+        return replace(run, contacts=CONTACTS.conform(locate_frames(contacts, frames, pose, targets)))
+
+    law = local_law(located(middle), sites)  # one for all thresholds
+    run = run if law is None else replace(run, scene=law.scene)
+    return [with_forces(located(contacts), sites) for contacts in counted]
+
+
+# --- the calibrations
+
+
+def _with_forces(
+    experiment: Experiment, levels: ArrayLike, workers: int | None, advance: Advance
+) -> tuple[ThresholdSeries, Values]:
+    """The frames of a series that have a load and forces, and these loads, N."""
+    series = measure_thresholds(experiment, levels, workers=workers, advance=advance)
+    good = np.isfinite(series.frames["load_N"].to_numpy(float))
+    if not good.any():
+        raise InputError("no frame has a load; give loads.csv with the columns frame, load_N")
+    forces, kept = series.forces[:, good], series.frames[good].reset_index(drop=True)
+    if not np.isfinite(forces).any():
+        raise InputError(
+            "no local force is known: give the radii of the asperities ([asperities] file or radius_m); "
+            "without them a threshold is found by `calibrate plateau`"
+        )
+    series = replace(series, areas=series.areas[:, good], forces=np.nan_to_num(forces), frames=kept)
+    return series, kept["load_N"].to_numpy(float)
+
+
+def _stated_modulus(experiment: Experiment) -> CoverageEstimate:
+    """The modulus that the scene states."""
+    elastic = experiment.scene.need("elastic", "local forces")
+    return CoverageEstimate.of_normal(elastic.young_modulus, elastic.young_modulus_std)
+
+
+def _common_errors(experiment: Experiment, relative: float = 0.0) -> dict[str, float]:
+    """Standard uncertainties that all force sums or all loads share: of load cell and forces (relative)."""
+    cell = LoadCell.stated(experiment.scene.load)
+    return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
+
+
+def _disk_forces(experiment: Experiment, series: ThresholdSeries, workers: int | None) -> Values:
+    """Force sums that the disk method gives for the frames of a series."""
+    frames = measure_parts(experiment, workers=workers).whole().frames.set_index("frame")
+    return frames.loc[series.frames["frame"], "force_sum_N"].to_numpy(float)
+
+
+def _notes(series: ThresholdSeries) -> list[str]:
+    """What the frames' rows have to say."""
+    kept = [f"{row['frame']}: {row['message']}" for row in series.frames.to_dict("records") if row["message"]]
+    return kept + [str(text) for text in series.failed["message"]]
+
+
+def _result(
+    record: dict[str, Any],
+    series: ThresholdSeries,
+    forces: Values,
+    figures: dict[str, Axes],
+    **curve: Any,
+) -> Calibrated:
+    """The result with scatter about the line of the record's slope, and tables of forces and curve."""
+    table = series.frames[["frame", "load_N", "message"]].assign(force_sum_N=forces)
+    load = table["load_N"].to_numpy(float)
+    rest, pressed = forces - record.pop("line") * load, load > 0
+    record["quality"] = {
+        "frames_used": int(pressed.sum()),
+        "residual_rms_N": float(np.sqrt(np.mean(rest[pressed] ** 2))),
+        "worst_relative_residual": float(np.max(np.abs(rest[pressed] / load[pressed]))),
+    }
+    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"forces.csv": (FORCE_SUMS, table)}
+    if curve:
+        tables["curve.csv"] = (THRESHOLD_CURVE, pd.DataFrame(curve))
+    return Calibrated(record, tables, figures, record["notes"], failed=len(series.failed) > 0)
+
+
+def run_threshold(
+    experiment: Experiment, *, workers: int | None = None, advance: Advance = None
+) -> Calibrated:
+    """The threshold of slope 1 on a sample of known modulus; for the disk method, its slope as a check.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with the modulus and its uncertainty, and asperities of known radii.
+    workers : int, optional
+    advance : callable, optional
+
+    Returns
+    -------
+    Calibrated
+
+    Raises
+    ------
+    InputError
+        If no threshold brackets slope 1 and the method is "threshold", or no force is known.
+    """
+    scene, modulus = experiment.scene, _stated_modulus(experiment)
+    relative, disk = modulus.std / modulus.value, scene.measure.method == "disk"
+    series, load = _with_forces(experiment, THRESHOLDS, workers, advance)
+    errors = _common_errors(experiment, relative)
+    notes = _notes(series) + cell_notes(scene)
+    slopes = [load_slope(row, load, **errors) for row in series.forces]
+    stds = np.array([slope.std for slope in slopes])
+    values = np.array([slope.value for slope in slopes])
+    closest = float(values[np.argmin(np.abs(np.log(np.maximum(values, np.finfo(float).tiny))))])
+    most = MAX_SCANNED_FORCES_OVER_LOAD
+    settle(doubts_about_forces(slope=closest, young_modulus=modulus.value, most=most), "the calibration")
+    record: dict[str, Any] = {
+        "kind": "threshold",
+        "method": scene.measure.method,
+        "fixed": {"young_modulus": modulus.record("Pa")},
+        "fitted": [],
+        "notes": notes,
+    }
+    forces, threshold, slope = np.full(len(load), np.nan), np.nan, None
+    try:
+        found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
+        forces, threshold, slope = found.forces, found.threshold.value, found.slope
+        # a modulus that is too large makes the forces and with them the threshold too large
+        share = relative / slope.std if slope.std else 0.0
+        record |= {"threshold": found.threshold.record("1"), "fitted": ["threshold"]}
+        record["correlation"] = {"threshold, young_modulus": min(share, 1.0)}
+    except InputError as error:
+        if not disk:
+            raise
+        notes.append(str(error))
+    if disk or slope is None:
+        forces = _disk_forces(experiment, series, workers)
+        slope = load_slope(np.nan_to_num(forces), load, **errors)
+        notes.append(
+            f"method disk: the slope {slope.value:.4f} is a check, no threshold changes it; "
+            'the threshold found holds for method = "threshold" only'
+        )
+    record |= {"slope": slope.record("1"), "line": slope.value}
+    areas = series.areas.sum(axis=1)
+    figures = {
+        "slope_threshold": plot_slopes(series.thresholds, values, stds, found=threshold, areas=areas),
+        "forces": plot_forces(load, forces, slope=slope),
+    }
+    curve = {"threshold": series.thresholds, "slope": values, "slope_std": stds, "area_m2": areas}
+    return _result(record, series, forces, figures, **curve)
+
+
+def run_modulus(
+    experiment: Experiment,
+    *,
+    threshold: CoverageEstimate | None,
+    workers: int | None = None,
+    advance: Advance = None,
+) -> Calibrated:
+    """The modulus of slope 1 at a threshold that is kept; for the disk method, without one.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with asperities of known radii; its modulus and uncertainty are those measured before.
+    threshold : CoverageEstimate or None
+        The calibrated threshold; None for the disk method.
+    workers : int, optional
+    advance : callable, optional
+
+    Returns
+    -------
+    Calibrated
+    """
+    levels = THRESHOLDS if threshold is None else threshold.value + np.array([-0.02, 0.0, 0.02])
+    if levels.min() <= 0 or levels.max() >= 1:
+        raise InputError(f"the threshold must lie between 0.02 and 0.98, got {threshold}")
+    series, load = _with_forces(experiment, levels, workers, advance)
+    measured, relative = _stated_modulus(experiment), 0.0
+    if threshold is None:
+        forces = _disk_forces(experiment, series, workers)
+    else:
+        forces = series.forces[1]
+        low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
+        relative = threshold.std * abs(high - low) / 0.04 / max(load_slope(forces, load).value, 1e-12)
+    found = calibrate_modulus(
+        forces,
+        load,
+        young_modulus=measured.value,
+        young_modulus_std=measured.std,
+        **_common_errors(experiment, relative),
+    )
+    settle(doubts_about_forces(slope=found.slope.value, young_modulus=measured.value), "the calibration")
+    fixed = {"young_modulus_measured": measured.record("Pa")}
+    fixed |= {} if threshold is None else {"threshold": threshold.record("1")}
+    record: dict[str, Any] = {
+        "kind": "modulus",
+        "method": "disk" if threshold is None else "threshold",
+        "young_modulus": found.young_modulus.record("Pa"),
+        "slope": found.slope.record("1"),
+        "fixed": fixed,
+        "fitted": ["young_modulus"],
+        "compatible": found.compatible,
+        "distance_std": found.distance,
+        "notes": _notes(series) + cell_notes(experiment.scene) + ([found.message] if found.message else []),
+        "line": 1.0,
+    }
+    record |= {} if threshold is None else {"threshold": threshold.record("1")}
+    tuned = forces * found.young_modulus.value / measured.value
+    fitted = [f"E = {number_with_interval(found.young_modulus, factor=1e-6)} MPa"]
+    return _result(record, series, tuned, {"forces": plot_forces(load, tuned, fitted=fitted)})
+
+
+def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
+    """The two thresholds between which the total area changes marginally, and areas with error bars.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with a camera; loads are not needed.
+    workers : int, optional
+    advance : callable, optional
+
+    Returns
+    -------
+    Calibrated
+    """
+    series = measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance)
+    found, notes = find_plateau(series.thresholds, series.areas), _notes(series)
+    if not found.marginal:
+        notes.append(
+            f"no plateau proper: the area falls by {found.relative_fall:.0%} between {found.threshold_low:g} "
+            f"and {found.threshold_high:g}, more than marginally (20 %)"
+        )
+    names = ["threshold_low", "threshold_high", "threshold"]
+    step = float(np.diff(series.thresholds).max()) / 12**0.5  # its ends are known to a step of the thresholds
+    record = {name: CoverageEstimate.of_normal(getattr(found, name), step).record("1") for name in names} | {
+        "kind": "plateau",
+        "method": "threshold",
+        "definition": "thresholds about the slowest fall of the total area A between which "
+        "|d ln A/d threshold| is at most 1.5 times its smallest value",
+        "fixed": {},
+        "fitted": names,
+        "quality": {"relative_fall": found.relative_fall, "marginal": found.marginal},
+        "notes": notes,
+    }
+    table = series.frames.assign(area_m2=found.area, area_std_m2=found.area_std)
+    rate = np.interp(series.thresholds, found.thresholds, found.fall_rates, left=np.nan, right=np.nan)
+    curve = {"threshold": series.thresholds, "area_m2": series.areas.sum(axis=1), "fall_rate": rate}
+    figure = plot_plateau(
+        series.thresholds,
+        series.areas,
+        low=found.threshold_low,
+        high=found.threshold_high,
+        names=[
+            str(frame) if np.isnan(load) else f"P = {plain_number(1e3 * load)} mN"
+            for frame, load in zip(table["frame"], table["load_N"], strict=True)
+        ],
+        fall_rates=rate,
+    )
+    columns = [name for name in FORCE_SUMS.columns if name in table]
+    tables = {"curve.csv": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas.csv": (FORCE_SUMS, table[columns])}
+    return Calibrated(record, tables, {"plateau": figure}, notes, failed=len(series.failed) > 0)
