@@ -92,7 +92,7 @@ def _ask_loads(folder: Path) -> None:
     """Ask which column of a table is the load where several may be, and write that one to loads.csv."""
     from contactimg.files import write_table
     from contactimg.files.folder import recognise_folder
-    from contactimg.files.load_tables import AmbiguousLoadsError, read_load_table
+    from contactimg.files.csv_tables import AmbiguousLoadsError, read_load_table
     from contactimg.tables import LOADS
 
     found = recognise_folder(folder)

@@ -141,7 +141,7 @@ NO_UNIT = "no column is a load with its unit, such as load_mN, load_g, Kraft [mN
             ),
         ),
         ("frame,load_N\na,0.1\nb,0.2\na,0.3\n", "frame a is there more than once; keep one row"),
-        (b"PK\3\4\0\0", f"is not UTF-8 text; save it as 'CSV UTF-8'; {NO_UNIT}"),
+        (b"PK\3\4\0\0", f"is no text; save it as 'CSV UTF-8'; {NO_UNIT}"),
     ],
 )
 def test_loads_that_are_refused(tmp_path, content, sentence):
