@@ -1,6 +1,6 @@
 """Read and write CSV tables; errors name file, row and column, and numbers keep every digit.
 
-`read_table` reads what a schema describes. Loads are also read as laboratories write them (`read_load_table`):
+`read_table` reads what a schema describes. Loads are read as laboratories write them too (`read_load_table`):
 text of any encoding with a preamble, units in brackets, any language.
 """
 
@@ -11,6 +11,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -185,7 +186,7 @@ def _columns(
     return {name: (k, size) for k, (name, size) in enumerate(found) if name in schema.columns}
 
 
-def _parsed(cell: str, kind: str, *, infinite: bool = False) -> object:
+def _parsed(cell: str, kind: str, *, infinite: bool = False) -> Any:
     """The value of a cell; an empty one is the empty text, NaN, NA or no flag.
 
     Raises
@@ -473,8 +474,9 @@ def _load_rows(
     """The loads from the cells of each column, and the names of the columns that were taken."""
     if len(loads) > 1:
         names = ", ".join(map(repr, loads))
-        said = f"{path}: {len(loads)} columns may be the load ({names}); rename the others"
-        raise AmbiguousLoadsError(said, loads)
+        raise AmbiguousLoadsError(
+            f"{path}: {len(loads)} columns may be the load ({names}); rename the others", loads
+        )
     frames = [name for name in columns if _FRAME.search(name.lower()) and name not in loads]
     frictions = [name for name in columns if _UNIT.search(name) and _FRICTION.search(name.lower())]
     table, said = dict[str, Sequence[object]](), list[str]()
