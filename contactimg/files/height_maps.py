@@ -9,7 +9,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files.pixels import check_size
+from contactimg.files.decoders import check_size
 from contactimg.files.tiff import METRES, stated_pixel_size
 from contactimg.summits import HeightMap
 

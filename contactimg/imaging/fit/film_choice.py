@@ -121,9 +121,9 @@ class FilmVerdict:
                 f"the rims cannot tell whether an air film surrounds the contacts ({rims}): it is {what}"
             )
             reason = "as the contrast suggests" if self.asked == "auto" else "as set"
-            advice = '. State [effects] film = "on" or "off" if you know' if self.asked == "auto" else ""
+            advice = ': state [effects] film = "on" or "off" if you know' if self.asked == "auto" else ""
             part = f"of which {self.share:.2g} is part of the uncertainties"
-            return f"{undecided}, {reason}. {area[0].upper()}{area[1:]}, {part}{advice}"
+            return f"{undecided}, {reason}, and {area}, {part}{advice}"
         return f"an air film surrounds the contacts ({rims}): {area}" if self.taken else ""
 
 
