@@ -473,9 +473,9 @@ def _load_rows(
 ) -> tuple[pd.DataFrame, str]:
     """The loads from the cells of each column, and the names of the columns that were taken."""
     if len(loads) > 1:
-        names = ", ".join(map(repr, loads))
+        several = ", ".join(map(repr, loads))
         raise AmbiguousLoadsError(
-            f"{path}: {len(loads)} columns may be the load ({names}); rename the others", loads
+            f"{path}: {len(loads)} columns may be the load ({several}); rename the others", loads
         )
     frames = [name for name in columns if _FRAME.search(name.lower()) and name not in loads]
     frictions = [name for name in columns if _UNIT.search(name) and _FRICTION.search(name.lower())]
@@ -485,8 +485,8 @@ def _load_rows(
             newtons = NEWTONS[_UNIT.search(name)[1]]  # type: ignore[index]
             table[target] = [_number(path, cell) * newtons for cell in columns[name]]
             said.append(f"{what} from {name!r}")
-    rows = [f"#{k + 1}" for k in range(len(columns[loads[0]]))]
-    table["frame"] = columns[frames[0]] if frames else rows
+    numbers = [f"#{k + 1}" for k in range(len(columns[loads[0]]))]
+    table["frame"] = columns[frames[0]] if frames else numbers
     said.append(f"frames from {frames[0]!r}" if frames else "one row a frame in their order")
     return LOADS.conform(pd.DataFrame(table)), ", ".join(said)
 
