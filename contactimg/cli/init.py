@@ -17,9 +17,9 @@ QUESTIONS = (
     shared.SceneOption("--pixel-size-um", "camera", "pixel_size_m", default=""),
     shared.SceneOption("--lens-radius-mm", "indenter", "radius_m", default=""),
     shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa", default=""),
-    shared.SceneOption(
-        "--apex-mm", "indenter", "apex_m", "Two numbers in quotes.", "found from the contacts"
-    ),
+)
+APEX = shared.SceneOption(
+    "--apex-mm", "indenter", "apex_m", "Two numbers in quotes.", "found from the contacts"
 )
 
 SHOWN = {
@@ -34,7 +34,7 @@ SHOWN = {
 
 
 @shared.command()
-@shared.scene_options(*QUESTIONS)
+@shared.scene_options(*QUESTIONS, APEX)
 @shared.no_plausibility
 def init(
     folder: shared.ExistingFolder, *, stated: shared.Stated, no_input: bool = False, force: bool = False
@@ -71,16 +71,13 @@ def init(
         _ask_loads(Path(folder))
     known, remarks = _recognise(Path(folder))
     say("\n  ".join(remarks))
-    for question in QUESTIONS:
-        value = stated.get(question.section, {}).get(question.key)
-        found = known.get(question.section, {}).get(question.key)
-        idle = question.key == "apex_m" and not (known["indenter"].get("radius_m") and "asperities" in known)
-        if value is None:
-            value = found if no_input or idle else _ask(question, found)
-        known[question.section] = known.get(question.section, {}) | {question.key: value}
-    for keys in known.values():
-        for key in [key for key, value in keys.items() if value in (None, "", [])]:
-            del keys[key]
+    for question in QUESTIONS:  # of the apex there is none: the contacts show it better than a person does
+        keys = known.setdefault(question.section, {})
+        keys |= stated.get(question.section, {})
+        if question.key not in stated.get(question.section, {}) and not no_input:
+            keys[question.key] = _ask(question, keys.get(question.key))
+    for name, keys in known.items():
+        known[name] = {key: value for key, value in keys.items() if value not in (None, "", [])}
     known = {name: keys for name, keys in known.items() if keys}
     open_experiment(plausible(scene_from_dict(known, name="the answers", folder=folder)), pulled=True)
     write_text(_template(known), path)
@@ -91,8 +88,8 @@ def init(
 def _ask_loads(folder: Path) -> None:
     """Ask which column of a table is the load where several may be, and write that one to loads.csv."""
     from contactimg.files import write_table
+    from contactimg.files.csv_tables import AmbiguousLoadsError, read_load_table
     from contactimg.files.folder import recognise_folder
-    from contactimg.files.load_tables import AmbiguousLoadsError, read_load_table
     from contactimg.tables import LOADS
 
     found = recognise_folder(folder)
@@ -145,24 +142,20 @@ def _ask(question: shared.SceneOption, found: float | None) -> Any:
         if not typed.strip():
             return None
         try:
-            numbers = [float(word) for word in typed.replace(",", ".").split()]
-            value = question.in_scene(numbers[0] if len(numbers) == 1 else " ".join(map(str, numbers)))
-            rest = {"radius_m": 1.0} if question.key == "apex_m" else {}
-            scene_from_dict({question.section: rest | {question.key: value}})
+            value = question.in_scene(float(typed.replace(",", ".")))
+            scene_from_dict({question.section: {question.key: value}})
         except ValueError as error:  # the prompt asks again
             raise click.UsageError(str(error)) from None
         return value
 
     text = question.meaning.split(";")[0].rstrip(".")
-    text += f" (Enter: {question.default})" if question.default else ""
     default = "" if found is None else f"{found / question.unit[2]:.6g}"
     try:
-        value = click.prompt(text, default=default, show_default=bool(default), value_proc=answer)
+        return click.prompt(text, default=default, show_default=bool(default), value_proc=answer)
     except click.Abort as end:
         if isinstance(end.__context__, EOFError):
             raise InputError(f"no answer to: {text}; give {question.flag}, or use --no-input") from None
         raise
-    return value
 
 
 def _template(known: shared.Stated) -> str:

@@ -245,6 +245,7 @@ def results_in(
     options: dict[str, Any] | None = None,
     inputs: Iterable[Path] = (),
     main_files: Sequence[str] = (),
+    keeps: Sequence[str] = (),
     then: str = "",
 ) -> Iterator["OutputFolder"]:
     """The output folder of the command that runs, with its provenance; written completely or not at all.
@@ -262,6 +263,8 @@ def results_in(
         The files that were read.
     main_files : sequence of str
         Files that the command certainly writes.
+    keeps : sequence of str
+        Files and folders of an earlier run of it that stay.
     then : str
         The command that usually follows, for the run that is written or read.
     """
@@ -271,7 +274,7 @@ def results_in(
     options = options_given() if options is None else options
     record = provenance(command=command_line(), scene=scene, options=options, inputs=inputs)
     target = Path(output or Path(parent) / DEFAULT_FOLDER)
-    with OutputFolder(target, record, main_files=main_files) as out:
+    with OutputFolder(target, record, main_files=main_files, keeps=keeps) as out:
         yield out
     command = f"; then: contactimg {then} {shlex.quote(str(target if then == 'overlay' else parent))}"
     say(f"results in {target}{command if then else ''}")

@@ -1,7 +1,7 @@
 """Commands on folders of frames: `process` measures them, `check` tests the measurement on them."""
 
 from collections import Counter
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from contactimg.files import TableFormat
+
 
 MOST_SHOWN = 1000
 """Frames of a run that are printed. Chosen: more than anybody reads there."""
@@ -85,31 +86,81 @@ def process(
     """
     if "relative" in stated.get("tolerance", {}) and "method" in stated.get("measure", {}):
         raise click.UsageError("--tolerance chooses the method, --method names it; give only one of the two.")
-    measure = partial(
-        _process_folder,
-        stated=stated,
-        scene_file=scene,
-        calibration=calibration,
-        pictures=pictures,
-        numbers=numbers,
-        table_format=table_format,
-        workers=workers,
-    )
+    with stage("loading"):
+        from contactimg import files
+        from contactimg.cli.scenes import describe_use, scene_of_folder
+        from contactimg.pipeline.measured_series import write_run
+        from contactimg.pipeline.pictures import draw_overlays
+        from contactimg.pipeline.series import measure_parts
+        from contactimg.plausibility import doubts_about_run, warn_of
+        from contactimg.pose.apex import STATED
+        from contactimg.tables import NO_RESULT, Status
+
+    def measure(folder: str, output: str | Path | None) -> int:
+        """Measure the frames of one folder; return the exit code."""
+        described = scene_of_folder(folder, stated, scene_file=scene, calibration=calibration)
+        relative = stated.get("tolerance", {}).get("relative")
+        files.require_format(table_format)
+        experiment = files.open_experiment(described)
+        used, acts = {}, ""
+        if calibration is not None:
+            record = files.read_calibration(calibration)
+            acts = describe_use(record, method=described.measure.method)
+            used = {"calibration": {"file": calibration, "record": record, "acts": acts}}
+        echo_first_run()
+        with shared.results_in(
+            output,
+            folder,
+            scene=described,
+            options=used,
+            inputs=experiment.inputs,
+            main_files=files.RUN_TABLES,
+            then="overlay" if described.elastic and described.indenter and described.asperities else "",
+        ) as out:
+            count = len(experiment.frames)
+            with progress("measuring frames", count) as advance:
+                series = measure_parts(
+                    experiment, relative=relative, workers=workers, advance=advance, store=out.part_store()
+                )
+            frames, facts = write_run(series, out.folder, table_format)
+            if pictures:
+                overlays = out.folder / "overlays"
+                with progress("drawing overlays", count) as advance:
+                    draw_overlays(
+                        series, experiment, overlays, workers=workers, numbers=numbers, advance=advance
+                    )
+            counts = {str(action): int(n) for action, n in experiment.edits["action"].value_counts().items()}
+            out.record |= facts | ({"edits": counts} if counts else {})
+            method = described.measure.method if relative is None else f"chosen for {100 * relative:g} %"
+            title = f"{folder}, method {method}"
+            echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
+            law, film = str(facts.get("law") or ""), _film_sentence(frames, facts.get("film", {}))
+            found = series.apex is not None and series.apex.known != STATED
+            apex = series.apex.sentence() if found and series.apex is not None else ""
+            say(acts and f"calibration {calibration}: {acts}", apex, law, film)
+        doubted = warn_of(doubts_about_run(series.scene, frames, series.shown), folder)
+        statuses = set(frames["status"])
+        return int(doubted or Status.FAILED in statuses or statuses <= NO_RESULT)
+
     if len(folders) == 1:
         return measure(folders[0], output)
     if output is None:
         raise click.UsageError("with several folders, give the output folder: -o OUT.")
+    return _process_several(folders, Path(output), measure, table_format=table_format)
 
-    with stage("loading"):
-        from contactimg.pipeline.measured_series import write_joined_tables
 
-    target, names = Path(output), _distinct_names(folders)
-    codes, errors = dict[str, int](), list[InputError]()
+def _process_several(
+    folders: tuple[str, ...], target: Path, measure: Callable[..., int], *, table_format: "TableFormat"
+) -> int:
+    """Measure several folders and join their tables; return the exit code."""
+    from contactimg.pipeline.measured_series import write_joined_tables
+
+    names, codes, code = _distinct_names(folders), dict[str, int](), 0
     for folder, name in zip(folders, names, strict=True):
         try:
             codes[name] = measure(folder, target / name)
         except InputError as error:  # a folder that fails loses nothing else
-            errors.append(error)
+            code = 1
             click.echo(f"contactimg: {folder} is left out: {error}", err=True)
     if not codes:
         raise InputError("none of the folders could be measured")
@@ -120,7 +171,7 @@ def process(
         table_format=table_format,
     )
     say(f"tables of all {len(codes)} folders in {target / JOINED_FOLDER}")
-    return max(*codes.values(), int(bool(errors)))
+    return max(*codes.values(), code)
 
 
 def _distinct_names(folders: tuple[str, ...]) -> list[str]:
@@ -132,72 +183,6 @@ def _distinct_names(folders: tuple[str, ...]) -> list[str]:
     if JOINED_FOLDER in names:
         raise InputError(f"{JOINED_FOLDER} is the folder of the joined tables; rename the folder of frames")
     return names
-
-
-def _process_folder(
-    folder: str,
-    output: str | Path | None,
-    *,
-    stated: shared.Stated,
-    scene_file: str | None,
-    calibration: str | None,
-    pictures: bool,
-    numbers: bool,
-    table_format: "TableFormat",
-    workers: int | None,
-) -> int:
-    """Measure the frames of one folder; return the exit code."""
-    with stage("loading"):
-        from contactimg import files
-        from contactimg.cli.scenes import describe_use, scene_of_folder
-        from contactimg.pipeline.measured_series import write_run
-        from contactimg.pipeline.pictures import draw_overlays
-        from contactimg.pipeline.series import measure_parts
-        from contactimg.plausibility import doubts_about_run, warn_of
-        from contactimg.pose.apex import STATED
-        from contactimg.tables import NO_RESULT, Status
-
-    scene = scene_of_folder(folder, stated, scene_file=scene_file, calibration=calibration)
-    relative = stated.get("tolerance", {}).get("relative")
-    files.require_format(table_format)
-    experiment = files.open_experiment(scene)
-    used, acts = {}, ""
-    if calibration is not None:
-        record = files.read_calibration(calibration)
-        acts = describe_use(record, method=scene.measure.method)
-        used = {"calibration": {"file": calibration, "record": record, "acts": acts}}
-    echo_first_run()
-    with shared.results_in(
-        output,
-        folder,
-        scene=scene,
-        options=used,
-        inputs=experiment.inputs,
-        main_files=files.RUN_TABLES,
-        then="overlay" if scene.elastic and scene.indenter and scene.asperities else "",
-    ) as out:
-        count = len(experiment.frames)
-        with progress("measuring frames", count) as advance:
-            series = measure_parts(
-                experiment, relative=relative, workers=workers, advance=advance, store=out.part_store()
-            )
-        frames, facts = write_run(series, out.folder, table_format)
-        if pictures:
-            overlays = out.folder / "overlays"
-            with progress("drawing overlays", count) as advance:
-                draw_overlays(series, experiment, overlays, workers=workers, numbers=numbers, advance=advance)
-        counts = {str(action): int(n) for action, n in experiment.edits["action"].value_counts().items()}
-        out.record |= facts | ({"edits": counts} if counts else {})
-        method = scene.measure.method if relative is None else f"chosen for {100 * relative:g} %"
-        title = f"{folder}, method {method}"
-        echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
-        law, film = str(facts.get("law") or ""), _film_sentence(frames, facts.get("film", {}))
-        found = series.apex is not None and series.apex.known != STATED
-        apex = series.apex.sentence() if found and series.apex is not None else ""
-        say(acts and f"calibration {calibration}: {acts}", apex, law, film)
-    doubted = warn_of(doubts_about_run(series.scene, frames, series.shown), folder)
-    statuses = set(frames["status"])
-    return int(doubted or Status.FAILED in statuses or statuses <= NO_RESULT)
 
 
 def _film_sentence(frames: "pd.DataFrame", films: dict[str, dict[str, Any]]) -> str:

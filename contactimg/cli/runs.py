@@ -195,8 +195,8 @@ def export(
 ) -> int:
     """Write RUN, an output folder of `process`, in the formats of ImageJ, napari and Excel.
 
-    Without a choice of formats all of them are written. Regions that were moved, deleted or added in ImageJ
-    come back with `contactimg import-rois`.
+    Without a choice of formats all of them are written; those of an earlier export that are not chosen stay.
+    Regions that were moved, deleted or added in ImageJ come back with `contactimg import-rois`.
 
     \b
     Examples:
@@ -224,12 +224,18 @@ def export(
 
     chosen = {"fiji": fiji, "napari": napari, "labels": labels, "xlsx": xlsx}
     formats = tuple(name for name, on in chosen.items() if on) or tuple(chosen)
+    others = ["contacts.xlsx" if name == "xlsx" else name for name in chosen if name not in formats]
     source = read_run(run)
     tables = main_tables([source.folder])
     main_files = ["contacts.xlsx"] if "xlsx" in formats else []
     with (
         shared.results_in(
-            output or Path(run) / "export", run, scene=source.scene, inputs=tables, main_files=main_files
+            output or Path(run) / "export",
+            run,
+            scene=source.scene,
+            inputs=tables,
+            main_files=main_files,
+            keeps=others,
         ) as out,
         progress("exporting frames", len(source.frames)) as advance,
     ):

@@ -51,7 +51,8 @@ def scene_of_folder(
     if folder.is_file():
         raise InputError(f"{folder} is a file; give the folder that holds the frames")
     if scene_file is not None:
-        data = _moved_to(folder, read_scene(scene_file))
+        read = read_scene(scene_file)
+        data = _placed(_copied(read), folder, first=folder, other=Path(read.folder))
     elif (folder / SCENE_FILE).exists():
         data = _copied(read_scene(folder))
     else:
@@ -63,7 +64,8 @@ def scene_of_folder(
         record, method = read_calibration(calibration), stated.get("measure", {}).get("method")
         apply_calibration(data, record, sets_method=method is None)
         refuse_idle(data, record, calibration, method)
-    return _plausible(data, stated | {"images": _located(stated.get("images", {}))}, folder)
+    given = {section: dict(keys) for section, keys in stated.items()}
+    return _plausible(data, _placed(given, folder, first=Path(), other=folder), folder)
 
 
 def scene_at(path: str | Path, stated: Stated) -> tuple[Scene, list[Path]]:
@@ -106,33 +108,23 @@ def _copied(scene: Scene) -> Stated:
     return {section: dict(keys) for section, keys in scene.source.items()}
 
 
-def _located(images: dict[str, Any]) -> dict[str, Any]:
-    """Keys with the files that options name: in the working directory, or else in the folder of frames."""
-    found = dict(images)
-    for key in ("reference", "loads"):
-        if key in images:
-            names = [images[key]] if isinstance(images[key], str) else images[key]
-            here = [_has(Path(), name) for name in names]
-            paths = [str(Path(name).resolve()) if k else name for k, name in zip(here, names, strict=True)]
-            found[key] = paths[0] if len(paths) == 1 else paths
-    return found
+def _placed(data: Stated, folder: Path, *, first: Path, other: Path) -> Stated:
+    """The sections with the files that they name: found from one folder, else those of another one.
 
+    A name stays as it is in the one of the two that is ``folder``, to which the scene will belong.
+    """
 
-def _moved_to(folder: Path, scene: Scene) -> Stated:
-    """The sections of a scene file that lies elsewhere; files missing in the folder are those beside it."""
-    data = _copied(scene)
+    def place(name: str) -> str:
+        base = first if _has(first, name) else other
+        return name if base == folder else str((base / name).resolve())
+
     for section, key in FILES:
         named = data.get(section, {}).get(key)
         if isinstance(named, str):
-            data[section][key] = _beside(named, folder, Path(scene.folder))
+            data[section][key] = place(named)
         elif key == "reference" and named is not None:
-            data[section][key] = [_beside(name, folder, Path(scene.folder)) for name in named]
+            data[section][key] = [place(name) for name in named]
     return data
-
-
-def _beside(name: str, folder: Path, scene_folder: Path) -> str:
-    """The name if the folder has such files, else the path beside the scene file."""
-    return name if _has(folder, name) else str((scene_folder / name).resolve())
 
 
 def _has(folder: Path, name: str) -> bool:

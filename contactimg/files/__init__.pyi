@@ -5,9 +5,6 @@ from .atomic import write_text as write_text
 from .calibrations import CALIBRATION_FILE as CALIBRATION_FILE
 from .calibrations import read_calibration as read_calibration
 from .calibrations import shares_frames as shares_frames
-from .commit import PROVENANCE_FILE as PROVENANCE_FILE
-from .commit import finish_commit as finish_commit
-from .commit import read_records as read_records
 from .corrections import EVERY_FRAME as EVERY_FRAME
 from .csv_tables import read_asperities as read_asperities
 from .csv_tables import read_loads as read_loads
@@ -23,7 +20,6 @@ from .edits import write_edits as write_edits
 from .experiment import SCENE_FILE as SCENE_FILE
 from .experiment import Experiment as Experiment
 from .experiment import edits_file as edits_file
-from .experiment import is_reference as is_reference
 from .experiment import named_file as named_file
 from .experiment import open_experiment as open_experiment
 from .experiment import read_scene as read_scene
@@ -35,7 +31,11 @@ from .figures import figure_bytes as figure_bytes
 from .figures import write_figure as write_figure
 from .figures import write_figures as write_figures
 from .figures import write_palette_image as write_palette_image
+from .output import PROVENANCE_FILE as PROVENANCE_FILE
 from .output import OutputFolder as OutputFolder
+from .output import finish_commit as finish_commit
+from .output import provenance as provenance
+from .output import read_records as read_records
 from .part_store import PartStore as PartStore
 from .part_store import fingerprint as fingerprint
 from .part_store import read_part as read_part
@@ -47,7 +47,6 @@ from .run_tables import read_run_table as read_run_table
 from .run_tables import require_format as require_format
 from .runs import RUN_TABLES as RUN_TABLES
 from .runs import Run as Run
-from .runs import provenance as provenance
 from .runs import read_run as read_run
 from .sources import FrameSeries as FrameSeries
 from .sources import FrameSource as FrameSource

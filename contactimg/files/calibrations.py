@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from contactimg.errors import InputError
-from contactimg.files.commit import finish_commit
+from contactimg.files.output import finish_commit
 
 CALIBRATION_FILE = "calibration.json"
 

@@ -1,25 +1,32 @@
-"""Read and write CSV tables; errors name file, row and column, and numbers keep every digit."""
+"""Read and write CSV tables; errors name file, row and column, and numbers keep every digit.
+
+`read_table` reads what a schema describes. Loads are read as laboratories write them too (`read_load_table`):
+text of any encoding with a preamble, units in brackets, any language.
+"""
 
 import csv
 import io
 import math
-from collections.abc import Callable, Collection, Iterator
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
-from contactimg.files.load_tables import STANDARD_GRAVITY, read_load_table
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, LOADS, TOPOGRAPHY, Flag, Schema, flag_names
 from contactimg.timings import stage
 
+STANDARD_GRAVITY = 9.80665
+"""Newtons that one kilogram weighs; by definition."""
+
 _BLOCK_ROWS = 50_000  # converted at once; chosen for memory: text takes about twenty times that of numbers
 _SEPARATORS = (",", ";", "\t")
 _LARGEST_COUNT = 2**63 - 1  # of an int64
-_LONGEST_COUNT = 40  # characters; longer ones are read as floats, which are too large
 _UNITS = {  # ending in another unit -> ending in the schema, how many make one of it
     "_mm": ("_m", 1e3),
     "_um": ("_m", 1e6),
@@ -55,9 +62,9 @@ def read_table(
     Parameters
     ----------
     path : str or Path
-        UTF-8 text with a header. Cells are separated by commas, semicolons or tabs, whichever the header has
-        most; with semicolons or tabs a decimal comma is accepted. A column may be in another unit that its
-        name states: mm, um or nm for m, mN or uN for N (load_mN, x_um).
+        Text in UTF-8 or UTF-16 with a header. Cells are separated by commas, semicolons or tabs, whichever
+        the header has most; with semicolons or tabs a decimal comma is accepted. A column may be in another
+        unit that its name states: mm, um or nm for m, mN or uN for N (load_mN, x_um).
     schema : Schema
         The columns to read; others in the file are ignored, and blank lines are skipped.
     required : collection of str, optional
@@ -78,7 +85,7 @@ def read_table(
     """
     separator, rows = _csv_rows(path)
     header = [name.strip() for name in next(rows, (1, []))[1]]
-    columns = _columns(Path(path), header, schema, required)
+    columns = _columns(path, header, schema, schema.first if required is None else required)
     blocks = [schema.empty()]
     while block := list(islice(rows, _BLOCK_ROWS)):
         for line, row in block:
@@ -86,34 +93,41 @@ def read_table(
                 raise InputError(
                     f"{path}: line {line} has {len(row)} cells, but the header has {len(header)} columns"
                 )
-        values = dict[str, list[object]]()
+        values: dict[str, list[object]] = {name: [] for name in columns}
         for name, (place, divisor) in columns.items():
-            parse = _parser(schema, name, divisor, decimal_comma=separator != ",", infinite=infinite)
-            found = values.setdefault(name, [])
+            kind = "flags" if name == "flags" else schema.columns[name][0]
+            must, found = name in (required or ()), values[name]
+            comma = separator != "," and kind != "str"
             for line, row in block:
+                cell = row[place]
                 try:
-                    if name in (required or ()) and not row[place].strip():
+                    if must and not cell.strip():
                         raise ValueError("must have a value")
-                    found.append(parse(row[place]))
+                    value = _parsed(cell.replace(",", ".") if comma else cell, kind, infinite=infinite)
                 except ValueError as error:
-                    got = row[place][:_SHOWN_CHARACTERS]
+                    got = cell[:_SHOWN_CHARACTERS]
                     raise InputError(f"{path}: line {line}, column {name} {error}, got {got!r}") from None
+                # 300 / 1e3 is 0.3, and 300 * 1e-3 need not be
+                found.append(value if divisor == 1 else value / divisor)
         blocks.append(schema.conform(pd.DataFrame(values)))
     return pd.concat([block for block in blocks if len(block)] or blocks, ignore_index=True)
 
 
-def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
-    """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out.
-
-    Bytes that are not UTF-8 are kept: they occur in file names.
-    """
+def _text(path: str | Path) -> str:
+    """Text of a file in UTF-8 or UTF-16; other bytes are kept, since they occur in names of files."""
     try:
         data = Path(path).read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:1000]:
-        raise OtherFormError(f"{path}: is not UTF-8 text; save it as 'CSV UTF-8'")
-    text = data.decode("utf-8-sig", errors="surrogateescape")
+    wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return data.decode("utf-16" if wide else "utf-8-sig", errors="replace" if wide else "surrogateescape")
+
+
+def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
+    """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out."""
+    text = _text(path)
+    if "\0" in text[:1000]:
+        raise OtherFormError(f"{path}: is no text; save it as 'CSV UTF-8'")
     separator = max(_SEPARATORS, key=text.lstrip("\r\n").partition("\n")[0].count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
@@ -126,24 +140,37 @@ def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     return separator, rows()
 
 
+def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
+    """Separator and all cells of a CSV file as text, whatever its columns; blank lines are left out.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is not CSV.
+    """
+    separator, rows = _csv_rows(path)
+    header, *cells = [row for _, row in rows]
+    return separator, pd.DataFrame(cells, columns=[name.strip() for name in header], dtype="str")
+
+
 def _columns(
-    path: Path, header: list[str], schema: Schema, required: Collection[str] | None
+    path: str | Path, header: list[str], schema: Schema, needed: Collection[str]
 ) -> dict[str, tuple[int, float]]:
     """Column of the schema -> its place in a file, and the divisor of its numbers where the unit is another.
 
-    A repeated, misspelt (capitals) or missing one is an error. 300 / 1e3 is 0.3, and 300 * 1e-3 need not be.
+    A repeated, misspelt (capitals) or missing one is an error.
     """
-    names, divisors = [], []
+    found = list[tuple[str, float]]()
     for name in header:
-        other = [
-            (name.removesuffix(ending) + si, divisor)
-            for ending, (si, divisor) in _UNITS.items()
-            if name not in schema.columns and name.endswith(ending)
-        ]
-        right, divisor = next((one for one in other if one[0] in schema.columns), (name, 1.0))
-        names.append(right)
-        divisors.append(divisor)
-    needed = schema.first if required is None else required
+        units = (
+            (name.removesuffix(ending) + si, size)
+            for ending, (si, size) in _UNITS.items()
+            if name.endswith(ending)
+        )
+        other = (one for one in units if name not in schema.columns and one[0] in schema.columns)
+        found.append(next(other, (name, 1.0)))
+    names = [name for name, _ in found]
+    spelled = {name.lower(): name for name in schema.columns}
     for name in needed:
         if name.lower() not in map(str.lower, names):
             given = ", ".join(names)[:_SHOWN_CHARACTERS] or "nothing"
@@ -151,59 +178,47 @@ def _columns(
                 f"{path}: column {name} is missing; the header must name {', '.join(needed)}, got {given}"
             )
     for name in names:
+        right = spelled.get(name.lower(), name)
+        if name != right:
+            raise InputError(f"{path}: column {name!r} must be written {right!r}")
         if name in schema.columns and names.count(name) > 1:
             raise InputError(f"{path}: column {name} occurs {names.count(name)} times; keep one")
-        for right in schema.columns:
-            if name.lower() == right.lower() and name != right:
-                raise InputError(f"{path}: column {name!r} must be written {right!r}")
-    return {name: (k, divisors[k]) for k, name in enumerate(names) if name in schema.columns}
+    return {name: (k, size) for k, (name, size) in enumerate(found) if name in schema.columns}
 
 
-def _parser(
-    schema: Schema, name: str, divisor: float, *, decimal_comma: bool, infinite: bool
-) -> Callable[[str], object]:
-    """What makes a value of a cell of a column; it raises `ValueError` with what the cell must be."""
-    kind = "flags" if name == "flags" else schema.columns[name][0]
+def _parsed(cell: str, kind: str, *, infinite: bool = False) -> Any:
+    """The value of a cell; an empty one is the empty text, NaN, NA or no flag.
 
-    def number(cell: str) -> float:
-        return _parse_number(cell.replace(",", ".") if decimal_comma else cell, infinite=infinite) / divisor
-
-    parsers: dict[str, Callable[[str], object]] = {"str": str, "float64": number, "flags": _parse_flags}
-    return parsers.get(kind, _parse_count)
-
-
-def _parse_number(cell: str, *, infinite: bool) -> float:
-    """A float; an empty cell is NaN."""
+    Raises
+    ------
+    ValueError
+        With what the cell must be.
+    """
+    if kind == "str":
+        return cell
+    if kind == "flags":
+        names = {name.strip() for name in cell.split("|")} - {""}
+        if not names <= set(Flag.__members__):
+            raise ValueError(f"must hold names of flags ({', '.join(Flag.__members__)}) joined by |")
+        return sum(Flag[name].value for name in names)
     if not cell.strip():
-        return math.nan
-    try:
-        value = float(cell.replace("_", "?"))  # Python would take 1_000
-    except ValueError:
-        raise ValueError("must be a number") from None
-    if math.isnan(value) or (math.isinf(value) and not infinite):
-        raise ValueError("must be a finite number")
-    return value
-
-
-def _parse_count(cell: str) -> object:
-    """An integer, also if written with decimals; an empty cell is NA."""
-    if not cell.strip():
-        return pd.NA
-    whole = cell.strip().lstrip("+-").isdecimal() and len(cell) < _LONGEST_COUNT
-    value = int(cell) if whole else _parse_number(cell, infinite=False)
-    if not float(value).is_integer():
+        return math.nan if kind == "float64" else pd.NA
+    if kind != "float64" and re.fullmatch(r"\s*[+-]?\d{1,30}\s*", cell):
+        value: float = int(cell)
+    else:
+        try:
+            value = float(cell.replace("_", "?"))  # Python would take 1_000
+        except ValueError:
+            raise ValueError("must be a number") from None
+        if math.isnan(value) or (math.isinf(value) and not (infinite and kind == "float64")):
+            raise ValueError("must be a finite number")
+    if kind == "float64":
+        return value
+    if value % 1:
         raise ValueError("must be a whole number")
     if not -_LARGEST_COUNT - 1 <= value <= _LARGEST_COUNT:
         raise ValueError(f"must be a whole number of at most {_LARGEST_COUNT}")
     return int(value)
-
-
-def _parse_flags(cell: str) -> int:
-    """The sum of the named flags; an empty cell is none."""
-    names = [name.strip() for name in cell.split("|") if name.strip()]
-    if any(name not in Flag.__members__ for name in names):
-        raise ValueError(f"must hold names of flags ({', '.join(Flag.__members__)}) joined by |")
-    return sum({Flag[name].value for name in names})
 
 
 def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
@@ -280,8 +295,7 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
     if len(high):
         raise InputError(
             f"{path}: asperities: row {high[0]}, column 'height_m' must be metres, at most "
-            f"{MAX_ASPERITY_HEIGHT:g}, got "
-            f"{float(table['height_m'].loc[high[0]])!r}; is it in another unit?"
+            f"{MAX_ASPERITY_HEIGHT:g}, got {float(table['height_m'].loc[high[0]])!r}; is it in another unit?"
         )
     _check_unique(path, table, ["x_m", "y_m"])
     return table[list(ASPERITIES.filled(table).columns)]
@@ -358,13 +372,128 @@ def text_of_rows(table: pd.DataFrame, schema: Schema) -> str:
     return str(whole.to_csv(header=False, index=False, lineterminator="\n"))
 
 
-def read_text_rows(path: str | Path) -> tuple[str, list[list[str]]]:
-    """Separator and all rows of a CSV file as text, the header first, blank lines left out.
+# --- loads as laboratories write them
+
+NEWTONS = {
+    "N": 1.0,
+    "mN": 1e-3,
+    "uN": 1e-6,
+    "µN": 1e-6,
+    "μN": 1e-6,
+    "kg": STANDARD_GRAVITY,
+    "g": 1e-3 * STANDARD_GRAVITY,
+    "mg": 1e-6 * STANDARD_GRAVITY,
+}
+"""Unit of a load or of a weight -> N."""
+
+_UNIT = re.compile(rf"[\[(_/]\s*({'|'.join(NEWTONS)})f?\s*[\])]?$")
+_FRICTION = re.compile(r"reib|fric|frott|tang|later|shear|scher|quer|attrito|roz")
+_FRAME = re.compile(
+    r"frame|bild|im[aá]g|img|datei|file|fichier|foto|photo|^(nr|no|num|nummer|number|index|#)\.?$"
+)
+
+
+class AmbiguousLoadsError(InputError):
+    """Several columns of a table may be the load."""
+
+    def __init__(self, message: str, columns: list[str]) -> None:
+        super().__init__(message)
+        self.columns = columns
+
+
+def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame, str]:
+    r"""Loads of a text table whose header states their unit in brackets.
+
+    Parameters
+    ----------
+    path : str or Path
+        LabVIEW measurement (.lvm) or any text with one row a frame below a header; what stands before is
+        passed over. In UTF-8, UTF-16, or else the 8-bit code of western Windows.
+    column : str
+        Header of the loads, where several may be it.
+
+    Returns
+    -------
+    loads : DataFrame
+        Columns of `contactimg.tables.LOADS`; a frame without a name is ``#k``, k its row from 1.
+    columns : str
+        Which columns were taken, in words.
 
     Raises
     ------
     InputError
-        If it cannot be read or is not CSV.
+        If no column names a load with its unit; the message tells the columns found.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "Kraft.lvm"
+    ...     _ = path.write_text("LabVIEW Measurement\n\nBild\tKraft [mN]\nImg01.tif\t12,5\n")
+    ...     table, columns = read_load_table(path)
+    >>> table["load_N"].tolist(), columns
+    ([0.0125], "loads from 'Kraft [mN]', frames from 'Bild'")
     """
-    separator, rows = _csv_rows(path)
-    return separator, [row for _, row in rows]
+    text, shown = _text(path), ""
+    if re.search("[\udc80-\udcff]", text):  # bytes that are not UTF-8
+        text = text.encode("utf-8", errors="surrogateescape").decode("cp1252", errors="replace")
+    for separator in ("\t", ";", ",", None):  # None: any white space
+        lines = [[cell.strip().strip('"') for cell in line.split(separator)] for line in text.split("\n")]
+        for number, header in enumerate(lines):
+            rows = _rows_below(lines[number + 1 :], len(header)) if len(header) > 1 else []
+            if rows:
+                shown = shown or ", ".join(filter(None, header))
+                loads = [name for name in header if _is_load(name) and column in ("", name)]
+                if loads:
+                    columns = dict(zip(header, zip(*rows, strict=True), strict=True))
+                    return _load_rows(path, columns, loads)
+    raise InputError(
+        f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
+        + (f"; the columns are {shown}" if shown else "")
+    )
+
+
+def _is_load(name: str) -> bool:
+    """Whether a header names a normal load: a unit of force or weight, and no friction."""
+    return _UNIT.search(name) is not None and _FRICTION.search(name.lower()) is None
+
+
+def _rows_below(lines: list[list[str]], width: int) -> list[list[str]]:
+    """The rows of a table up to the first line of another width; a missing last cell is empty."""
+    rows = []
+    for cells in filter(any, lines):
+        if not width - 1 <= len(cells) <= width:
+            break
+        rows.append(cells + [""] * (width - len(cells)))
+    return rows
+
+
+def _load_rows(
+    path: str | Path, columns: Mapping[str, Sequence[str]], loads: list[str]
+) -> tuple[pd.DataFrame, str]:
+    """The loads from the cells of each column, and the names of the columns that were taken."""
+    if len(loads) > 1:
+        several = ", ".join(map(repr, loads))
+        raise AmbiguousLoadsError(
+            f"{path}: {len(loads)} columns may be the load ({several}); rename the others", loads
+        )
+    frames = [name for name in columns if _FRAME.search(name.lower()) and name not in loads]
+    frictions = [name for name in columns if _UNIT.search(name) and _FRICTION.search(name.lower())]
+    table, said = dict[str, Sequence[object]](), list[str]()
+    for what, target, names in (("loads", "load_N", loads), ("friction", "friction_N", frictions)):
+        for name in names[:1]:
+            newtons = NEWTONS[_UNIT.search(name)[1]]  # type: ignore[index]
+            table[target] = [_number(path, cell) * newtons for cell in columns[name]]
+            said.append(f"{what} from {name!r}")
+    numbers = [f"#{k + 1}" for k in range(len(columns[loads[0]]))]
+    table["frame"] = columns[frames[0]] if frames else numbers
+    said.append(f"frames from {frames[0]!r}" if frames else "one row a frame in their order")
+    return LOADS.conform(pd.DataFrame(table)), ", ".join(said)
+
+
+def _number(path: str | Path, cell: str) -> float:
+    """A number with a decimal point or comma; NaN of an empty cell."""
+    try:
+        return float(cell.replace(",", ".")) if cell else math.nan
+    except ValueError:
+        raise InputError(f"{path}: a load must be a number, got {cell!r}") from None

@@ -1,6 +1,5 @@
 """Corrections by hand, edits.csv: read and checked, and written."""
 
-import csv
 import hashlib
 import io
 import math
@@ -13,7 +12,7 @@ import pandas as pd
 from contactimg.errors import InputError
 from contactimg.files.atomic import flush_to_disk, write_text
 from contactimg.files.corrections import EVERY_FRAME, MaskedArea
-from contactimg.files.csv_tables import read_table, read_text_rows, text_of_rows, write_table
+from contactimg.files.csv_tables import read_table, read_text_table, text_of_rows, write_table
 from contactimg.files.imagej import Region
 from contactimg.tables import EDITS
 
@@ -171,33 +170,27 @@ class EditsFile:
         """
         rows = EDITS.conform(rows)
         check_edits(rows, self.path.name)
-        separator, lines = self._lines()
-        header = [name.strip() for name in lines[0]]
         text = io.StringIO(text_of_rows(rows, EDITS), newline="")
-        new = [dict(zip(EDITS.columns, row, strict=True)) for row in csv.reader(text)]
-        cells = [[row.get(name, "") for name in header] for row in new]
-        start = len(lines) if place is None else min(1 + place, len(lines))
-        self._write(separator, [*lines[:start], *cells, *lines[start:]])
+        new = pd.read_csv(text, names=[*EDITS.columns], dtype="str", keep_default_na=False)
+        separator, cells = self._cells()
+        place = len(cells) if place is None else place
+        self._write(separator, pd.concat([cells[:place], new, cells[place:]]).fillna(""))
 
     def remove(self, place: int) -> None:
         """Take out row ``place`` (from 0)."""
-        separator, lines = self._lines()
-        if not 0 <= place < len(lines) - 1:
+        separator, cells = self._cells()
+        if not 0 <= place < len(cells):
             raise InputError(f"{self.path}: has no row {place + 1}")
-        self._write(separator, [*lines[: 1 + place], *lines[2 + place :]])
+        self._write(separator, cells.drop(index=place))
 
-    def _lines(self) -> tuple[str, list[list[str]]]:
-        """Separator and rows with the header, which names every column."""
+    def _cells(self) -> tuple[str, pd.DataFrame]:
+        """Separator and cells of the file, which must be valid; columns of other programs are kept."""
         if not self.path.exists():
-            return ",", [list(EDITS.columns)]
-        self.read()  # what it holds must be valid
-        separator, lines = read_text_rows(self.path)
-        missing = [name for name in EDITS.columns if name not in [cell.strip() for cell in lines[0]]]
-        return separator, [lines[0] + missing, *(line + [""] * len(missing) for line in lines[1:])]
+            return ",", EDITS.empty().astype("str")
+        self.read()
+        return read_text_table(self.path)
 
-    def _write(self, separator: str, lines: list[list[str]]) -> None:
+    def _write(self, separator: str, cells: pd.DataFrame) -> None:
         """Replace the file."""
-        buffer = io.StringIO(newline="")
-        csv.writer(buffer, delimiter=separator, lineterminator="\n").writerows(lines)
-        write_text(buffer.getvalue(), self.path)
+        write_text(cells.to_csv(sep=separator, index=False, lineterminator="\n"), self.path)
         flush_to_disk(self.path)

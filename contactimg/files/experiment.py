@@ -18,11 +18,11 @@ from tomlkit.exceptions import TOMLKitError
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import flush_to_disk, write_text
-from contactimg.files.commit import finish_commit
 from contactimg.files.corrections import PixelCorrections, find_areas
 from contactimg.files.csv_tables import read_asperities, read_loads
 from contactimg.files.edits import EDITS_FILE, masked_areas, read_edits
-from contactimg.files.folder import is_correction, is_reference
+from contactimg.files.folder import kind_of
+from contactimg.files.output import finish_commit
 from contactimg.files.sources import FrameSource, is_image, list_frames
 from contactimg.optics.camera_response import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
@@ -279,30 +279,19 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSourc
     frames = [frame for frame in listed if (frame.path.resolve(), frame.index) not in places]
     chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
     used = set(_find_corrections(scene, frames).files)
-    extra, dropped = list[str](), list[str]()
-    for frame in frames:
-        if frame.path not in used and frame.path not in chosen:
-            if is_correction(frame.path):
-                extra.append(frame.name)
-            elif is_reference(frame.path):
-                dropped.append(frame.name)
-    left_out = {*extra, *dropped}
-    frames = [frame for frame in frames if frame.path not in used and frame.name not in left_out]
+    kinds = {one.name: kind_of(one.path) for one in frames if one.path not in used | chosen}
+    frames = [frame for frame in frames if frame.path not in used and not kinds.get(frame.name)]
+    dropped = [name for name, kind in kinds.items() if kind == "reference"]
+    extra = [name for name, kind in kinds.items() if kind not in ("", "reference")]
     if not frames:
         besides = _some([reference.name for reference in references] or dropped)
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
-    if dropped:
-        logger.warning(
-            "%s: %s is not measured as a frame; name it as the reference, or list it in [images] frames",
-            folder,
-            _some(dropped),
-        )
-    if extra:
-        logger.warning(
-            "%s: %s is not measured as a frame; to use it, name it in [images] as dark, flat or mask",
-            folder,
-            _some(extra),
-        )
+    for names, cure in (
+        (dropped, "name it as the reference, or list it in [images] frames"),
+        (extra, "to use it, name it in [images] as dark, flat or mask"),
+    ):
+        if names:
+            logger.warning("%s: %s is not measured as a frame; %s", folder, _some(names), cure)
     return frames
 
 

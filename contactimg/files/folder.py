@@ -1,11 +1,12 @@
 """What the files of a folder are, by name and content, where no scene says so."""
 
 import re
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from contactimg.errors import InputError
 from contactimg.files.csv_tables import read_asperities, read_loads
@@ -90,16 +91,15 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
     """
     folder = Path(folder)
     listed = list_frames(folder)
-    images = {"reference": _files(one for one in listed if is_reference(one.path))}
-    for kind in ("dark", "flat", "mask"):
-        named = (one for one in listed if is_correction(one.path))
-        images[kind] = _files(one for one in named if one.path.stem.lower().startswith(kind))
-    known = {name for names in images.values() for name in names}
-    frames = [one for one in listed if one.path.name not in known]
+    images = {
+        kind: list(dict.fromkeys(one.path.name for one in listed if kind_of(one.path) == kind))
+        for kind in ("reference", "dark", "flat", "mask")
+    }
+    frames = [one for one in listed if not kind_of(one.path)]
     if not frames:
         raise InputError(f"{folder}: there is no frame besides {listed[0].name}; add the frames")
     frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
-    loads, asperities, columns, unloaded = "", "", "", False
+    asperities, loads = "", pd.DataFrame()
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
     tables = [path for path in files if path.suffix.lower() in TABLES and path.name not in OURS]
     for path in sorted(tables, key=lambda path: path.name != "loads.csv")[:TRIED_TABLES]:
@@ -109,40 +109,30 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
                 asperities = path.name
                 continue
         with suppress(InputError):
-            if not loads:
-                table = read_loads(path, pulled=True)
-                loads, columns = path.name, str(table.attrs.get("columns", ""))
-                unloaded = bool((table["load_N"] == 0).any())
-    used = {one.path.name for one in frames} | known | {loads, asperities} | OURS
+            if loads.empty:
+                loads = read_loads(path, pulled=True)
+                loads.attrs["file"] = path.name
+    file, columns = (str(loads.attrs.get(name, "")) for name in ("file", "columns"))
+    unloaded = bool(file and (loads["load_N"] == 0).any())
+    used = {one.path.name for one in frames}.union(*images.values()) | {file, asperities} | OURS
     ignored = [path.name for path in files if path.name not in used and not path.name.startswith(".")]
-    return FolderFiles(frames, images, loads, asperities, columns, unloaded, ignored)
+    return FolderFiles(frames, images, file, asperities, columns, unloaded, ignored)
 
 
-def is_reference(path: Path) -> bool:
-    """True for a file called like a reference: it is no frame unless the scene names it as one.
-
-    Examples
-    --------
-    >>> [is_reference(Path(name)) for name in ("run_1/Reference.TIF", "ref.tif", "refraction_2.tif")]
-    [True, True, False]
-    """
-    return REFERENCE.fullmatch(path.stem.lower()) is not None
-
-
-def is_correction(path: Path) -> bool:
-    """True for a file called like a dark frame, a flat field or a mask.
+def kind_of(path: Path) -> str:
+    """What a file is called like: "reference", "dark", "flat", "mask", or "" for a frame.
 
     Examples
     --------
-    >>> [is_correction(Path(name)) for name in ("dark.tif", "Flat_field2.png", "dark_contacts_01.tif")]
-    [True, True, False]
+    >>> [kind_of(Path(name)) for name in ("run_1/Reference.TIF", "ref.tif", "refraction_2.tif")]
+    ['reference', 'reference', '']
+    >>> [kind_of(Path(name)) for name in ("dark.tif", "Flat_field2.png", "dark_contacts_01.tif")]
+    ['dark', 'flat', '']
     """
-    return CORRECTION.fullmatch(path.stem.lower()) is not None
-
-
-def _files(sources: Iterable[FrameSource]) -> list[str]:
-    """Names of the files of the frames, each once."""
-    return list(dict.fromkeys(one.path.name for one in sources))
+    correction = CORRECTION.fullmatch(path.stem.lower())
+    if correction:
+        return correction[1]
+    return "reference" if REFERENCE.fullmatch(path.stem.lower()) else ""
 
 
 def _one_or_glob(names: list[str]) -> str | None:

@@ -1,5 +1,6 @@
 """Height maps of profilometers: plain matrices, float TIFF, and whatever SurfaceTopography reads."""
 
+import io
 import warnings
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files.pixels import check_size
+from contactimg.files.decoders import check_size
 from contactimg.files.tiff import METRES, stated_pixel_size
 from contactimg.summits import HeightMap
 
@@ -98,24 +99,17 @@ def _tiff(path: Path) -> NDArray:
 def _text_matrix(path: Path) -> Values | None:
     """A matrix as text; None if a line is no row of numbers or lines differ in length."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    if len(lines) < 2:
+    first = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
+    separator = next((mark for mark in ("\t", ";", ",") if mark in first), None)
+    if separator in ("\t", ";") and "." not in first:
+        text = text.replace(",", ".")  # decimal commas
+    try:
+        matrix = np.genfromtxt(io.StringIO(text), delimiter=separator, loose=False, ndmin=2)
+    except ValueError:
         return None
-    separator = next((mark for mark in ("\t", ";", ",") if mark in lines[0]), None)
-    decimal_comma = separator in ("\t", ";") and "." not in lines[0]
-    rows: list[list[float]] = []
-    for line in lines:
-        cells = (line.rstrip("\r\n") if separator else line).split(separator)
-        if separator and not cells[-1].strip() and rows and len(cells) == len(rows[0]) + 1:
-            cells.pop()  # a separator at the end of each line
-        try:
-            numbers = [cell.replace(",", ".") if decimal_comma else cell for cell in cells]
-            rows.append([float(cell) if cell.strip() else np.nan for cell in numbers])
-        except ValueError:
-            return None
-    if separator and all(np.isnan(row[-1]) for row in rows):
-        rows = [row[:-1] for row in rows]
-    return np.array(rows) if len({len(row) for row in rows}) == 1 and len(rows[0]) > 3 else None
+    if separator and np.isnan(matrix[:, -1]).all():  # a separator at the end of each line
+        matrix = matrix[:, :-1]
+    return matrix if len(matrix) > 1 and matrix.shape[1] > 3 else None
 
 
 def _of_instrument(path: Path) -> tuple[Values, float | None, tuple[float, float] | None]:

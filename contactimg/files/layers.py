@@ -3,8 +3,6 @@
 napari counts as this package does: rows first, (0, 0) the centre of the top-left pixel.
 """
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
@@ -87,12 +85,13 @@ def write_napari_shapes(contacts: pd.DataFrame, outlines: pd.DataFrame, path: Pa
     An ellipse is given by the four corners around it; a free shape is a polygon, each of its holes a path.
     """
     shapes = [shape for outline in contact_outlines(contacts, outlines) for shape in napari_shapes(outline)]
-    rows: list[list[object]] = [
-        [index, kind, vertex, y, x]
+    parts = [
+        pd.DataFrame({"index": index, "shape-type": kind, "axis-0": points[:, 1], "axis-1": points[:, 0]})
         for index, (kind, points) in enumerate(shapes)
-        for vertex, (x, y) in enumerate(points.tolist())
     ]
-    _write(path, ["index", "shape-type", "vertex-index", "axis-0", "axis-1"], rows)
+    columns = ["index", "shape-type", "vertex-index", "axis-0", "axis-1"]
+    rows = [part.rename_axis("vertex-index").reset_index()[columns] for part in parts]
+    _write(pd.concat(rows) if rows else pd.DataFrame(columns=columns), path)
 
 
 def napari_shapes(outline: Outline) -> list[tuple[str, NDArray[np.float64]]]:
@@ -109,18 +108,13 @@ def napari_shapes(outline: Outline) -> list[tuple[str, NDArray[np.float64]]]:
 
 def write_napari_points(contacts: pd.DataFrame, path: Path) -> None:
     """Write the centres as a points layer, with label, radius, force and flags as properties."""
-    columns = ["label", "radius_px", "radius_std_px", "force_N"]
-    values = contacts[["y_px", "x_px", *columns]].astype(object)
-    cells = values.where(contacts[["y_px", "x_px", *columns]].notna(), "").to_numpy().tolist()
-    flags = flag_names(contacts["flags"])
-    rows = [[index, *row, names] for index, (row, names) in enumerate(zip(cells, flags, strict=True))]
-    _write(path, ["index", "axis-0", "axis-1", *columns, "flags"], rows)
+    layer = contacts[["y_px", "x_px", "label", "radius_px", "radius_std_px", "force_N"]].assign(
+        flags=flag_names(contacts["flags"])
+    )
+    layer = layer.rename(columns={"y_px": "axis-0", "x_px": "axis-1"}).reset_index(drop=True)
+    _write(layer.rename_axis("index").reset_index(), path)
 
 
-def _write(path: Path, header: list[str], rows: list[list[object]]) -> None:
+def _write(table: pd.DataFrame, path: Path) -> None:
     """Write a table, whole or not at all."""
-    buffer = io.StringIO(newline="")
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    write_text(buffer.getvalue(), path)
+    write_text(table.to_csv(index=False, lineterminator="\n"), path)

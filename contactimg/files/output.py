@@ -1,32 +1,174 @@
-"""The output folder of a run: written completely or not at all, with its provenance."""
+"""The output folder of a run: its provenance, and one rename between the earlier result and the new one."""
 
+import hashlib
+import importlib.metadata
+import json
+import logging
 import os
+import platform
+import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from filelock import FileLock, Timeout
 
+from contactimg import __version__
 from contactimg.engine.processes import signals_held
 from contactimg.errors import InputError
-from contactimg.files.atomic import write_json
-from contactimg.files.commit import (
-    LOCK_FILE,
-    PROVENANCE_FILE,
-    STAGING_FOLDER,
-    commit,
-    complete_commit,
-    files_of,
-    records_of_runs,
-    release_lock_file,
-    task_of,
-)
+from contactimg.files.atomic import flush_to_disk, write_json
 from contactimg.files.part_store import PARTS_FOLDER, PartStore
-from contactimg.files.runs import changed_inputs, table_hashes
+from contactimg.scene import Scene
 from contactimg.timings import stage
+
+logger = logging.getLogger(__name__)
+
+Result = TypeVar("Result")
+
+SCHEMA_VERSION = 1
+"""Increased when a column or key is added to the output; names are never changed."""
+
+LOCK_FILE = ".contactimg.lock"
+STAGING_FOLDER = ".contactimg.part"
+PENDING_FOLDER = ".contactimg.commit"
+PROVENANCE_FILE = "provenance.json"
+
+_LOCK_SECONDS = 20.0  # chosen: moving 10^4 files takes about a second
+_ATTEMPTS = 5  # chosen: a reader that meets a new commit each time gives up
+
+
+@stage("provenance")
+def provenance(
+    *,
+    command: str,
+    scene: Scene | None = None,
+    options: Mapping[str, Any] | None = None,
+    inputs: Iterable[Path] = (),
+) -> dict[str, Any]:
+    """Record how a result was made.
+
+    Parameters
+    ----------
+    command : str
+        The command line.
+    scene : Scene, optional
+        Recorded with all keys, including defaults.
+    options : mapping, optional
+        Settings that are not in the scene.
+    inputs : iterable of Path
+        Files that were read; recorded with size and SHA-256.
+
+    Returns
+    -------
+    dict
+        schema_version, command, created (UTC), versions (of contactimg, Python and each library it depends
+        on), platform, configuration (scene, scene_folder, options) and inputs.
+
+    Examples
+    --------
+    >>> provenance(command="contactimg process frames")["schema_version"]
+    1
+    """
+    declared = importlib.metadata.requires("contactimg") or []
+    names = [re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0] for line in declared if "extra ==" not in line]
+    versions = {name: importlib.metadata.version(name) for name in sorted(names)}
+    configuration: dict[str, Any] = {"options": dict(options or {})}
+    if scene is not None:
+        configuration |= {"scene": scene.configuration, "scene_folder": str(Path(scene.folder).resolve())}
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "command": command,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": {"contactimg": __version__, "python": platform.python_version()} | versions,
+        "platform": platform.platform(),
+        "configuration": configuration,
+        "inputs": [_fingerprint(path.resolve()) for path in inputs],
+    }
+
+
+def _fingerprint(path: Path) -> dict[str, Any]:
+    """Path, size, SHA-256 and time of the last change of a file; the error if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            status = os.fstat(file.fileno())  # before the content: a change while it is read is noticed
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        return {"path": str(path), "bytes": None, "sha256": None, "error": error.strerror}
+    size, time = status.st_size, status.st_mtime_ns
+    return {"path": str(path), "bytes": size, "sha256": digest, "modified_ns": time}
+
+
+def changed_inputs(record: Mapping[str, Any]) -> list[str]:
+    """Input files of a run that were changed since it read them; those that are gone are not among them."""
+    found = []
+    for entry in record.get("inputs", []):
+        with suppress(OSError):
+            status = os.stat(entry["path"])  # noqa: PTH116 - for 10^5 files
+            now = {"bytes": status.st_size, "modified_ns": status.st_mtime_ns}
+            if "modified_ns" in entry and now != {name: entry[name] for name in now}:
+                found.append(entry["path"])
+    return found
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file; of a missing one, a word that equals no hash."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return "missing"
+
+
+def is_table(path: Path) -> bool:
+    """Whether a file of a run is a table; pictures and records have no hash."""
+    return path.suffix in (".csv", ".parquet")
+
+
+def read_records(folder: Path) -> list[dict[str, Any]]:
+    """The records of the runs that share an output folder, the last one first.
+
+    Returns
+    -------
+    list of dict
+        As `contactimg.files.provenance` makes them, each with the names of its files as ``outputs``.
+
+    Raises
+    ------
+    OSError
+        If there is no provenance.json.
+    ValueError
+        If it is damaged.
+    """
+    top = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))
+    beside = top.get("beside", []) if isinstance(top, dict) else None
+    if not isinstance(beside, list) or not all(isinstance(record, dict) for record in beside):
+        raise ValueError(f"{folder / PROVENANCE_FILE} is damaged")
+    return [{name: value for name, value in top.items() if name != "beside"}, *beside]
+
+
+def records_of_runs(folder: Path) -> list[dict[str, Any]]:
+    """The records of the runs in a folder; none if they cannot be read or do not name their files."""
+    try:
+        records = read_records(folder)
+    except (OSError, ValueError):
+        return []
+    return records if all(isinstance(record.get("outputs"), list) for record in records) else []
+
+
+def files_of(record: Mapping[str, Any]) -> set[Path]:
+    """The files that a run wrote, relative to its folder."""
+    files = {Path(str(name)) for name in record["outputs"]}
+    return {file for file in files if not file.is_absolute() and ".." not in file.parts}
+
+
+def task_of(record: Mapping[str, Any]) -> str:
+    """The kind of run: program, command and, for a calibration, its kind."""
+    words = str(record.get("command", "")).split()
+    return " ".join(words[: 3 if words[1:2] == ["calibrate"] else 2])
 
 
 class OutputFolder:
@@ -34,7 +176,7 @@ class OutputFolder:
 
     Inside the ``with`` block files are written to a hidden folder; they are moved to their places when the
     block ends without an error. If the process ends while they are moved, the next command that writes or
-    reads the folder moves the rest (`contactimg.files.commit`).
+    reads the folder moves the rest (`finish_commit`).
 
     Parameters
     ----------
@@ -45,6 +187,8 @@ class OutputFolder:
     main_files : sequence of str
         Files that this run will certainly write. If another command wrote one of them there, the folder is
         refused before any work is done.
+    keeps : sequence of str
+        Files and folders of the earlier run of the same command that stay, unless this run writes them.
 
     Attributes
     ----------
@@ -71,7 +215,6 @@ class OutputFolder:
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
-    >>> from contactimg.files import provenance
     >>> with TemporaryDirectory() as top:
     ...     with OutputFolder(Path(top) / "out", provenance(command="demo")) as out:
     ...         _ = (out.folder / "note.txt").write_text("done")
@@ -80,12 +223,17 @@ class OutputFolder:
     """
 
     def __init__(
-        self, path: str | Path, record: Mapping[str, Any], *, main_files: Sequence[str] = ()
+        self,
+        path: str | Path,
+        record: Mapping[str, Any],
+        *,
+        main_files: Sequence[str] = (),
+        keeps: Sequence[str] = (),
     ) -> None:
         self.path = Path(path)
         self.folder = self.path / STAGING_FOLDER
         self.record = dict(record)
-        self._main_files = {Path(name) for name in main_files}
+        self._main_files, self._keeps = {Path(name) for name in main_files}, set(keeps)
         self._created: list[Path] = []
         self._lock = FileLock(self.path / LOCK_FILE, timeout=0)
 
@@ -104,7 +252,7 @@ class OutputFolder:
                 f"{self.path}: cannot be written ({error.strerror or error}); choose another output folder"
             ) from None
         try:
-            complete_commit(self.path)
+            _complete_commit(self.path)
             self._check_contents()
             shutil.rmtree(self.folder, ignore_errors=True)  # left by a run that was killed
             self.folder.mkdir()
@@ -153,7 +301,12 @@ class OutputFolder:
 
     @stage("writing")
     def _commit(self) -> None:
-        """Replace the files of the earlier run of the same command by the new ones."""
+        """Replace the files of the earlier run of the same command by the new ones.
+
+        The folder with the new files is renamed: before this rename the earlier result stands, after it the
+        new one does, even if the process ends before the files are in their places. What has to be moved and
+        deleted stands in the two records, of which the new one takes the place of the earlier one last.
+        """
         changed = changed_inputs(self.record)
         if changed:
             raise InputError(
@@ -163,24 +316,42 @@ class OutputFolder:
             )
         new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}
         self._refuse_others(new)
-        outputs = [file.as_posix() for file in sorted(new)]
-        top = self.record | {"outputs": outputs, "sha256": table_hashes(self.folder, outputs)}
+        self._check_places(new)
+        task, records = task_of(self.record), records_of_runs(self.path)
+        earlier = set[Path]().union(*(files_of(one) for one in records if task_of(one) == task))
+        kept = {name for name in earlier if name.parts[0] in self._keeps and (self.path / name).is_file()}
+        hashes = {name.as_posix(): sha256_of(self.folder / name) for name in new if is_table(name)}
+        outputs = [file.as_posix() for file in sorted(new | kept)]
+        top = self.record | {"outputs": outputs, "sha256": dict(sorted(hashes.items()))}
         configuration = top.get("configuration", {})
         if "scene_folder" in configuration:  # so that both folders can be moved together
             with suppress(ValueError):  # on another drive
                 relative = os.path.relpath(configuration["scene_folder"], self.path.resolve())
                 top["configuration"] = configuration | {"scene_folder_relative": Path(relative).as_posix()}
-        others = [one for one in records_of_runs(self.path) if task_of(one) != task_of(self.record)]
+        others = [one for one in records if task_of(one) != task]
         write_json(top | ({"beside": others} if others else {}), self.folder / PROVENANCE_FILE)
-        commit(self.path)
+        flush_to_disk(self.folder / PROVENANCE_FILE)
+        self.folder.rename(self.path / PENDING_FOLDER)
+        _complete_commit(self.path)
         shutil.rmtree(self.path / PARTS_FOLDER, ignore_errors=True)
+
+    def _check_places(self, files: set[Path]) -> None:
+        """Raise if a folder stands where a file must go, or a file where a folder must go."""
+        for name in files:
+            if (self.path / name).is_dir():
+                raise InputError(
+                    f"{self.path / name}: is a folder, where the run writes a file; move it away"
+                )
+            for place in (self.path / parent for parent in name.parents[:-1]):
+                if place.exists() and not place.is_dir():
+                    raise InputError(f"{place}: is a file, where the run needs a folder; move it away")
 
     def _release(self) -> None:
         """Remove the hidden files and the folders that are still empty, and release the lock."""
         shutil.rmtree(self.folder, ignore_errors=True)
         with suppress(OSError):  # it holds parts, or was never made
             (self.path / PARTS_FOLDER).rmdir()
-        release_lock_file(self.path)
+        _drop_lock_file(self.path)
         self._lock.release()
         self._remove_created()
 
@@ -189,3 +360,116 @@ class OutputFolder:
         for folder in self._created:
             with suppress(OSError):
                 folder.rmdir()
+
+
+def _complete_commit(folder: Path) -> None:
+    """Move the files of a pending commit, as far as that is not done yet, in a folder that is locked."""
+    pending = folder / PENDING_FOLDER
+    if (pending / PROVENANCE_FILE).is_file():
+        try:
+            record = read_records(pending)[0]
+            new = files_of(record)
+            if len(new) < len(record["outputs"]):
+                raise ValueError(record["outputs"])
+        except (ValueError, KeyError, TypeError):
+            file = pending / PROVENANCE_FILE
+            raise InputError(f"{file}: is damaged; delete {pending} and repeat the run") from None
+        before = [one for one in records_of_runs(folder) if task_of(one) == task_of(record)]
+        earlier = set[Path]().union(*map(files_of, before))
+        for name in sorted(new):
+            _place(folder, name, foreign=name not in earlier)
+        for name in sorted(earlier - new):
+            (folder / name).unlink(missing_ok=True)
+            with suppress(OSError):  # a folder that is not empty, or the output folder
+                for parent in name.parents[:-1]:
+                    (folder / parent).rmdir()
+        (pending / PROVENANCE_FILE).replace(folder / PROVENANCE_FILE)
+    if pending.exists():
+        shutil.rmtree(pending)
+
+
+def _place(folder: Path, name: Path, *, foreign: bool) -> None:
+    """Move one file to its place, unless it is there already; rename a file there that no run wrote."""
+    source, target = folder / PENDING_FOLDER / name, folder / name
+    if not source.exists():
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if foreign and target.exists():
+        kept = target.with_name(target.name + ".bak")
+        logger.warning("%s was not written by a run; it is kept as %s", target, kept.name)
+        target.replace(kept)
+    source.replace(target)
+
+
+def finish_commit(folder: str | Path) -> None:
+    """Complete a commit that was interrupted in an output folder; does nothing without one.
+
+    Parameters
+    ----------
+    folder : path-like
+        Any folder; it need not exist.
+
+    Raises
+    ------
+    InputError
+        If another process is committing there and does not end, or the folder cannot be written.
+    """
+    folder = Path(folder)
+    if not (folder / PENDING_FOLDER).exists():
+        return
+    try:
+        with FileLock(folder / LOCK_FILE, timeout=_LOCK_SECONDS):
+            _complete_commit(folder)
+            _drop_lock_file(folder)
+    except Timeout:
+        raise InputError(f"{folder}: results are being written there; try again when that is done") from None
+    except OSError as error:
+        raise InputError(
+            f"{folder}: a run ended while its results were moved into place, and they cannot be moved now "
+            f"({error.strerror or error}); make the folder writable and try again"
+        ) from None
+
+
+def _drop_lock_file(folder: Path) -> None:
+    """Delete the lock file, which its owner is about to release."""
+    with suppress(OSError):  # Windows does not delete an open file
+        (folder / LOCK_FILE).unlink()
+
+
+def read_settled(folder: str | Path, read: Callable[[], Result]) -> Result:
+    """What ``read`` returns, with all files from before a commit or all from after it.
+
+    Parameters
+    ----------
+    folder : path-like
+        The output folder that is read.
+    read : callable
+        Called again if a commit happened meanwhile; its errors are raised unless one did.
+
+    Raises
+    ------
+    InputError
+        If results are written there over and over.
+    """
+    folder = Path(folder)
+    for _ in range(_ATTEMPTS):
+        finish_commit(folder)
+        stamp = _stamp(folder)
+        try:
+            result = read()
+        except (InputError, OSError):
+            if _stamp(folder) == stamp:
+                raise
+            continue
+        if _stamp(folder) == stamp:
+            return result
+    raise InputError(f"{folder}: results are being written there; try again when that is done")
+
+
+def _stamp(folder: Path) -> tuple[object, ...]:
+    """Changes with every commit: whether one is pending, and which record is in place."""
+    pending = (folder / PENDING_FOLDER).exists()
+    with suppress(OSError):
+        status = (folder / PROVENANCE_FILE).stat()
+        return pending, status.st_mtime_ns, status.st_ino, status.st_size
+    return (pending,)

@@ -1,15 +1,9 @@
-"""The provenance of a result, and reading a run back from its output folder."""
+"""Read a run back from its output folder."""
 
-import hashlib
-import importlib.metadata
 import logging
 import os
-import platform
-import re
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from math import degrees, nan, radians
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,11 +12,10 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from contactimg import __version__
 from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
 from contactimg.files.calibrations import check_calibration
-from contactimg.files.commit import PROVENANCE_FILE, read_records, read_settled
+from contactimg.files.output import PROVENANCE_FILE, SCHEMA_VERSION, read_records, read_settled, sha256_of
 from contactimg.files.run_tables import read_run_table, table_file
 from contactimg.forces import sums_of_contacts
 from contactimg.pose import Pose
@@ -31,104 +24,14 @@ from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.scene.rules import Count, CountFrom1, NonNegative, Number, Point, Positive, YesNo
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
-from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
-
-SCHEMA_VERSION = 1
-"""Increased when a column or key is added to the output; names are never changed."""
-
 
 RUN_TABLES = ("contacts.csv", "frames.csv", "contacts.parquet", "frames.parquet")
 """The tables that other results are derived from, in either format."""
 
 Size = Annotated[CountFrom1, Field(le=10**6)]
 Text = Annotated[str, Field(strict=True)]
-
-
-@stage("provenance")
-def provenance(
-    *,
-    command: str,
-    scene: Scene | None = None,
-    options: Mapping[str, Any] | None = None,
-    inputs: Iterable[Path] = (),
-) -> dict[str, Any]:
-    """Record how a result was made.
-
-    Parameters
-    ----------
-    command : str
-        The command line.
-    scene : Scene, optional
-        Recorded with all keys, including defaults.
-    options : mapping, optional
-        Settings that are not in the scene.
-    inputs : iterable of Path
-        Files that were read; recorded with size and SHA-256.
-
-    Returns
-    -------
-    dict
-        schema_version, command, created (UTC), versions (of contactimg, Python and each library it depends
-        on), platform, configuration (scene, scene_folder, options) and inputs.
-
-    Examples
-    --------
-    >>> provenance(command="contactimg process frames")["schema_version"]
-    1
-    """
-    declared = importlib.metadata.requires("contactimg") or []
-    names = [re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0] for line in declared if "extra ==" not in line]
-    versions = {name: importlib.metadata.version(name) for name in sorted(names)}
-    configuration: dict[str, Any] = {"options": dict(options or {})}
-    if scene is not None:
-        configuration |= {"scene": scene.configuration, "scene_folder": str(Path(scene.folder).resolve())}
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "command": command,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {"contactimg": __version__, "python": platform.python_version()} | versions,
-        "platform": platform.platform(),
-        "configuration": configuration,
-        "inputs": [_fingerprint(path.resolve()) for path in inputs],
-    }
-
-
-def _fingerprint(path: Path) -> dict[str, Any]:
-    """Path, size, SHA-256 and time of the last change of a file; the error if it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            status = os.fstat(file.fileno())  # before the content: a change while it is read is noticed
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        return {"path": str(path), "bytes": None, "sha256": None, "error": error.strerror}
-    size, time = status.st_size, status.st_mtime_ns
-    return {"path": str(path), "bytes": size, "sha256": digest, "modified_ns": time}
-
-
-def changed_inputs(record: Mapping[str, Any]) -> list[str]:
-    """Input files of a run that were changed since it read them; those that are gone are not among them."""
-    found = []
-    for entry in record.get("inputs", []):
-        with suppress(OSError):
-            status = os.stat(entry["path"])  # noqa: PTH116 - for 10^5 files
-            now = {"bytes": status.st_size, "modified_ns": status.st_mtime_ns}
-            if "modified_ns" in entry and now != {name: entry[name] for name in now}:
-                found.append(entry["path"])
-    return found
-
-
-def table_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:
-    """SHA-256 of the tables among files; pictures and records have none.
-
-    Parameters
-    ----------
-    folder : Path
-    names : iterable of str
-        Relative to the folder.
-    """
-    return {name: _sha256(folder / name) for name in names if name.endswith((".csv", ".parquet"))}
 
 
 def changed_tables(record: Mapping[str, Any], folder: Path) -> list[str]:
@@ -144,7 +47,7 @@ def changed_tables(record: Mapping[str, Any], folder: Path) -> list[str]:
     hashes = record.get("sha256")
     if not isinstance(hashes, dict):
         return []
-    return [name for name in RUN_TABLES if name in hashes and hashes[name] != _sha256(folder / name)]
+    return [name for name in RUN_TABLES if name in hashes and hashes[name] != sha256_of(folder / name)]
 
 
 def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
@@ -159,19 +62,10 @@ def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
     """
     used = [entry for entry in record.get("inputs", []) if isinstance(entry, dict)]
     return any(
-        hashes and _sha256(run / name) not in hashes
+        hashes and sha256_of(run / name) not in hashes
         for name in RUN_TABLES
         for hashes in [{entry.get("sha256") for entry in used if Path(str(entry.get("path"))).name == name}]
     )
-
-
-def _sha256(path: Path) -> str:
-    """SHA-256 of a file; of a missing one, a word that equals no hash."""
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return "missing"
 
 
 class _Part(BaseModel):

@@ -12,8 +12,15 @@ from typing import overload
 
 from contactimg.errors import FrameError, InputError
 from contactimg.files import tiff
-from contactimg.files.decoders import list_norpix, list_video, read_norpix, read_still, read_video
-from contactimg.files.pixels import Pixels, to_grey
+from contactimg.files.decoders import (
+    Pixels,
+    list_norpix,
+    list_video,
+    read_norpix,
+    read_still,
+    read_video,
+    to_grey,
+)
 from contactimg.frame import Frame
 from contactimg.optics.camera_response import CameraResponse, linearise
 from contactimg.timings import stage

@@ -15,7 +15,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from contactimg.files.atomic import replacing
-from contactimg.files.pixels import Pixels, UnsupportedPixelsError, check_size
+from contactimg.files.decoders import Pixels, UnsupportedPixelsError, check_size
 from contactimg.frame import Frame
 from contactimg.timings import stage
 

@@ -67,61 +67,57 @@ def write_workbook(
     InputError
         If a table has more rows than a sheet can hold.
     """
-    book = Workbook(write_only=True)
-    _write_rows(book.create_sheet("about"), ["", ""], [list(row) for row in about.items()], [1.0, 1.0])
+    sheets = {"about": pd.DataFrame(about.items(), columns=["", ""])}
+    meanings = []
     for schema, table in tables:
         if len(table) >= MOST_ROWS:
             raise InputError(
                 f"{path}: {len(table):,} rows of {schema.name} do not fit into a sheet; use the CSV"
             )
-        headings, cells = [heading(name, units) for name in schema.columns], schema.conform(table)
+        cells = schema.conform(table)
         if "flags" in cells:
             cells = cells.assign(flags=flag_names(cells["flags"]))
-        _write_rows(
-            book.create_sheet(schema.name),
-            [name for name, _ in headings],
-            cells.astype(object).where(cells.notna(), None).to_numpy().tolist(),
-            [factor for _, factor in headings],
+        for name, (dtype, meaning) in schema.columns.items():
+            head, factor = heading(name, units)
+            meanings.append([schema.name, head, name, meaning])
+            if dtype == "float64":
+                cells[name] *= factor
+        sheets[schema.name] = cells.set_axis(
+            [heading(name, units)[0] for name in schema.columns], axis="columns"
         )
-    rows = [
-        [schema.name, heading(name, units)[0], name, meaning]
-        for schema, _ in tables
-        for name, (_, meaning) in schema.columns.items()
-    ]
-    _write_rows(
-        book.create_sheet("columns"), ["sheet", "column", "name in the CSV", "meaning"], rows, [1.0] * 4
-    )
+    sheets["columns"] = pd.DataFrame(meanings, columns=["sheet", "column", "name in the CSV", "meaning"])
+    book = Workbook(write_only=True)
+    for name, cells in sheets.items():
+        _write_sheet(book.create_sheet(name), cells)
     with replacing(path) as part, part.open("wb") as file:
         book.save(file)
 
 
-def _write_rows(
-    sheet: WriteOnlyWorksheet, header: list[str], rows: list[list[Any]], factors: list[float]
-) -> None:
+def _write_sheet(sheet: WriteOnlyWorksheet, cells: pd.DataFrame) -> None:
     """Write a header that stays in view, and rows below it."""
     sheet.freeze_panes = "A2"
-    for number, name in enumerate(header):
-        lengths = [len(_shown(row[number])) for row in rows[:SAMPLED_ROWS]] + [len(name)]
-        width = min(max(*lengths, NARROWEST_COLUMN), WIDEST_COLUMN) + 2
+    rows = cells.astype(object).where(cells.notna(), None).to_numpy().tolist()
+    for number, head in enumerate(cells.columns):
+        shown = (row[number] for row in rows[:SAMPLED_ROWS])
+        lengths = [9 if isinstance(value, float) else len(str(value or "")) for value in shown]
+        width = min(max(*lengths, len(head), NARROWEST_COLUMN), WIDEST_COLUMN) + 2
         sheet.column_dimensions[get_column_letter(number + 1)].width = width
-    sheet.append([_header_cell(sheet, name) for name in header])
-    for row in rows:
-        sheet.append([_cell(sheet, value, factor) for value, factor in zip(row, factors, strict=True)])
-    if rows and all(header):
+    header = [WriteOnlyCell(sheet, head) for head in cells.columns]
+    for cell in header:
+        cell.font, cell.alignment = Font(bold=True), Alignment(wrap_text=True, vertical="top")
+    for row in [header, *rows]:
+        sheet.append([_cell(sheet, value) for value in row])
+    if rows and all(cells.columns):
         sheet.auto_filter.ref = f"A1:{get_column_letter(len(header))}{len(rows) + 1}"
 
 
-def _header_cell(sheet: WriteOnlyWorksheet, name: str) -> WriteOnlyCell:
-    cell = WriteOnlyCell(sheet, name)
-    cell.font, cell.alignment = Font(bold=True), Alignment(wrap_text=True, vertical="top")
-    return cell
-
-
-def _cell(sheet: WriteOnlyWorksheet, value: Any, factor: float) -> Any:
-    """A cell: numbers in the unit of the header, text as text even if it looks like a formula."""
+def _cell(sheet: WriteOnlyWorksheet, value: Any) -> Any:
+    """A cell: numbers with four to five digits to look at, text as text even if it looks like a formula."""
     if isinstance(value, float):
-        cell = WriteOnlyCell(sheet, value * factor)
-        cell.number_format = _format(value * factor)
+        cell, size = WriteOnlyCell(sheet, value), abs(value)
+        places = next((k for k, least in enumerate((1e4, 1e3, 10.0)) if size >= least), 4)
+        plain = "0" if size == 0 or places == 0 else f"0.{'0' * places}"
+        cell.number_format = plain if size == 0 or 1e-3 <= size < 1e6 else "0.000E+00"
         return cell
     if not isinstance(value, str):
         return value
@@ -129,18 +125,3 @@ def _cell(sheet: WriteOnlyWorksheet, value: Any, factor: float) -> Any:
     cell = WriteOnlyCell(sheet, text)
     cell.data_type = "s"
     return cell
-
-
-def _format(value: float) -> str:
-    """Four to five digits to look at; the cell holds all of them."""
-    size = abs(value)
-    if size == 0:
-        return "0"
-    if size >= 1e6 or size < 1e-3:
-        return "0.000E+00"
-    return "0" if size >= 1e4 else "0.0" if size >= 1e3 else "0.00" if size >= 10 else "0.0000"
-
-
-def _shown(value: Any) -> str:
-    """About what a cell shows."""
-    return "" if value is None else "12345.678" if isinstance(value, float) else str(value)

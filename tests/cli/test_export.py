@@ -43,6 +43,14 @@ def test_every_format_is_written(folder):
     }
 
 
+def test_an_export_of_one_format_keeps_the_others(folder, tmp_path):
+    out = tmp_path / "out"
+    for chosen in ("--fiji", "--xlsx", "--fiji"):
+        assert main(["export", str(folder / "run"), "-o", str(out), chosen, "--quiet"]) == 0
+        assert (out / "fiji" / "frame_1.tif.zip").is_file()
+    assert {path.name for path in out.iterdir()} == {"fiji", "contacts.xlsx", "provenance.json"}
+
+
 def test_the_workbook_has_units_and_every_number(folder):
     run = read_run(folder / "run")
     book = openpyxl.load_workbook(folder / "run" / "export" / "contacts.xlsx")

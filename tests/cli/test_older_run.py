@@ -34,7 +34,8 @@ def test_columns_that_were_added_later_are_empty(run):
 
 @pytest.mark.parametrize(
     "words",
-    [("analyse", "{run}", "-o", "{out}"), ("overlay", "{run}", "-o", "{out}", "--workers", "1"),
+    [("analyse", "{run}", "-o", "{out}", "--no-models"),
+     ("overlay", "{run}", "-o", "{out}", "--workers", "1"),
      ("report", "{run}", "-o", "{out}.html"), ("export", "{run}", "-o", "{out}")],
     ids=lambda words: words[0],
 )  # fmt: skip

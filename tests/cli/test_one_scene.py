@@ -29,7 +29,7 @@ def make_ellipsoids(table):
     caps.to_csv(table, index=False)
 
 
-@pytest.fixture(scope="module", params=["paper", "planned", "own caps"])
+@pytest.fixture(scope="module", params=["paper", "own caps"])
 def outputs(request, small_series, tmp_path_factory):
     """The folder with what predict, process, overlay, analyse and report wrote for one scene."""
     top = tmp_path_factory.mktemp("one")

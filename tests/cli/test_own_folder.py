@@ -6,7 +6,6 @@ import shlex
 import shutil
 
 import pandas as pd
-import pytest
 import small_series
 
 from contactimg.cli import main
@@ -47,23 +46,9 @@ def own_folder(target, **camera):
     return folder
 
 
-CAMERAS = {
-    "upright": {},
-    "mirrored": {"mirrored": True},
-    "turned": {"rotation_deg": 92.0},
-}
-
-
-@pytest.mark.parametrize(
-    "camera",
-    [
-        pytest.param(camera, id=name, marks=[pytest.mark.slow] if camera else [])
-        for name, camera in CAMERAS.items()
-    ],
-)
-def test_from_the_folder_of_a_camera_to_the_report(camera, tmp_path, monkeypatch, capsys):
-    folder = own_folder(tmp_path / "Eigene Daten", **camera)
-    answers = iter(["6", "128,8", "3", ""])
+def test_from_the_folder_of_a_turned_camera_to_the_report(tmp_path, monkeypatch, capsys):
+    folder = own_folder(tmp_path / "Eigene Daten", mirrored=True, rotation_deg=92.0)
+    answers = iter(["6", "128,8", "3"])
     monkeypatch.setattr("click.termui.visible_prompt_func", lambda *_: next(answers))
     assert main(["init", str(folder)]) == 0
     said = capsys.readouterr().out

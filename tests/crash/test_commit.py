@@ -10,7 +10,7 @@ import pytest
 
 from contactimg.errors import InputError
 from contactimg.files import OutputFolder, finish_commit
-from contactimg.files.commit import PENDING_FOLDER, read_settled
+from contactimg.files.output import PENDING_FOLDER, read_settled
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 

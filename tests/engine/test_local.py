@@ -4,10 +4,11 @@ import ctypes
 import os
 import signal
 import sys
-import time
+from contextlib import nullcontext
 from functools import partial
 
 import pytest
+from small_calls import deadly_square, once_deadly, process_of
 from small_series import copy_of
 
 from contactimg import read_scene
@@ -22,23 +23,6 @@ from contactimg.timings import collect
 COUNT = 30
 
 
-def deadly_square(deadly, number):
-    """The square; end the process for some of the numbers."""
-    if number in deadly:
-        os.kill(os.getpid(), signal.SIGKILL)
-    time.sleep(0.01)
-    return number**2
-
-
-def once_deadly(folder, number):
-    """The square; end the process the first time that number 3 comes."""
-    mark = folder / "mark"
-    if number == 3 and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number**2
-
-
 def deadly_frame(frame, _reference):
     """End the process for one of the frames."""
     if frame.name == "frame_2.tif":
@@ -51,21 +35,16 @@ def squares(function, lost=None):
     return list(in_parallel(function, numbers, count=COUNT, workers=2, lost=lost))
 
 
-@pytest.mark.parametrize("deadly", [{3}, {0, 1, 17}, {COUNT - 1}])
-def test_calls_that_end_their_process_are_replaced_and_no_other(deadly):
-    found = squares(partial(deadly_square, deadly), lambda error, number: (number, str(error)))
+@pytest.mark.parametrize(("deadly", "timed"), [({COUNT - 1}, False), ({0, 17}, True)])
+def test_calls_that_end_their_process_are_replaced_and_no_other(deadly, timed):
+    with collect() if timed else nullcontext():
+        found = squares(partial(deadly_square, deadly), lambda error, number: (number, str(error)))
     assert [found[k] for k in range(COUNT) if k not in deadly] == [
         k**2 for k in range(COUNT) if k not in deadly
     ]
     for number in deadly:
         assert found[number][0] == number
         assert found[number][1].startswith("ended its process, in the end with no other beside it")
-
-
-def test_with_stages_timed_as_well():
-    with collect():
-        found = squares(partial(deadly_square, {5}), lambda _error, number: -number)
-    assert found == [-5 if k == 5 else k**2 for k in range(COUNT)]
 
 
 def test_a_process_ended_once_from_outside_costs_nothing(tmp_path):
@@ -80,17 +59,11 @@ def test_without_a_replacement_the_error_is_raised_and_the_processes_work_again(
 
 
 def test_calls_that_all_end_their_process_are_not_tried_for_ever(monkeypatch):
-    monkeypatch.setattr(calls, "MOST_FAILURES", 3)
+    monkeypatch.setattr(calls, "MOST_FAILURES", 2)
     given_up = []
     with pytest.raises(ContactimgError, match="a worker process was ended from outside"):
         squares(partial(deadly_square, set(range(COUNT))), lambda _error, number: given_up.append(number))
-    assert len(given_up) == 2
-
-
-def process_of(seconds):
-    """The number of the process that a call was made in."""
-    time.sleep(seconds)
-    return os.getpid()
+    assert len(given_up) == 1
 
 
 def is_running(process):

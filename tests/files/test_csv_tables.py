@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from contactimg import Flag, InputError
 from contactimg.files import csv_tables, read_asperities, read_loads, read_table, write_table
-from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, MATCHES, PROFILE, REJECTED, SCORES
+from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS
 
-SCHEMAS = [ASPERITIES, CONTACTS, FRAMES, LOADS, MATCHES, PROFILE, REJECTED, SCORES]
+SCHEMAS = [ASPERITIES, CONTACTS, FRAMES]  # between them every kind of column
 
 
 def loads_of(tmp_path, content, *, name="loads.csv"):
@@ -141,7 +141,7 @@ NO_UNIT = "no column is a load with its unit, such as load_mN, load_g, Kraft [mN
             ),
         ),
         ("frame,load_N\na,0.1\nb,0.2\na,0.3\n", "frame a is there more than once; keep one row"),
-        (b"PK\3\4\0\0", f"is not UTF-8 text; save it as 'CSV UTF-8'; {NO_UNIT}"),
+        (b"PK\3\4\0\0", f"is no text; save it as 'CSV UTF-8'; {NO_UNIT}"),
     ],
 )
 def test_loads_that_are_refused(tmp_path, content, sentence):
@@ -253,7 +253,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.parametrize("schema", SCHEMAS, ids=lambda schema: schema.name)
 def test_tables_survive_the_file_bit_by_bit(folder, schema):
-    @settings(max_examples=40, deadline=None)
+    @settings(max_examples=30, deadline=None)
     @given(rows_of(schema))
     def check(rows):
         table = schema.conform(pd.DataFrame(rows)) if rows else schema.empty()

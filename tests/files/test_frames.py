@@ -759,13 +759,13 @@ def test_writing_is_compressed_and_repeatable(tmp_path):
 def test_a_long_series_is_listed_in_little_memory(tmp_path, levels):
     """The list of 10^5 frames must not decide about the memory of a run."""
     write_tiff(tmp_path / "frame_00000.tif", levels)
-    for number in range(1, 3000):
+    for number in range(1, 1000):
         (tmp_path / f"frame_{number:05d}.tif").symlink_to(tmp_path / "frame_00000.tif")
     list_frames(tmp_path)
     tracemalloc.start()
     frames = list_frames(tmp_path)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert len(frames) == 3000
+    assert len(frames) == 1000
     # a tenth of what a frame may take: 1 GB for 10^5 of them
     assert most < 1000 * len(frames)

@@ -12,7 +12,7 @@ from small_series import copy_of
 from contactimg.cli import main
 from contactimg.errors import FrameError, InputError
 from contactimg.files import list_frames, read_calibration, read_frames, read_run
-from contactimg.files.pixels import MAX_PIXELS_VARIABLE
+from contactimg.files.decoders import MAX_PIXELS_VARIABLE
 
 
 def png(columns, rows):

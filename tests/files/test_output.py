@@ -120,6 +120,17 @@ def test_a_new_run_replaces_the_earlier_one_and_keeps_what_no_run_wrote(tmp_path
     assert not (out / "pictures").exists()
 
 
+def test_a_run_may_keep_a_part_of_the_earlier_one(tmp_path):
+    out = tmp_path / "out"
+    run(out, {"a.txt": "1", "fiji/a.zip": "1", "labels/a.tif": "1"})
+    with OutputFolder(out, RECORD, keeps=["fiji"]) as folder:
+        (folder.folder / "a.txt").write_text("2")
+    assert content(out) == {"a.txt": "2", "fiji/a.zip": "1"}
+    assert read_records(out)[0]["outputs"] == ["a.txt", "fiji/a.zip"]
+    run(out, {"a.txt": "3"})
+    assert content(out) == {"a.txt": "3"}
+
+
 def test_a_failed_run_leaves_the_earlier_one(tmp_path):
     out = tmp_path / "out"
     run(out, {"a.txt": "1", "old.txt": "1"})

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 from file_cases import KINDS, Samples, make_samples, run_case
 
 from contactimg.errors import ContactimgError
-from contactimg.files.pixels import MAX_PIXELS_VARIABLE
+from contactimg.files.decoders import MAX_PIXELS_VARIABLE
 
 PIXELS = 4_000_000
 """Largest image, px: 32 MB in double precision, so that a lie about the size shows within `MEMORY`."""

@@ -16,7 +16,7 @@ def samples(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("kinds", "count"),
-    [(["tiff", "still", "seq", "video", "scene", "table"], 60), (["run"], 6)],
+    [(["tiff", "still", "seq", "video", "scene", "table"], 36), (["run"], 3)],
 )
 def test_mutated_files_are_read_or_refused(samples, monkeypatch, kinds, count):
     monkeypatch.setenv(MAX_PIXELS_VARIABLE, str(PIXELS))

@@ -145,10 +145,10 @@ def describe_edge(learned: LearnedEdge, *, binning: int) -> str:
     if "response" in learned.families:
         gamma, std = learned.gamma
         parts.append(
-            f"the camera's response looks nonlinear: gamma about {gamma:.2f} +- {std:.2f}; "
-            "set [camera] gamma, or switch it off in the camera"
+            f"the camera's response looks nonlinear: gamma about {gamma:.2f} +- {std:.2f} "
+            "(set [camera] gamma, or switch it off in the camera)"
         )
-    return "" if not parts else "the edges show " + "; ".join(parts)
+    return "" if not parts else "the edges show " + ", and ".join(parts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -114,17 +114,17 @@ class FilmVerdict:
         area = f"{other} the area would be {100 * abs(self.area_change):.2g} % "
         area += "larger" if self.area_change > 0 else "smaller"
         if self.contradicted:
-            return f'[effects] film = "{self.asked}", but the rims say the opposite ({rims}); {area}'
+            return f'[effects] film = "{self.asked}", but the rims say the opposite ({rims}): {area}'
         if self.doubt > DECIDED_DOUBT:
             what = "assumed" if self.taken else "not assumed"
             undecided = (
-                f"the rims cannot tell whether an air film surrounds the contacts ({rims}); it is {what}"
+                f"the rims cannot tell whether an air film surrounds the contacts ({rims}): it is {what}"
             )
             reason = "as the contrast suggests" if self.asked == "auto" else "as set"
-            advice = '; state [effects] film = "on" or "off" if you know' if self.asked == "auto" else ""
+            advice = ': state [effects] film = "on" or "off" if you know' if self.asked == "auto" else ""
             part = f"of which {self.share:.2g} is part of the uncertainties"
-            return f"{undecided}, {reason}; {area}, {part}{advice}"
-        return f"an air film surrounds the contacts ({rims}); {area}" if self.taken else ""
+            return f"{undecided}, {reason}, and {area}, {part}{advice}"
+        return f"an air film surrounds the contacts ({rims}): {area}" if self.taken else ""
 
 
 @dataclass(frozen=True, eq=False)
