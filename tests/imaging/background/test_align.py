@@ -22,7 +22,6 @@ from contactimg.imaging.background.alignment import (
     shift_kernel,
     shift_whole_pixels,
 )
-from contactimg.imaging.background.divide import _double_row, _fit_taps
 from contactimg.imaging.background.find_illumination import find_background_level
 from contactimg.imaging.background.illumination import fit_illumination
 from contactimg.imaging.background.no_reference import estimate_background
@@ -296,18 +295,6 @@ def test_filter_is_a_correlation_with_repeated_borders(shape, rng):
         ndimage.correlate1d(image, along, axis=1, mode="nearest"), across, axis=0, mode="nearest"
     )
     assert np.allclose(filter_rows_and_columns(image, along, across), expected, atol=1e-4)
-
-
-def test_kernels_get_the_length_of_all_others():
-    assert _fit_taps(np.ones(3) / 3).tolist() == pytest.approx([0, 0, 0, 1 / 3, 1 / 3, 1 / 3, 0, 0, 0])
-    # what is cut off a longer one is made up for
-    assert _fit_taps(np.ones(13) / 13).tolist() == pytest.approx([1 / 9] * 9)
-
-
-def test_doubled_row_keeps_a_slope():
-    out = np.empty(8, np.float32)
-    _double_row(out, np.array([0.5, 2.5, 4.5, 6.5], np.float32))
-    assert out[1:-1].tolist() == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
 
 
 @pytest.mark.parametrize("side", [2, 4, 8])
