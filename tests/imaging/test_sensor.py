@@ -9,7 +9,6 @@ from contact_frames import Optics, match, render, scatter
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
-    find_dead_lines,
     find_unlit,
     mosaic_gains,
 )
@@ -86,29 +85,6 @@ def test_a_plain_sensor_has_no_mosaic(name, rng):
 
 def test_a_steep_gradient_is_no_mosaic(rng):
     assert mosaic_gains(noisy(20 + 200 * X / SHAPE[1], rng)) is None
-
-
-def test_dead_lines_are_found_and_nothing_else(rng):
-    optics = Optics(shape=SHAPE)
-    frame, _ = render(scatter(20, optics, rng, radii=(2, 10)), optics, rng)
-    frame[:, 37], frame[:, 250], frame[99] = 0, 255, 0
-    found = find_dead_lines(frame, None)
-    expected = np.zeros(SHAPE, bool)
-    expected[:, [37, 250]], expected[99] = True, True
-    assert np.array_equal(found > 0, expected)
-
-
-PATTERNS = {
-    **LIT,
-    "contacts in columns": lambda rng: dots(80, 120, rng, pitch=20, radius=5),
-    "a step": lambda rng: noisy(80 + 20.0 * (X > 160), rng),
-    "stripes": lambda rng: noisy(80 + 60.0 * (X % 8 < 4), rng),
-}
-
-
-@pytest.mark.parametrize("name", PATTERNS)
-def test_what_a_scene_shows_is_no_dead_line(name, rng):
-    assert find_dead_lines(PATTERNS[name](rng), None) is None
 
 
 @pytest.mark.parametrize(

@@ -108,8 +108,8 @@ def shift_kernel(fraction: float) -> NDArray[np.float64]:
 
 def filter_rows_and_columns(image: NDArray, along: NDArray, across: NDArray) -> NDArray[np.float32]:
     """The image correlated with one filter along its rows and one along its columns; the border repeats."""
-    single = np.asarray(image, np.float32)
-    filtered = cv2.sepFilter2D(single, cv2.CV_32F, along, across, borderType=cv2.BORDER_REPLICATE)
+    source = image if image.dtype == np.uint8 else np.asarray(image, np.float32)
+    filtered = cv2.sepFilter2D(source, cv2.CV_32F, along, across, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(filtered, np.float32)
 
 

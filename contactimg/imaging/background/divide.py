@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.background.alignment import Alignment, filter_rows_and_columns, shift_kernel
 from contactimg.imaging.background.illumination import Illumination, cubic
-from contactimg.imaging.pixels.blocks import block_means, is_background
+from contactimg.imaging.pixels.blocks import block_means, is_background, strips
 from contactimg.imaging.pixels.robust import median, robust_std
 
 Values = NDArray[np.float32]
@@ -28,7 +28,7 @@ BINNING_VARIANCE = 1.0 / 12.0 + 1.0 / 6.0
 Theory: the variances of a box and of a triangle."""
 BLUR_PX = 1.0
 """The gains suit an image blurred by this: finer detail is lost in the blur of the contacts."""
-STRIPS, STRIP_ROWS, STRIP_MARGIN = 4, 24, 4
+STRIPS, STRIP_ROWS, STRIP_MARGIN = 4, 16, 4
 """Strips of the image that the gains are measured in, their rows, and those at their ends that the blur
 spoils. Accuracy: some thousand samples."""
 SAMPLE_SPACING_PX = 4
@@ -78,7 +78,7 @@ def divide_by_reference(
     move = [shift_kernel(part) for part in shift]
     finite = np.isfinite(half)
     quarter = block_means(half, None if finite.all() else finite.astype(np.uint8), side=2)
-    bands = [filter_rows_and_columns(full, *_gaussians(shift, NARROW_PX))]
+    bands = [filter_rows_and_columns(reference, *_gaussians(shift, NARROW_PX))]
     for side, binned, blur in ((2, half, MIDDLE_PX), (4, quarter, WIDE_PX)):
         bands.append(_move_and_blur(binned, blur, shift, side, full.shape))
     gains, scatters = _measure_gains(frame, full, bands, illumination, shift)
@@ -140,7 +140,7 @@ def _divide_row(out, reference, along, across, numbers):
 
 def _gaussians(shift: tuple[float, float], width: float) -> Filters:
     """Filters along rows and columns that blur by a standard deviation ``width`` and move, px."""
-    half = int(np.ceil(2.7 * width)) + 1
+    half = int(np.ceil(2.7 * width))
     taps = [np.exp(-((np.arange(-half, half + 1) + part) ** 2) / (2 * width**2)) for part in shift]
     return [part / part.sum() for part in taps]
 
@@ -153,8 +153,10 @@ def _move_and_blur(
         (shift[0] / side, shift[1] / side), float(np.sqrt((blur_px / side) ** 2 - BINNING_VARIANCE))
     )
     finite = np.isfinite(binned)
-    smooth = filter_rows_and_columns(np.where(finite, binned, np.float32(0.0)), *kernels)
-    if not finite.all():
+    if finite.all():
+        smooth = filter_rows_and_columns(binned, *kernels)
+    else:
+        smooth = filter_rows_and_columns(np.where(finite, binned, np.float32(0.0)), *kernels)
         smooth /= np.maximum(filter_rows_and_columns(finite, *kernels), np.float32(1e-3))
     size = (side * binned.shape[1], side * binned.shape[0])
     return np.asarray(cv2.resize(smooth, size)[: shape[0], : shape[1]], np.float32)
@@ -167,13 +169,8 @@ def _measure_gains(
 
     Measured in strips of the image, behind a blur of `BLUR_PX` as in the image of a contact.
     """
-    height = min(STRIP_ROWS, len(full))
-    tops = np.unique(np.linspace(0, len(full) - height, STRIPS).astype(np.int64))
-    rows = (tops[:, None] + np.arange(height)).ravel()
-    inside = np.arange(len(rows)) % height
-    picked = np.flatnonzero(
-        (inside >= STRIP_MARGIN) & (inside < height - STRIP_MARGIN) & (inside % SAMPLE_SPACING_PX == 0)
-    )
+    rows, inside = strips(len(full), STRIP_ROWS, STRIPS, STRIP_MARGIN)
+    picked = np.flatnonzero(inside & (rows % SAMPLE_SPACING_PX == 0))
     columns = np.arange(STRIP_MARGIN, full.shape[1] - STRIP_MARGIN, SAMPLE_SPACING_PX)
     mask = is_background(illumination.background, rows[picked], columns, full.shape)
     if np.count_nonzero(mask) < FEWEST_SAMPLES:
