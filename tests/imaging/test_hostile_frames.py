@@ -148,7 +148,7 @@ UNEVEN = {
 }
 
 
-@pytest.mark.parametrize(("name", "polarity"), zip(UNEVEN, ("bright", "dark", "auto"), strict=True))
+@pytest.mark.parametrize(("name", "polarity"), [*zip(UNEVEN, ("bright", "dark", "auto"), strict=True)])
 def test_light_may_vary_by_half_without_a_reference(name, polarity):
     truth = some_contacts(count=24)
     frame, _ = expose_pair(truth, light=UNEVEN[name], contrast=-0.4 if polarity == "dark" else None)
