@@ -149,9 +149,9 @@ def move_reference(reference: NDArray, valid: Mask, alignment: Alignment) -> tup
     valid = np.ones(shape, np.uint8) if valid is None else valid
     interpolation = cv2.INTER_NEAREST
     if not alignment.is_shift:
-        interpolation, valid = cv2.INTER_LANCZOS4, cv2.erode(valid, np.ones((5, 5), np.uint8))
-    moved = move_image(reference, alignment, interpolation=interpolation)
-    return moved, move_mask(np.asarray(valid, np.uint8), alignment)
+        interpolation, around = cv2.INTER_LANCZOS4, np.ones((5, 5), np.uint8)
+        valid = np.asarray(cv2.erode(valid, around), np.uint8)
+    return move_image(reference, alignment, interpolation=interpolation), move_mask(valid, alignment)
 
 
 def move_mask(mask: NDArray[np.uint8], alignment: Alignment) -> NDArray[np.uint8]:

@@ -83,13 +83,13 @@ def align(
     height, number = (size, 1) if whole else (STRIP_ROWS, size // STRIP_SPACING)
     rows, inside = strips(size, height, number, MARGIN_PX)
     mask = _background_mask(rows, inside, illumination.background, frame.shape, valid)
-    smooth = [
-        _smooth(part)
-        for part in (frame[rows] / illumination.ratio_at_rows(rows, frame.shape), reference[rows])
-    ]
-    found = _gauss_newton(*smooth, mask, rows, frame.shape)
+    seen, before = (
+        _smooth(frame[rows] / illumination.ratio_at_rows(rows, frame.shape)),
+        _smooth(reference[rows]),
+    )
+    found = _gauss_newton(seen, before, mask, rows, frame.shape)
     if everywhere and found.std_px >= GOOD_STD_PX:
-        from_dirt = _gauss_newton(*smooth, mask & _find_dirt(smooth[1], mask), rows, frame.shape)
+        from_dirt = _gauss_newton(seen, before, mask & _find_dirt(before, mask), rows, frame.shape)
         found = min(found, from_dirt, key=lambda one: one.std_px)
     return found if found.std_px < LARGEST_STD_PX else UNKNOWN
 
@@ -156,7 +156,7 @@ def _gauss_newton(
     inverse = np.linalg.inv(cross)
     covariance = inverse @ own @ inverse.T * (chi_square / count) * CORRELATED_PX
     std = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
-    middles = rows[tops] + (STRIP_ROWS - 1) / 2
+    middles = (rows[tops] + rows[np.r_[tops[1:], len(rows)] - 1]) / 2
     rotation, scale = _rotation_and_scale(sums, (edges[1:] + edges[:-1] - 1) / 2, middles, shape)
     return Alignment(x, y, std, rotation, scale, _consistent(sums))
 
@@ -322,7 +322,7 @@ def search_shift(frame: NDArray, reference: NDArray, illumination: Illumination,
         cv2.blur(part, (DETAIL_WINDOW_BINS, DETAIL_WINDOW_BINS))
         for part in (usable.astype(np.float32), np.where(usable, before, np.float32(0.0)))
     )
-    around /= np.maximum(weight, np.float32(1e-3))
+    around = around / np.maximum(weight, np.float32(1e-3))
     usable &= around > SMALLEST_RATIO_FRACTION * float(np.abs(around).max())
     if np.count_nonzero(usable) < SMALLEST_BINS**2:
         return FarSearch(None, textured=False)

@@ -193,7 +193,7 @@ def measure_correlation(
     # both ends of the longest lag lie in background blocks, hence nearly all pixels between
     counted = moved(usual, 0, 0) & moved(free, 0, 0)
     counted &= moved(free, LARGEST_LAG, 0) & moved(free, 0, LARGEST_LAG)
-    here, count = np.where(counted, moved(rest, 0, 0), np.float32(0.0)), max(np.count_nonzero(counted), 1)
+    here, count = np.where(counted, moved(rest, 0, 0), np.float32(0.0)), max(int(counted.sum()), 1)
     shared = [np.einsum("ijk,ijk->", here, moved(rest, *lags)) for k in range(LARGEST_LAG + 1)
               for lags in ((0, k), (k, 0))]  # fmt: skip
     middle = float(here.sum(dtype=float)) / count
