@@ -84,7 +84,7 @@ def divide_by_reference(
     gains, scatters = _measure_gains(frame, full, bands, illumination, shift)
     sharp = filter_rows_and_columns(full, *move) if gains[0] else bands[0]
     numbers = np.array([*gains, *(1.0 / scatters), level, DARKEST_FRACTION * level], np.float32)
-    out = np.array(frame, np.float32)
+    out = np.array(frame, np.float32, order="C")
     _divide(out, sharp, *bands, full, *move, *illumination.row_polynomials(out.shape), numbers)
     return out
 
