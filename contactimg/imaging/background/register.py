@@ -283,6 +283,9 @@ Of 10^4 normal deviates none exceeds 5."""
 SECOND_PEAK_FRACTION = 0.75  # of the peak: a second peak as high leaves the shift undetermined
 PEAK_BINS = 4  # half width of what belongs to a peak
 SMALLEST_BINS = 16  # side of the smallest image that is searched; so many squared usable pixels are needed
+TILE_BINS, FEWEST_TILES = 64, 4  # side of the tiles whose shifts show a rotation, and how many must
+TILE_SHIFT_BINS = 10  # how far the shift of a tile may lie from that of the whole image
+AGREEMENT_BINS = 0.5  # largest misfit of the shift of a tile to a common rotation
 GRAIN_SIGMA, FEWEST_GRAINS = 5.0, 4  # height of a grain of dirt; so many will do instead of texture
 
 
@@ -293,7 +296,7 @@ class FarSearch:
     Parameters
     ----------
     alignment : Alignment or None
-        To about 1 px; None if no peak stands out.
+        To about 1 px, with a rotation and scale if the tiles show one; None if no peak stands out.
     textured : bool
         Whether the reference has any texture or dirt that a shift would move.
     textured_everywhere : bool
@@ -305,8 +308,18 @@ class FarSearch:
     textured_everywhere: bool = False
 
 
-def search_shift(frame: NDArray, reference: NDArray, illumination: Illumination, valid: Mask) -> FarSearch:
-    """Search shifts of up to a quarter of the image; the images as for `align`."""
+def search_alignment(
+    frame: NDArray,
+    reference: NDArray,
+    illumination: Illumination,
+    valid: Mask,
+    *,
+    near: Alignment = UNKNOWN,
+) -> FarSearch:
+    """Search shifts of up to a quarter of the image and rotations of up to a degree.
+
+    The images are as for `align`; ``near`` is the shift at the centre of the image, if known.
+    """
     size = (frame.shape[1] // BIN_PX, frame.shape[0] // BIN_PX)
     if min(size) < SMALLEST_BINS:
         return FarSearch(None, textured=False)
@@ -341,8 +354,17 @@ def search_shift(frame: NDArray, reference: NDArray, illumination: Illumination,
     square = np.ones((CONTACT_BINS, CONTACT_BINS), np.uint8)
     contacts = cv2.morphologyEx(bright, cv2.MORPH_OPEN, square, borderValue=1)
     excess = np.where(contacts == 0, np.clip(excess, -CLIP_SIGMA * scatter, CLIP_SIGMA * scatter), 0.0)
-    peak = _correlation_peak(excess.astype(np.float32), detail.astype(np.float32))
-    return FarSearch(peak, textured=True, textured_everywhere=everywhere)
+    excess, detail = excess.astype(np.float32), detail.astype(np.float32)
+    peak: complex | None = complex(near.x_px, near.y_px) / BIN_PX
+    if not near.known:
+        reach = [max(count // LARGEST_SHIFT_FRACTION, 2) for count in excess.shape]
+        peak = _find_peak(_widened(detail, *reach), excess)
+    if peak is None:
+        return FarSearch(None, textured=True, textured_everywhere=everywhere)
+    shift = Alignment(BIN_PX * peak.real, BIN_PX * peak.imag, np.inf)
+    return FarSearch(
+        _align_tiles(excess, detail, peak) or shift, textured=True, textured_everywhere=everywhere
+    )
 
 
 def _texture(detail: NDArray, usable: NDArray[np.bool_], scatter: float) -> tuple[bool, bool]:
@@ -360,12 +382,9 @@ def _texture(detail: NDArray, usable: NDArray[np.bool_], scatter: float) -> tupl
     return int(np.count_nonzero(grains)) >= FEWEST_GRAINS, covariance > CORRELATION_SIGMA
 
 
-def _correlation_peak(excess: Values, detail: Values) -> Alignment | None:
-    """Shift at which the images correlate best; None if no peak stands out."""
-    reach = [max(size // LARGEST_SHIFT_FRACTION, 2) for size in excess.shape]
-    border = (reach[0], reach[0], reach[1], reach[1])
-    wide = cv2.copyMakeBorder(detail, *border, cv2.BORDER_CONSTANT, value=0.0)
-    correlation = cv2.matchTemplate(wide, excess, cv2.TM_CCORR)
+def _find_peak(window: Values, part: Values) -> complex | None:
+    """Shift (x + iy, bins) of a part against the middle of a wider window; None if no peak stands out."""
+    correlation = cv2.matchTemplate(window, part, cv2.TM_CCORR)
     _, height, _, (column, row) = cv2.minMaxLoc(correlation)
     others = correlation.copy()
     cv2.circle(others, (column, row), PEAK_BINS, -np.inf, cv2.FILLED)
@@ -373,10 +392,54 @@ def _correlation_peak(excess: Values, detail: Values) -> Alignment | None:
     inside = 0 < row < correlation.shape[0] - 1 and 0 < column < correlation.shape[1] - 1
     if not (inside and unique and height > PEAK_SIGMA * robust_std(correlation) > 0.0):
         return None
-    # the frame moves over the reference, so the shift has the opposite sign
-    x = reach[1] - column - _parabola_vertex(*correlation[row, column - 1 : column + 2].tolist())
-    y = reach[0] - row - _parabola_vertex(*correlation[row - 1 : row + 2, column].tolist())
-    return Alignment(BIN_PX * x, BIN_PX * y, np.inf)
+    # the part moves over the detail of the reference, so the shift has the opposite sign
+    x = (
+        correlation.shape[1] // 2
+        - column
+        - _parabola_vertex(*correlation[row, column - 1 : column + 2].tolist())
+    )
+    y = correlation.shape[0] // 2 - row - _parabola_vertex(*correlation[row - 1 : row + 2, column].tolist())
+    return complex(x, y)
+
+
+def _widened(image: Values, rows: int, columns: int) -> Values:
+    """The image with so many zeros on all sides."""
+    return np.asarray(
+        cv2.copyMakeBorder(image, rows, rows, columns, columns, cv2.BORDER_CONSTANT), np.float32
+    )
+
+
+def _align_tiles(excess: Values, detail: Values, shift: complex) -> Alignment | None:
+    """Similarity through the shifts of tiles about a common one; None if there is no rotation or scale."""
+    rows, columns = excess.shape
+    high, wide = (size // max(size // TILE_BINS, 1) for size in excess.shape)
+    x, y = round(shift.real), round(shift.imag)
+    border = TILE_SHIFT_BINS + max(abs(x), abs(y))
+    padded, found = _widened(detail, border, border), []
+    for top in range(0, rows - high + 1, high):
+        for left in range(0, columns - wide + 1, wide):
+            first, start = top - y + border - TILE_SHIFT_BINS, left - x + border - TILE_SHIFT_BINS
+            window = padded[
+                first : first + high + 2 * TILE_SHIFT_BINS, start : start + wide + 2 * TILE_SHIFT_BINS
+            ]
+            peak = _find_peak(window, excess[top : top + high, left : left + wide])
+            if peak is not None:
+                place = complex(left + (wide - columns) / 2, top + (high - rows) / 2)
+                found.append((place, complex(x, y) + peak))
+    positions, shifts = np.array(found, complex).reshape(-1, 2).T
+    matrix, keep = np.stack([np.ones(len(found)), positions], axis=1), np.ones(len(found), np.bool_)
+    for _ in range(3):
+        if np.count_nonzero(keep) < FEWEST_TILES:
+            return None
+        solution = np.linalg.lstsq(matrix[keep], shifts[keep], rcond=None)[0]
+        keep = np.abs(shifts - matrix @ solution) < AGREEMENT_BINS
+    if np.mean(keep) < 0.5 or abs(solution[1]) * np.abs(positions).max() < AGREEMENT_BINS / 2:
+        return None
+    # position in the frame = factor x position in the reference + ..., and the shifts are given at positions
+    # in the frame: shift = position - position/factor
+    factor = complex(1.0 / (1.0 - solution[1]))
+    moved = BIN_PX * complex(solution[0]) * factor
+    return Alignment(moved.real, moved.imag, np.inf, float(np.angle(factor)), abs(factor))
 
 
 def _parabola_vertex(left: float, middle: float, right: float) -> float:

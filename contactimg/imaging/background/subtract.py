@@ -20,7 +20,7 @@ from contactimg.imaging.background.find_illumination import (
     neighbour_scatter,
 )
 from contactimg.imaging.background.illumination import DifferenceImage, Illumination
-from contactimg.imaging.background.register import GOOD_STD_PX, align, search_shift
+from contactimg.imaging.background.register import GOOD_STD_PX, align, search_alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.timings import stage
@@ -194,15 +194,17 @@ def _register(placed: _PlacedReference) -> tuple[_PlacedReference, Alignment, bo
         if not residual.known:
             break
     images = placed.images
-    search = search_shift(images.frame, placed.reference, placed.illumination, placed.valid)
+    search = search_alignment(
+        images.frame, placed.reference, placed.illumination, placed.valid, near=residual
+    )
     if not search.textured:
         return placed, residual, False
     if not everywhere:
         residual = placed.align(everywhere=True)
-    if search.alignment is not None and not residual.known:
+    if search.alignment is not None and not (residual.known and search.alignment.is_shift):
         candidate = placed.moved_by(search.alignment)
         left = candidate.align(everywhere=True)
-        if left.known:
+        if left.std_px < residual.std_px:
             placed, residual = candidate, left
     return *_approach(placed, residual, everywhere=True), search.textured_everywhere
 

@@ -112,20 +112,22 @@ def test_shift_needs_no_more_than_dirt():
     assert np.hypot(found.x_px + 0.4, found.y_px - 0.3) < 4 * np.sqrt(2) * found.std_px
 
 
-def turned(angle, scale, shift, seed=0, texture=0.05):
+def turned(angle, scale, shift, seed=0, texture=0.05, shape=SHAPE):
     """Frame and reference of which one is turned, scaled and moved against the other, and the truth."""
-    optics, rng = Optics(shape=SHAPE, texture=texture, dust=10), np.random.default_rng(seed)
-    surface = surface_texture(Optics(shape=(480, 640), texture=texture, dust=10), rng).astype(float)
-    y, x = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]
-    u, v = (x - (SHAPE[1] - 1) / 2 - shift[0]) / scale, (y - (SHAPE[0] - 1) / 2 - shift[1]) / scale
+    optics, rng = Optics(shape=shape, texture=texture, dust=10), np.random.default_rng(seed)
+    surface = surface_texture(
+        Optics(shape=(shape[0] + 80, shape[1] + 80), texture=texture, dust=10), rng
+    ).astype(float)
+    y, x = np.mgrid[0 : shape[0], 0 : shape[1]]
+    u, v = (x - (shape[1] - 1) / 2 - shift[0]) / scale, (y - (shape[0] - 1) / 2 - shift[1]) / scale
     middle = np.array([surface.shape[0] - 1, surface.shape[1] - 1]) / 2
     places = [
         middle[0] - np.sin(angle) * u + np.cos(angle) * v,
         middle[1] + np.cos(angle) * u + np.sin(angle) * v,
     ]
     seen = ndimage.map_coordinates(surface, places, order=5)
-    rows, columns = ((np.array(surface.shape) - SHAPE) // 2).astype(int)
-    before = surface[rows : rows + SHAPE[0], columns : columns + SHAPE[1]]
+    rows, columns = ((np.array(surface.shape) - shape) // 2).astype(int)
+    before = surface[rows : rows + shape[0], columns : columns + shape[1]]
     truth = some_disks()
     cover = coverage(truth.x_px, truth.y_px, truth.radius_px, np.ones(len(truth)), optics)
     light = 80 * (1 + seen) * (1 + optics.contrast * cover), 82 * (1 + before)
@@ -157,6 +159,13 @@ def test_rotation_and_scale_are_taken_out(degrees, scale, shift):
     # 25 normal deviates: none beyond 4, their mean within 4/sqrt(25)
     assert np.abs(pull).max() < 4
     assert abs(pull.mean()) < 0.8
+
+
+def test_a_wide_frame_is_turned_back_although_its_corners_are_five_pixels_off():
+    _, frame, reference = turned(np.radians(0.3), 1.0, (30.0, 20.0), shape=(1200, 1600))
+    found = subtract_reference(frame, reference, background_is="lowest").alignment
+    assert np.degrees(found.rotation) == pytest.approx(0.3, abs=0.002)
+    assert (found.x_px, found.y_px) == pytest.approx((30.0, 20.0), abs=0.03)
 
 
 def test_what_is_not_turned_stays_so():
