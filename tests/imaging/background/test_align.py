@@ -112,7 +112,7 @@ def test_shift_needs_no_more_than_dirt():
     assert np.hypot(found.x_px + 0.4, found.y_px - 0.3) < 4 * np.sqrt(2) * found.std_px
 
 
-def turned(angle, scale, shift, seed=0, texture=0.05, shape=SHAPE):
+def turned(angle, scale, shift, *, seed=0, texture=0.05, shape=SHAPE):
     """Frame and reference of which one is turned, scaled and moved against the other, and the truth."""
     optics, rng = Optics(shape=shape, texture=texture, dust=10), np.random.default_rng(seed)
     surface = surface_texture(
