@@ -82,7 +82,6 @@ def mechanisms():
         "flicker": [("background.even_out", "_without_flicker", lambda difference, *_a: difference)],
         "colour mosaic": [("measure", "mosaic_gains", lambda *_a: None)],
         "regions without light": [("measure", "find_unlit", lambda *_a: None)],
-        "dead lines": [("measure", "find_dead_lines", lambda *_a: None)],
         "dark spots": [("evidence.status", "count_dark_spots", lambda *_a: 0)],
     }
     for reason in ("REFERENCE_DUST", "NO_RIM", "INVISIBLE", "TOO_SHARP", "SCRATCH", "NOISE"):

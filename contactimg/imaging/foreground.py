@@ -14,8 +14,8 @@ from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.profile.optics import SharedOptics
 
 HOLE_REACH_PX, LEAST_WEIGHT = 2, 0.3
-"""Distance from which a hole is filled, and share of pixels seen there that it takes. By hand: dead lines,
-not masks."""
+"""Distance from which a hole is filled, and share of pixels seen there that it takes. By hand: dead
+pixels, not masks."""
 CONTRADICTION_RATIO = 1.3
 """Ratio of measured to prior contrast above which the frame contradicts the prior. By hand: blur can only
 make a frame show less than its contrast."""
@@ -74,7 +74,7 @@ class Foreground:
 
 
 def _filled(image: NDArray[np.float32], valid: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """The image with holes filled from the pixels beside them: a dead line does not cut a contact."""
+    """The image with holes filled from the pixels beside them: a line without data does not cut a contact."""
     side = (2 * HOLE_REACH_PX + 1,) * 2
     seen = valid.astype(np.float32)
     weight = cv2.blur(seen, side, borderType=cv2.BORDER_REPLICATE)

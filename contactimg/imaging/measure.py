@@ -40,7 +40,6 @@ from contactimg.imaging.foreground import Foreground, find_foreground
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
-    find_dead_lines,
     find_unlit,
     mosaic_gains,
 )
@@ -402,7 +401,7 @@ def _without_shift(contacts: Columns, known: Any) -> Columns:
 
 
 def _without_sensor(pair: FramePair) -> FramePair:
-    """The pair without regions that no light reaches, the gains of a colour mosaic, and dead lines."""
+    """The pair without regions that no light reaches and the gains of a colour mosaic."""
     if pair.trivial:
         return pair
     frame, reference, valid = pair.frame, pair.reference, pair.valid
@@ -413,7 +412,6 @@ def _without_sensor(pair: FramePair) -> FramePair:
     for image in (frame, reference):
         if image is not None:
             valid = exclude(valid, find_unlit(image, valid))
-            valid = exclude(valid, find_dead_lines(image, valid))
     if valid is not None and not valid.any():
         return pair
     return replace(pair, frame=frame, reference=reference, valid=valid)

@@ -55,11 +55,10 @@ def none_in_the_gaps(disks, truth, reach):
     return np.count_nonzero(inside) <= len(truth)
 
 
-@pytest.mark.parametrize("polarity", ["dark", "auto"])
-def test_dots_that_leave_no_block_free_are_found(polarity, rng):
+def test_dots_that_leave_no_block_free_are_found(rng):
     """Dots of 2.5 px every 10 px: a block of 8 px always holds a part of one."""
     cover, truth = target(10.0, 2.5, 0.7)
-    found = measure_image(frame_of(200 - 150 * cover, 2.0, rng), polarity=polarity)
+    found = measure_image(frame_of(200 - 150 * cover, 2.0, rng), polarity="auto")
     error, std, own = compare(found.disks, truth)
     assert none_in_the_gaps(found.disks, truth, 3.0)
     assert found.status == "ok"
@@ -105,13 +104,6 @@ def test_dots_fainter_than_the_noise_of_a_pixel_allows(dots, method, rng):
     if method == "disk":
         assert none_in_the_gaps(found.disks, truth, radius)
         assert abs(error.mean()) < 0.02 * radius + 2 * error.std() / np.sqrt(len(error))
-
-
-def test_noise_alone_hides_no_contrast(rng):
-    """Blocks of noise stay below six standard deviations of their own scatter."""
-    for seed_noise in (2.0, 10.0):
-        found = measure_image(frame_of(np.full(SHAPE, 120.0), seed_noise, rng), polarity="dark")
-        assert not len(found.disks)
 
 
 def test_blurred_rims_of_dots_are_not_uneven_background():

@@ -9,7 +9,6 @@ from contact_frames import Optics, match, render, scatter
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
-    find_dead_lines,
     find_unlit,
     mosaic_gains,
 )
@@ -88,45 +87,7 @@ def test_a_steep_gradient_is_no_mosaic(rng):
     assert mosaic_gains(noisy(20 + 200 * X / SHAPE[1], rng)) is None
 
 
-def test_dead_lines_are_found_and_nothing_else(rng):
-    optics = Optics(shape=SHAPE)
-    frame, _ = render(scatter(20, optics, rng, radii=(2, 10)), optics, rng)
-    frame[:, 37], frame[:, 250], frame[99] = 0, 255, 0
-    found = find_dead_lines(frame, None)
-    expected = np.zeros(SHAPE, bool)
-    expected[:, [37, 250]], expected[99] = True, True
-    assert np.array_equal(found > 0, expected)
-
-
-PATTERNS = {
-    **LIT,
-    "contacts in columns": lambda rng: dots(80, 120, rng, pitch=20, radius=5),
-    "a step": lambda rng: noisy(80 + 20.0 * (X > 160), rng),
-    "stripes": lambda rng: noisy(80 + 60.0 * (X % 8 < 4), rng),
-}
-
-
-@pytest.mark.parametrize("name", PATTERNS)
-def test_what_a_scene_shows_is_no_dead_line(name, rng):
-    assert find_dead_lines(PATTERNS[name](rng), None) is None
-
-
-@pytest.mark.parametrize(
-    "world", ["field stop", "field stop, no ref", "border", "border, no ref", "Bayer", "dead columns"]
-)
-def test_contacts_behind_such_a_sensor_are_right_within_their_errors(world):
-    scene = make_scene(world, 25, 13)
-    disks = measure_image(scene.frame, scene.reference).disks
-    pairs = match(scene.truth, disks)
-    required = np.flatnonzero(scene.truth.required)
-    # a dead column through a small contact leaves nothing of it
-    assert len(np.intersect1d(pairs[:, 0], required)) >= len(required) - (world == "dead columns")
-    error = disks["radius_px"].to_numpy()[pairs[:, 1]] - scene.truth["radius_px"].to_numpy()[pairs[:, 0]]
-    pull = np.abs(error) / disks["radius_std_px"].to_numpy()[pairs[:, 1]]
-    assert np.mean(pull < 2) > 0.8
-
-
-@pytest.mark.parametrize("seed", range(5, 9))
+@pytest.mark.parametrize("seed", range(5, 7))
 @pytest.mark.parametrize("light", [field_stop, black_border])
 def test_light_without_contacts_shows_none_or_is_not_ok(light, seed):
     world = World(layout=Layout(region=in_border), light=light, reference=False)

@@ -1,18 +1,12 @@
-"""Where a frame lies against its reference, and images moved there by a Kaiser-windowed sinc.
-
-A rotation with a change of scale takes two one-dimensional passes, along the rows and then along the columns
-(Catmull and Smith, doi:10.1145/800250.807505).
-"""
+"""Where a frame lies against its reference, and images moved there."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.compiled import njit
 from contactimg.imaging.pixels.masks import Mask
 
 
@@ -87,7 +81,6 @@ UNKNOWN = Alignment(0.0, 0.0, np.inf)
 
 KAISER_BETA = 8.0  # shape of the window: error at most 3e-3 of the amplitude at periods of 4 px and more
 HALF_WIDTH_PX = 4  # of the filters, which have 2 x 4 + 1 coefficients
-PHASES = 512  # tabulated positions between two pixels: a position is off by at most 1/1024 px
 
 
 def shift_kernel(fraction: float) -> NDArray[np.float64]:
@@ -108,18 +101,30 @@ def shift_kernel(fraction: float) -> NDArray[np.float64]:
 
 def filter_rows_and_columns(image: NDArray, along: NDArray, across: NDArray) -> NDArray[np.float32]:
     """The image correlated with one filter along its rows and one along its columns; the border repeats."""
-    single = np.asarray(image, np.float32)
-    filtered = cv2.sepFilter2D(single, cv2.CV_32F, along, across, borderType=cv2.BORDER_REPLICATE)
+    source = image if image.dtype == np.uint8 else np.asarray(image, np.float32)
+    filtered = cv2.sepFilter2D(source, cv2.CV_32F, along, across, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(filtered, np.float32)
 
 
-def shift_whole_pixels(image: NDArray, columns: int, rows: int) -> NDArray:
-    """The image moved right by ``columns`` and down by ``rows``; the border is repeated."""
-    if not (rows or columns):
-        return image
-    y = np.clip(np.arange(image.shape[0]) - rows, 0, image.shape[0] - 1)
-    x = np.clip(np.arange(image.shape[1]) - columns, 0, image.shape[1] - 1)
-    return np.ascontiguousarray(image[y][:, x])
+def move_image(
+    image: NDArray,
+    alignment: Alignment,
+    *,
+    interpolation: int = cv2.INTER_LANCZOS4,
+    outside: int | None = None,
+) -> NDArray:
+    """The image rotated, scaled and shifted; beyond it the value ``outside``, or its border repeated.
+
+    Places are rounded to 1/32 px: texture with a period of 7 px errs by 0.6 % of its amplitude.
+    """
+    matrix, offset = alignment.to_reference((image.shape[0], image.shape[1]))
+    border = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
+    return np.asarray(
+        cv2.warpAffine(
+            image, np.column_stack([matrix, offset]), image.shape[::-1],
+            flags=interpolation | cv2.WARP_INVERSE_MAP, borderMode=border, borderValue=outside or 0,
+        )
+    )  # fmt: skip
 
 
 def move_reference(reference: NDArray, valid: Mask, alignment: Alignment) -> tuple[NDArray, Mask]:
@@ -142,69 +147,13 @@ def move_reference(reference: NDArray, valid: Mask, alignment: Alignment) -> tup
     if alignment.is_shift and not alignment.largest_px:
         return reference, valid
     valid = np.ones(shape, np.uint8) if valid is None else valid
-    matrix, offset = alignment.to_reference(shape)
-    x, y = np.arange(shape[1]), np.arange(shape[0])[:, None]
-    inside = np.ones(shape, np.bool_)
-    for (along_x, along_y), start, size in zip(matrix, offset, shape[::-1], strict=True):
-        place = along_x * x + along_y * y + start
-        inside &= (place > -0.5) & (place < size - 0.5)
-    if alignment.is_shift:
-        columns, rows = round(alignment.x_px), round(alignment.y_px)
-        moved, there = (shift_whole_pixels(part, columns, rows) for part in (reference, valid))
-    else:
-        moved = move_rows(reference, alignment, 0, shape[0])
-        there = move_rows(valid.astype(np.float32), alignment, 0, shape[0]) > 0.99
-    return moved, np.asarray(there & inside, np.uint8)
+    interpolation = cv2.INTER_NEAREST
+    if not alignment.is_shift:
+        interpolation, around = cv2.INTER_LANCZOS4, np.ones((5, 5), np.uint8)
+        valid = np.asarray(cv2.erode(valid, around), np.uint8)
+    return move_image(reference, alignment, interpolation=interpolation), move_mask(valid, alignment)
 
 
-def move_rows(image: NDArray, alignment: Alignment, first: int, end: int) -> NDArray[np.float32]:
-    """Rows ``first`` to ``end`` of the image rotated, scaled and shifted; the border is repeated."""
-    matrix, offset = alignment.to_reference((image.shape[0], image.shape[1]))
-    return np.asarray(_move_rows(image, matrix, offset, first, end, _phases()))
-
-
-@lru_cache(maxsize=1)
-def _phases() -> NDArray[np.float32]:
-    """Filters that interpolate at positions from -1/2 to 1/2 px from a pixel."""
-    fractions = np.linspace(-0.5, 0.5, PHASES + 1)
-    return np.stack([shift_kernel(-float(f)) for f in fractions]).astype(np.float32)
-
-
-@njit(cache=True)
-def _move_rows(image, matrix, offset, first, end, phases):
-    """Resample each source row at the columns where the output columns cross it, then along the columns."""
-    rows, columns = image.shape
-    half = phases.shape[1] // 2
-    corners = np.array([matrix[1, 0] * x + matrix[1, 1] * y + offset[1] for x in (0, columns - 1)
-                        for y in (first, end - 1)])  # fmt: skip
-    top = min(max(int(np.floor(corners.min())) - half, 0), rows - 1)
-    bottom = max(min(int(np.ceil(corners.max())) + half + 1, rows), top + 1)
-    between = np.empty((bottom - top, columns), np.float32)
-    for r in range(top, bottom):
-        for x in range(columns):
-            y = (r - offset[1] - matrix[1, 0] * x) / matrix[1, 1]
-            between[r - top, x] = _read(image[r], matrix[0, 0] * x + matrix[0, 1] * y + offset[0], phases)
-    out = np.empty((end - first, columns), np.float32)
-    for y in range(first, end):
-        for x in range(columns):
-            place = min(max(matrix[1, 0] * x + matrix[1, 1] * y + offset[1], 0.0), rows - 1.0)
-            out[y - first, x] = _read(between[:, x], place - top, phases)
-    return out
-
-
-@njit(cache=True)
-def _read(line, place, phases):
-    """Value of a line of pixels at any position; its ends are repeated."""
-    last = len(line) - 1
-    place = min(max(place, 0.0), float(last))
-    nearest = int(place + 0.5)
-    half = phases.shape[1] // 2
-    kernel = phases[int((place - nearest + 0.5) * (len(phases) - 1) + 0.5)]
-    total = np.float32(0.0)
-    if nearest >= half and nearest + half <= last:
-        for k in range(len(kernel)):
-            total += kernel[k] * line[nearest - half + k]
-    else:
-        for k in range(len(kernel)):
-            total += kernel[k] * line[min(max(nearest - half + k, 0), last)]
-    return total
+def move_mask(mask: NDArray[np.uint8], alignment: Alignment) -> NDArray[np.uint8]:
+    """The mask moved to the nearest pixel; 0 outside it."""
+    return np.asarray(move_image(mask, alignment, interpolation=cv2.INTER_NEAREST, outside=0), np.uint8)

@@ -82,16 +82,14 @@ def even_out(difference: DifferenceImage, *, relative: bool = True) -> Differenc
     if not _is_uneven(blocks, background, scatter):
         return difference
     regions = find_background_regions(blocks, scatter, background, with_reference=difference.ratio)
-    left = [follow_region(blocks, regions == k, difference.image.shape, scatter)
-            for k in range(1, int(regions.max()) + 1)]  # fmt: skip
     members = regions > 0
     if np.mean(members) < LEAST_SHARE:
         return difference
-    at_members = np.select([regions == k + 1 for k in range(len(left))], left)[members]
-    if np.sqrt(np.mean(at_members**2)) < LEAST_UNEVEN * scatter:
+    left = np.stack([follow_region(blocks, regions == k, difference.image.shape, scatter)
+                     for k in range(1, int(regions.max()) + 1)])  # fmt: skip
+    levels = _at_places(left, _nearest(regions))
+    if np.sqrt(np.mean(levels[members] ** 2)) < LEAST_UNEVEN * scatter:
         return difference
-    places = _nearest(regions)
-    levels = np.select([places == k + 1 for k in range(len(left))], left).astype(np.float32)
     background = np.abs(blocks - levels) < BACKGROUND_CLIP_SIGMA * scatter
     light = 1.0 + levels / light_level if light_level > 0 else np.float32(1.0)
     return replace(
@@ -211,8 +209,13 @@ def _nearest(regions: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.asarray(number[nearest])
 
 
+def _at_places(levels: NDArray, regions: NDArray[np.int32]) -> NDArray[np.float32]:
+    """At each place the level of its region."""
+    return np.asarray(np.take_along_axis(levels, regions[None].astype(np.int64) - 1, axis=0)[0], np.float32)
+
+
 def _at_pixels(
-    image: NDArray[np.float32], left: list[NDArray[np.float64]], regions: NDArray[np.int32]
+    image: NDArray[np.float32], left: NDArray[np.float64], regions: NDArray[np.int32]
 ) -> NDArray[np.float32]:
     """The level at each pixel: that of its region; between two the one nearer to the image around the pixel.
 
@@ -220,7 +223,7 @@ def _at_pixels(
     """
     rows, columns = image.shape
     size = (regions.shape[1] * BLOCK, regions.shape[0] * BLOCK)
-    fields = [cv2.resize(part.astype(np.float32), size)[:rows, :columns] for part in left]
+    fields = np.stack([cv2.resize(part.astype(np.float32), size)[:rows, :columns] for part in left])
     if len(fields) == 1:
         return np.asarray(fields[0])
 
@@ -229,14 +232,13 @@ def _at_pixels(
 
     places = wide(regions).astype(np.int32)
     smooth = cv2.blur(image, (5, 5))
-    highest, lowest = np.maximum.reduce(fields), np.minimum.reduce(fields)
+    highest, lowest = fields.max(axis=0), fields.min(axis=0)
     beyond = 0.5 * (highest - lowest)
     contact = ((smooth > highest + beyond) | (smooth < lowest - beyond)).astype(np.uint8)
     contact = cv2.dilate(contact, np.ones((7, 7), np.uint8))
-    nearest = np.argmin([np.abs(smooth - field) for field in fields], axis=0).astype(np.int32) + 1
+    nearest = np.argmin(np.abs(smooth - fields), axis=0).astype(np.int32) + 1
     places = np.where((places == 0) & (contact == 0), nearest, places)
-    places = _nearest(places)
-    return np.asarray(np.select([places == k + 1 for k in range(len(fields))], fields), np.float32)
+    return _at_places(fields, _nearest(places))
 
 
 def _subtract_left(

@@ -4,7 +4,7 @@ With a reference the polynomial describes the ratio of the two backgrounds, with
 Everything is fitted to block means, which are few and have little noise.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -26,7 +26,6 @@ BACKGROUND_CLIP_SIGMA = 3.5  # robust standard deviations from the polynomial: n
 FIT_CLIP_SIGMA = 2.0  # the same for the fit: blocks at the rims of contacts would bias it to one side
 FIT_ITERATIONS = 6
 SETTLED_FRACTION = 1e-3  # of the blocks: if fewer enter or leave the fit, it has converged
-CHUNK_BLOCKS = 256  # that are summed at a time: ten terms of them fit into the fastest cache; speed only
 FIT_BLOCKS = 3000  # blocks of 8 px that the fit uses; of smaller blocks those that cover the same area
 BLOCKS_PER_COEFFICIENT = 10  # blocks that a polynomial order needs for each of its coefficients
 RIDGE_FRACTION = 1e-3  # of the number of blocks: keeps the polynomial flat in corners without background
@@ -62,8 +61,7 @@ class Illumination:
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Coefficients of the cubic in ``u`` for each row (all, or those given), and ``u`` of each column."""
         which = np.arange(shape[0]) if rows is None else rows
-        v = 2.0 * which / shape[0] - 1.0
-        along = (v[:, None] ** np.arange(POLYNOMIAL_ORDER + 1)) @ self.coefficients
+        along = _powers(2.0 * which / shape[0] - 1.0) @ self.coefficients
         across = 2.0 * np.arange(shape[1]) / shape[1] - 1.0
         return along.astype(np.float32), across.astype(np.float32)
 
@@ -75,10 +73,7 @@ class Illumination:
     ) -> NDArray[np.float32]:
         """The polynomial at every pixel of some rows (and columns) of an image of ``shape``."""
         along, across = self.row_polynomials(shape, rows)
-        across = across[columns]
-        out = np.zeros((len(rows), len(across)), np.float32)
-        _add_rows(out, out, along, across, np.float32(1.0))
-        return out
+        return along @ _powers(across[columns]).T
 
     def ratio_at_rows(
         self,
@@ -102,13 +97,17 @@ class Illumination:
 
     def at_blocks(self, blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
         """The polynomial at the centre of each block of an image of ``shape``."""
-        return _at_blocks(self.coefficients, blocks, shape)
+        u, v = _block_centres(blocks, shape)
+        return np.asarray(_powers(v) @ self.coefficients @ _powers(u).T)
 
     def subtract_from(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
         """The image minus the polynomial."""
-        out = np.empty_like(image)
-        _add_rows(out, image, *self.row_polynomials(image.shape), np.float32(-1.0))
-        return out
+        return image - self.at_rows(np.arange(len(image)), (image.shape[0], image.shape[1]))
+
+
+def _powers(places: NDArray) -> NDArray:
+    """A row 1, x, x^2, x^3 for each x."""
+    return np.asarray(places[:, None] ** np.arange(POLYNOMIAL_ORDER + 1, dtype=places.dtype))
 
 
 def fit_illumination(
@@ -154,10 +153,9 @@ def fit_illumination(
     for k, (i, j) in enumerate(TERMS):
         grid[j, i] = coefficients[k]
     grid[0, 0] += level
-    along, across = _cubics(grid, blocks.shape, shape)
-    background = np.empty(blocks.shape, np.bool_)
-    _mark_near(background, np.ascontiguousarray(blocks), along, across, BACKGROUND_CLIP_SIGMA * scatter)
-    return Illumination(grid, background, scatter)
+    found = Illumination(grid, np.empty(0, np.bool_), scatter)
+    near = np.abs(blocks - found.at_blocks(blocks.shape, shape)) < BACKGROUND_CLIP_SIGMA * scatter
+    return replace(found, background=near)
 
 
 def one_sided_scatter(deviation: NDArray) -> float:
@@ -174,20 +172,6 @@ def _block_centres(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDA
     u = ((2 * np.arange(blocks[1]) + 1) * side - 1) / shape[1] - 1
     v = ((2 * np.arange(blocks[0]) + 1) * side - 1) / shape[0] - 1
     return u, v
-
-
-def _at_blocks(coefficients: NDArray, blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """The polynomial at the centre of each block."""
-    along, u = _cubics(coefficients, blocks, shape)
-    return np.asarray(along @ (u[:, None] ** np.arange(POLYNOMIAL_ORDER + 1)).T)
-
-
-def _cubics(
-    coefficients: NDArray, blocks: tuple[int, int], shape: tuple[int, int]
-) -> tuple[NDArray, NDArray]:
-    """Coefficients of the cubic in ``u`` for each row of blocks, and ``u`` of each column."""
-    u, v = _block_centres(blocks, shape)
-    return (v[:, None] ** np.arange(POLYNOMIAL_ORDER + 1)) @ coefficients, u
 
 
 @lru_cache(maxsize=4)
@@ -215,96 +199,24 @@ def jittered_grid(shape: tuple[int, int], every: int) -> tuple[NDArray[np.int64]
 def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) -> NDArray[np.float64]:
     """Regularised least squares over the kept blocks with the terms of the lowest ``orders`` orders."""
     used = np.array([i + j < orders for i, j in TERMS])
-    power, common = _normal_equations(basis, data, keep)
-    ridge = RIDGE_FRACTION * np.count_nonzero(keep) * np.diag([0.0] + [1.0] * (int(used.sum()) - 1))
+    terms = basis[used]
+    kept = terms * keep
+    ridge = RIDGE_FRACTION * np.count_nonzero(keep) * np.diag([0.0] + [1.0] * (len(terms) - 1))
     coefficients = np.zeros(len(TERMS))
-    coefficients[used] = np.linalg.solve(power[np.ix_(used, used)] + ridge, common[used])
+    coefficients[used] = np.linalg.solve(kept @ terms.T + ridge, kept @ data)
     return coefficients
-
-
-@njit(cache=True)
-def _normal_equations(basis, data, keep):
-    """Products of the terms with each other and with the data, summed over the kept blocks."""
-    terms, size = basis.shape
-    power, common = np.zeros((terms, terms)), np.zeros(terms)
-    kept = np.empty(CHUNK_BLOCKS)
-    for start in range(0, size, CHUNK_BLOCKS):
-        end = min(start + CHUNK_BLOCKS, size)
-        for i in range(terms):
-            part = kept[: end - start]
-            _keep(part, basis[i, start:end], keep[start:end])
-            for j in range(i + 1):
-                power[i, j] += _product(part, basis[j, start:end])
-            common[i] += _product(part, data[start:end])
-    for i in range(terms):
-        for j in range(i):
-            power[j, i] = power[i, j]
-    return power, common
-
-
-@njit(cache=True)
-def _keep(out, values, keep):
-    """The values that are kept, 0 for the others."""
-    for k in range(len(out)):
-        out[k] = values[k] if keep[k] else 0.0
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _product(one, other):
-    """Scalar product, in vector instructions."""
-    total = 0.0
-    for k in range(len(one)):
-        total += one[k] * other[k]
-    return total
 
 
 def _orders_supported(count: int) -> int:
     """Number of polynomial orders (constant = 1) that so many blocks determine."""
-    return int(
-        sum(
-            count >= BLOCKS_PER_COEFFICIENT * (order + 1) * (order + 2) // 2
-            for order in range(1, POLYNOMIAL_ORDER + 1)
-        )
-        + (count > 0)
-    )
-
-
-@njit(cache=True)
-def _mark_near(out, blocks, along, across, limit):
-    """Mark the blocks that are closer than ``limit`` to the polynomial; NaN is not."""
-    for j in range(len(out)):
-        _mark_row(out[j], blocks[j], along[j], across, limit)
-
-
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"}, forceinline=True)
-def _mark_row(out, blocks, along, across, limit):
-    """One row; contiguous vectors, so that it compiles to vector instructions."""
-    c0, c1, c2, c3 = along
-    for i in range(len(out)):
-        u = across[i]
-        out[i] = abs(blocks[i] - (c0 + u * (c1 + u * (c2 + u * c3)))) < limit
+    coefficients = [(order + 1) * (order + 2) // 2 for order in range(1, POLYNOMIAL_ORDER + 1)]
+    return int(count > 0) + sum(count >= BLOCKS_PER_COEFFICIENT * number for number in coefficients)
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
 def cubic(c0, c1, c2, c3, u):
     """Cubic polynomial by Horner's rule, for compiled loops over a row."""
     return c0 + u * (c1 + u * (c2 + u * c3))
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _add_rows(out, image, along, across, sign):
-    """``image + sign x`` polynomial, row by row."""
-    for y in range(len(out)):
-        _add_row(out[y], image[y], along[y], across, sign)
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _add_row(out, image, along, across, sign):
-    """One row; contiguous vectors and single precision, so that it compiles to vector instructions."""
-    c0, c1, c2, c3 = along
-    for x in range(len(out)):
-        u = across[x]
-        out[x] = image[x] + sign * cubic(c0, c1, c2, c3, u)
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.detect.foreign import label_regions
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import median, robust_std
+from contactimg.imaging.pixels.robust import robust_std
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
 FLAT_SHARE = 0.2  # of the blocks: so large a flat region is the background; by hand
@@ -48,16 +48,6 @@ TILE_SQUARES = 32
 polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them."""
 LEAST_TILE_SHARE = 0.05  # of the squares of a tile: background that shows its light
 ROUGHEST_STEP_FRACTION = 5e-3  # of the level, between blocks of a compressed image: one grey level of 200
-LEAST_LIGHT_SPREAD = 0.1
-"""Scatter of the logarithm of the background below which it hardly matters. Chosen: matched frames have 0.05,
-and a wrong decision changes a small contact by a twentieth of its radius there."""
-HEIGHT_FRACTION = 0.3  # of the plateau: regions above it are contacts; as for foreign objects
-WIDE_SQUARES = 12  # of a region that is wide enough to show its height; by hand
-FEWEST_HEIGHTS = 20  # contacts that tell; theory: their scatter is then known to a sixth
-CLIP_SIGMA = 2.5  # robust standard deviations; false-alarm rate 1e-2 (theory: normal deviates)
-ROUNDS = 4  # of clipping; accuracy
-DECISION_SIGMA = 3.0
-"""Standard uncertainties by which the exponent must differ from 1/2. False-alarm rate 1e-3."""
 WINDOW_FRACTION = 1.0 / 6.0  # of the longer side of the image: the envelope goes below narrower contacts
 
 
@@ -225,22 +215,17 @@ def _least_scatter(flat: NDArray, blocks: NDArray) -> float:
 def _divide_by_illumination(
     frame: NDArray, illumination: Illumination, level: float, blocks: tuple[int, int], valid: Mask
 ) -> DifferenceImage:
-    """Frame minus background, relative to it: contacts transmit a fraction of the light.
-
-    Not relative to it where the contacts say otherwise.
-    """
+    """Frame minus background, relative to it: contacts transmit a fraction of the light."""
     at_blocks = illumination.at_blocks(blocks, frame.shape)
     background = illumination.at_rows(np.arange(frame.shape[0]), frame.shape)
     image = frame - background
-    if at_blocks.min() >= FAINTEST_FRACTION * level > 0:  # else subtracted before, or hardly any light
-        noise = estimate_noise(image, illumination.background)
-        sign = -1.0 if find_polarity(block_means(image, valid), illumination.background) == "dark" else 1.0
-        if not stands_out_by_itself(np.float32(sign) * image, at_blocks / level, noise=noise):
-            image *= np.float32(level) / np.maximum(background, np.float32(0.5 * FAINTEST_FRACTION * level))
-            brightness = (at_blocks / level).astype(np.float32)
-            return even_out(DifferenceImage(image, level, brightness, illumination, None, valid=valid))
-    subtracted = DifferenceImage(image, level, np.ones(blocks, np.float32), illumination, None, valid=valid)
-    return even_out(subtracted, relative=False)
+    relative = bool(at_blocks.min() >= FAINTEST_FRACTION * level > 0)  # else subtracted before, or hardly lit
+    brightness = np.ones(blocks, np.float32)
+    if relative:
+        image *= np.float32(level) / np.maximum(background, np.float32(0.5 * FAINTEST_FRACTION * level))
+        brightness = (at_blocks / level).astype(np.float32)
+    difference = DifferenceImage(image, level, brightness, illumination, None, valid=valid)
+    return even_out(difference, relative=relative)
 
 
 def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
@@ -255,54 +240,3 @@ def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
     regions = label_regions(image, 0.5 * contrast.plateau)
     total = float(regions.area.sum())
     return float(np.minimum(np.pi * regions.half_width**2, regions.area).sum()) / total if total else 0.0
-
-
-def stands_out_by_itself(
-    image: NDArray[np.float32], brightness: NDArray[np.float64], *, noise: float
-) -> bool:
-    """Whether the heights of the contacts do not go with the light.
-
-    Parameters
-    ----------
-    image : ndarray, shape (rows, columns)
-        Frame minus background, contacts positive.
-    brightness : ndarray, shape (block rows, block columns)
-        Background of each block relative to its level.
-    noise : float
-        Of a background pixel, grey levels.
-
-    Returns
-    -------
-    bool
-        True if the height goes as a power of the background that is clearly less than 1/2.
-    """
-    logs = np.log(np.maximum(brightness, 1e-3))
-    if float(np.std(logs)) < LEAST_LIGHT_SPREAD:
-        return False
-    plateau = measure_contrast(image, noise, None).plateau
-    if not plateau > 0.0:
-        return False
-    regions = label_regions(block_means(image, side=SQUARE_PX), HEIGHT_FRACTION * plateau)
-    used = ~regions.long & (regions.area >= WIDE_SQUARES)
-    row, column = (
-        np.minimum(place[used] * SQUARE_PX / BLOCK, size - 1).astype(int)
-        for place, size in zip((regions.y, regions.x), logs.shape, strict=True)
-    )
-    slope, std = _robust_slope(logs[row, column], np.log(regions.peak[used]))
-    return bool(slope + DECISION_SIGMA * std < 0.5)
-
-
-def _robust_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
-    """Slope of a line without outliers, and its standard uncertainty; infinite if too little tells it."""
-    kept, slope, std = np.ones(len(x), np.bool_), 0.0, np.inf
-    for _ in range(ROUNDS):
-        if np.count_nonzero(kept) < FEWEST_HEIGHTS or not np.ptp(x[kept]) > 0.0:
-            return 0.0, np.inf
-        dx = x - x[kept].mean()
-        slope = float(dx[kept] @ y[kept] / (dx[kept] @ dx[kept]))
-        rest = y - slope * dx
-        rest -= median(rest[kept])
-        scatter = robust_std(rest[kept], centre=0.0)
-        std = scatter / float(np.sqrt(dx[kept] @ dx[kept]))
-        kept = np.abs(rest) <= CLIP_SIGMA * scatter
-    return slope, std

@@ -5,7 +5,6 @@ reference, aligned with the frame, times the slowly varying ratio of the two ill
 scaled to grey levels at the median level of the reference.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -21,7 +20,7 @@ from contactimg.imaging.background.find_illumination import (
     neighbour_scatter,
 )
 from contactimg.imaging.background.illumination import DifferenceImage, Illumination
-from contactimg.imaging.background.register import GOOD_STD_PX, align_all_rows, align_strips, search_alignment
+from contactimg.imaging.background.register import GOOD_STD_PX, align, search_alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.timings import stage
@@ -34,8 +33,6 @@ SUBPIXEL_PX = 0.75  # a larger shift is first taken out in whole pixels
 APPROACHES = 5  # moves of the reference at most
 NO_ALIGNMENT = Alignment(np.nan, np.nan, np.inf)
 REGISTERED = Alignment(0.0, 0.0, 0.0)
-
-Estimate = Callable[[NDArray, NDArray, Illumination, Mask], Alignment]
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +156,10 @@ class _PlacedReference:
             total = replace(total, x_px=float(round(total.x_px)), y_px=float(round(total.y_px)))
         return _PlacedReference.of(self.images, total) or self
 
-    def align(self, estimate: Estimate) -> Alignment:
-        """Alignment that is left, by one of the estimates."""
-        return estimate(self.images.frame, self.reference, self.illumination, self.valid)
+    def align(self, *, everywhere: bool) -> Alignment:
+        """Alignment that is left."""
+        frame = self.images.frame
+        return align(frame, self.reference, self.illumination, self.valid, everywhere=everywhere)
 
 
 def _bin_reference(image: NDArray, valid: Mask) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -189,36 +187,37 @@ def _register(placed: _PlacedReference) -> tuple[_PlacedReference, Alignment, bo
 
     From strips of the image; if that is too uncertain, from all rows; if that is as well, by a far search.
     """
-    for estimate in (align_strips, align_all_rows):
-        residual = placed.align(estimate)
+    for everywhere in (False, True):
+        residual = placed.align(everywhere=everywhere)
         if residual.std_px < GOOD_STD_PX and residual.consistent:
-            return *_approach(placed, residual, estimate), True
+            return *_approach(placed, residual, everywhere=everywhere), True
         if not residual.known:
             break
+    images = placed.images
     search = search_alignment(
-        placed.images.frame, placed.reference, placed.illumination, placed.valid, near=residual
+        images.frame, placed.reference, placed.illumination, placed.valid, near=residual
     )
     if not search.textured:
         return placed, residual, False
-    if estimate is align_strips:
-        residual = placed.align(align_all_rows)
+    if not everywhere:
+        residual = placed.align(everywhere=True)
     if search.alignment is not None and not (residual.known and search.alignment.is_shift):
         candidate = placed.moved_by(search.alignment)
-        left = candidate.align(align_all_rows)
+        left = candidate.align(everywhere=True)
         if left.std_px < residual.std_px:
             placed, residual = candidate, left
-    return *_approach(placed, residual, align_all_rows), search.textured_everywhere
+    return *_approach(placed, residual, everywhere=True), search.textured_everywhere
 
 
 def _approach(
-    placed: _PlacedReference, residual: Alignment, estimate: Estimate
+    placed: _PlacedReference, residual: Alignment, *, everywhere: bool
 ) -> tuple[_PlacedReference, Alignment]:
     """Move the reference until less than a pixel is left, as long as the uncertainty falls."""
     for _ in range(APPROACHES):
         if not residual.known or (residual.is_shift and residual.largest_px < SUBPIXEL_PX):
             break
         candidate = placed.moved_by(residual)
-        left = candidate.align(estimate)
+        left = candidate.align(everywhere=everywhere)
         if left.std_px >= residual.std_px and not residual.is_shift:
             residual = replace(residual, rotation=0.0, scale=1.0)
             if residual.largest_px < SUBPIXEL_PX:

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from contactimg.compiled import njit
-from contactimg.imaging.pixels.blocks import sample_background, side_of
+from contactimg.imaging.pixels.blocks import is_background, sample_background, strips
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, noise_std
 from contactimg.timings import stage
 
@@ -32,13 +31,12 @@ LAGS = np.arange(0.0, 25.0, 0.02)
 """Tabulated distances of two pixels, blur widths."""
 SAMPLE_PIXELS = 20_000
 """Background pixels that give the noise: to 0.6 %."""
-COVARIANCE_PIXELS = 240_000
+COVARIANCE_PIXELS = 160_000
 """Background pixels that give the covariance."""
 LEAST_PIXELS = 300
 """Least number of pixels that give a variance: to 8 % (theory: sqrt(2/n))."""
-ROW_RUN = 2 * LARGEST_LAG
-"""Successive rows that are read together, as most of their partners below are the same; affects the time
-alone."""
+STRIP_LAGS = 4
+"""Rows of the strips that give it, lags: three quarters of them have all their partners below."""
 CLIP_SIGMA = 4.0
 """Standard deviations beyond which a background pixel is dirt. False-alarm rate 6e-5 (theory: normal
 noise)."""
@@ -107,13 +105,13 @@ class NoiseCorrelation:
         The derivative of a blurred disk with respect to its radius has the spectrum ``J0(k a) exp(-k^2
         s^2/2)``; its autocorrelation is the weight of the covariance of two pixels at that distance.
         """
-        return self._inflation(radius / blur, blur, noise, 0.5, gain, _rim_autocorrelation())
+        return self._inflation(radius / blur, blur, noise, 0.5, gain, _autocorrelation(rim=True))
 
     def plateau_inflation(
         self, radius: NDArray, blur: float, *, noise: Noise, gain: float
     ) -> NDArray[np.float64]:
         """The same for the contrast, whose derivative has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``."""
-        return self._inflation(radius / blur, blur, noise, 1.0, gain, _plateau_autocorrelation())
+        return self._inflation(radius / blur, blur, noise, 1.0, gain, _autocorrelation(rim=False))
 
     def _inflation(
         self, radius: NDArray, blur: float, noise: Noise, level: float, gain: float, autocorrelation: NDArray
@@ -129,24 +127,12 @@ class NoiseCorrelation:
         return np.interp(np.log(np.clip(radius, RADII[0], RADII[-1])), np.log(RADII), factor)
 
 
-@lru_cache(maxsize=1)
-def _rim_autocorrelation() -> NDArray[np.float64]:
-    """Autocorrelation of the derivative by the radius: a row for each of `RADII`, over `LAGS`."""
-    k = (np.arange(WAVE_NUMBERS) + 0.5) * (LARGEST_WAVE_NUMBER / WAVE_NUMBERS)
-    return _autocorrelation(k, special.j0(np.outer(RADII, k)))
-
-
-@lru_cache(maxsize=1)
-def _plateau_autocorrelation() -> NDArray[np.float64]:
-    """Autocorrelation of the derivative with respect to the contrast."""
+@lru_cache(maxsize=2)
+def _autocorrelation(*, rim: bool) -> NDArray[np.float64]:
+    """Autocorrelation of the derivative by the radius, or by the contrast: a row for each of `RADII`."""
     k = (np.arange(WAVE_NUMBERS) + 0.5) * (LARGEST_WAVE_NUMBER / WAVE_NUMBERS)
     ka = np.outer(RADII, k)
-    return _autocorrelation(k, special.j1(ka) / ka)
-
-
-def _autocorrelation(k: NDArray[np.floating], spectrum: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Autocorrelation of a template behind a blur, from its spectrum at wave numbers (over the blur)."""
-    power = spectrum**2 * np.exp(-(k**2)) * k
+    power = (special.j0(ka) if rim else special.j1(ka) / ka) ** 2 * np.exp(-(k**2)) * k
     return np.asarray(power @ special.j0(np.outer(k, LAGS)) / power.sum(axis=1, keepdims=True))
 
 
@@ -188,72 +174,27 @@ def measure_correlation(
     noise : float
         Standard deviation of a background pixel.
     """
-    side = side_of(background.shape, image.shape)
-    wide = background.repeat(side, axis=1)[:, : image.shape[1]]
-    return NoiseCorrelation(_covariance(image, model, wide, side, np.float32(CLIP_SIGMA * noise)))
+    height = STRIP_LAGS * LARGEST_LAG
+    inside = (min(height, len(image)) - LARGEST_LAG, image.shape[1] - LARGEST_LAG)
+    if min(inside) <= 0:
+        return NoiseCorrelation.independent()
+    most = max(len(image) // height, 1)
+    number = int(np.clip(COVARIANCE_PIXELS // (inside[0] * inside[1]), 1, most))
+    rows, _ = strips(len(image), height, number, 0)
+    rest = (image[rows] - model[rows]).reshape(number, -1, image.shape[1])
+    usual = np.abs(rest) <= np.float32(CLIP_SIGMA * noise)
+    rest[~usual] = 0.0
+    columns = np.arange(image.shape[1])
+    free = is_background(background, rows, columns, image.shape).reshape(rest.shape)
 
+    def moved(part: NDArray, down: int, right: int) -> NDArray:
+        return part[:, down : down + inside[0], right : right + inside[1]]
 
-@njit(cache=True)
-def _covariance(image, model, background, side, clip):
-    """Covariance of background pixels against distance along rows and columns, from a sample of the rows.
-
-    ``background`` has a row for every ``side`` rows of the image, and all its columns.
-    """
-    rows, columns = image.shape
-    size, seen = LARGEST_LAG + 1, 0
-    value, usual = np.zeros((size, columns), np.float32), np.zeros((size, columns), np.float32)
-    counted, here = np.empty(columns, np.float32), np.empty(columns, np.float32)
-    wide = columns - LARGEST_LAG
-    total, count = np.zeros(LARGEST_LAG + 1), np.zeros(LARGEST_LAG + 1)
-    middle = 0.0
-    every = max(rows * columns // COVARIANCE_PIXELS, 1)
-    for y in range(1, rows - LARGEST_LAG):
-        if (y // ROW_RUN) % every:
-            continue
-        seen = max(seen, y)
-        while seen <= y + LARGEST_LAG:
-            _clip(image, model, seen, clip, value, usual)
-            seen += 1
-        # both ends of the longest lag lie in background blocks, hence nearly all pixels between
-        _mark(background[y // side], background[(y + LARGEST_LAG) // side], counted)
-        for x in range(columns):
-            counted[x] *= usual[y % size, x]
-            here[x] = counted[x] * value[y % size, x]
-            middle += here[x] if x < wide else 0.0
-        for lag in range(size):
-            total[lag] += _product(here, value, y % size, lag, wide)
-            total[lag] += _product(here, value, (y + lag) % size, 0, wide)
-            count[lag] += _product(counted, usual, y % size, lag, wide)
-            count[lag] += _product(counted, usual, (y + lag) % size, 0, wide)
-    middle /= max(0.5 * count[0], 1.0)
-    for lag in range(size):
-        total[lag] = total[lag] / max(count[lag], 1.0) - middle * middle
-    return total
-
-
-@njit(cache=True)
-def _mark(top, bottom, counted):
-    """Mark background pixels of a row with background `LARGEST_LAG` to the right and below."""
-    counted[:] = 0.0
-    for x in range(len(counted) - LARGEST_LAG):
-        counted[x] = top[x] & bottom[x] & top[x + LARGEST_LAG]
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _clip(image, model, row, clip, value, usual):
-    """Residuals of a row with dirt set to zero, and where there is none, written to ring buffers."""
-    levels, fitted = image[row], model[row]
-    value, usual = value[row % len(value)], usual[row % len(usual)]
-    for x in range(len(levels)):
-        rest = levels[x] - fitted[x]
-        keep = np.float32(abs(rest) <= clip)
-        usual[x], value[x] = keep, rest * keep
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _product(one, rows, row, lag, n):
-    """Sum of products with a row, ``lag`` pixels further on."""
-    total, first, other = np.float32(0.0), one[:n], rows[row, lag : lag + n]
-    for x in range(len(other)):
-        total += first[x] * other[x]
-    return total
+    # both ends of the longest lag lie in background blocks, hence nearly all pixels between
+    counted = moved(usual, 0, 0) & moved(free, 0, 0)
+    counted &= moved(free, LARGEST_LAG, 0) & moved(free, 0, LARGEST_LAG)
+    here, count = np.where(counted, moved(rest, 0, 0), np.float32(0.0)), max(int(counted.sum()), 1)
+    shared = [np.einsum("ijk,ijk->", here, moved(rest, *lags)) for k in range(LARGEST_LAG + 1)
+              for lags in ((0, k), (k, 0))]  # fmt: skip
+    middle = float(here.sum(dtype=float)) / count
+    return NoiseCorrelation(np.reshape(shared, (-1, 2)).mean(axis=1).astype(float) / count - middle**2)

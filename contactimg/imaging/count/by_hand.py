@@ -1,7 +1,6 @@
 """Corrections by hand in the pixel count: the pixels around a changed contact are shared out anew."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -35,10 +34,10 @@ def edit_counts(
         return contacts, dict.fromkeys(PLACE, np.empty(0)) | {"reason": np.empty(0, "U1")}, []
     places = np.column_stack([contacts[name] for name in PLACE])
     edited = edit_disks(places, edits, image)
-    components = _Components.of(image > level)
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats((image > level).astype(np.uint8), connectivity=8)
     for _ in range(ROUNDS):
         for row in np.flatnonzero(edited.new).tolist():
-            edited.places[row] = _count_around(edited.places, row, components)
+            edited.places[row] = _count_around(edited.places, row, labels, boxes)
     filled = edited.places[:, 2] > 0
     flags = np.append(contacts["flags"], int(Flag.MANUAL))[edited.source]  # -1 takes the last
     kept = ~edited.excluded & filled
@@ -59,51 +58,31 @@ def _shapes_of(contacts: Columns, source: NDArray[np.intp], radius: NDArray[np.f
     }
 
 
-@dataclass(frozen=True, eq=False)
-class _Components:
-    """Connected pixels above the level: their labels, and left, top, width and height of each."""
-
-    labels: NDArray[np.int32]
-    boxes: NDArray[np.int32]
-
-    @classmethod
-    def of(cls, above: NDArray[np.bool_]) -> "_Components":
-        """The components of an image."""
-        _, labels, boxes, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8), connectivity=8)
-        return cls(np.asarray(labels, np.int32), np.asarray(boxes, np.int32))
-
-    def inside(self, x: float, y: float, radius: float) -> NDArray[np.int32]:
-        """Labels of the components that lie in a disk, at least with one pixel."""
-        shape = self.labels.shape
-        rows = np.arange(max(int(y - radius), 0), min(int(y + radius) + 2, shape[0]))
-        columns = np.arange(max(int(x - radius), 0), min(int(x + radius) + 2, shape[1]))
-        near = np.hypot(columns - x, (rows - y)[:, None]) <= max(radius, 1.0)
-        found = np.unique(self.labels[np.ix_(rows, columns)][near])
-        return found[found > 0]
-
-
 def _count_around(
-    places: NDArray[np.float64], row: int, components: _Components
+    places: NDArray[np.float64], row: int, labels: NDArray, boxes: NDArray
 ) -> tuple[float, float, float]:
     """Centroid and radius of the connected pixels that are closer to this contact than to any other.
 
     Distances are powers ``d^2 - a^2``: two contacts share along the line through the crossings of their rims.
     """
     x, y, radius = places[row].tolist()
-    found = components.inside(x, y, radius) if radius > 0 else np.empty(0, np.int32)
-    if not len(found):
+    rows, columns = np.ogrid[
+        max(int(y - radius), 0) : min(int(y + radius) + 2, labels.shape[0]),
+        max(int(x - radius), 0) : min(int(x + radius) + 2, labels.shape[1]),
+    ]
+    found = np.setdiff1d(labels[rows, columns][np.hypot(columns - x, rows - y) <= max(radius, 1.0)], [0])
+    if not (radius > 0 and len(found)):
         return x, y, 0.0
-    left, top, width, height = components.boxes[found, :4].T
-    rows = np.arange(top.min(), (top + height).max())
-    columns = np.arange(left.min(), (left + width).max())
-    grid_x, grid_y = np.meshgrid(columns, rows)
-    mine = np.isin(components.labels[np.ix_(rows, columns)], found)
-    power = (grid_x - x) ** 2 + (grid_y - y) ** 2 - radius**2
+    left, top, width, height = boxes[found, :4].T
+    rows, columns = np.ogrid[top.min() : (top + height).max(), left.min() : (left + width).max()]
+    mine = np.isin(labels[rows, columns], found)
+    power = (columns - x) ** 2 + (rows - y) ** 2 - radius**2
     others = np.delete(places, row, axis=0)
     gap = np.hypot(others[:, 0] - x, others[:, 1] - y) - others[:, 2]
-    for other in others[gap < max(len(rows), len(columns))]:
-        mine &= power <= (grid_x - other[0]) ** 2 + (grid_y - other[1]) ** 2 - other[2] ** 2
-    area = int(mine.sum())
-    if not area:
+    for other in others[gap < max(mine.shape)]:
+        mine &= power <= (columns - other[0]) ** 2 + (rows - other[1]) ** 2 - other[2] ** 2
+    if not mine.any():
         return x, y, 0.0
-    return float(grid_x[mine].mean()), float(grid_y[mine].mean()), float(np.sqrt(area / np.pi))
+    inside_y, inside_x = np.nonzero(mine)
+    centre = float(inside_x.mean() + left.min()), float(inside_y.mean() + top.min())
+    return *centre, float(np.sqrt(len(inside_x) / np.pi))

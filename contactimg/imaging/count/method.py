@@ -308,13 +308,8 @@ def _flags(
     components: NDArray[np.void], split: NDArray[np.bool_], shape: tuple[int, ...]
 ) -> NDArray[np.int64]:
     """Flags of components, those that touch the border of an image of that shape included."""
-    rows, columns = shape
-    edge = (
-        (components["left"] == 0)
-        | (components["top"] == 0)
-        | (components["right"] == columns - 1)
-        | (components["bottom"] == rows - 1)
-    )
+    border = {"left": 0, "top": 0, "right": shape[1] - 1, "bottom": shape[0] - 1}
+    edge = np.any([components[name] == place for name, place in border.items()], axis=0)
     conditions = {
         Flag.EDGE: edge,
         Flag.SATURATED: components["marked"] > 0,
@@ -326,14 +321,9 @@ def _flags(
 
 def _neighbour_mean(image: NDArray[np.float32], components: NDArray[np.void]) -> NDArray[np.float64]:
     """Mean of the four neighbours of each component's highest pixel; the border of the image repeats."""
-    rows, columns = image.shape
-    x, y = components["peak_x"], components["peak_y"]
-    return 0.25 * (
-        image[y, np.maximum(x - 1, 0)]
-        + image[y, np.minimum(x + 1, columns - 1)]
-        + image[np.maximum(y - 1, 0), x]
-        + image[np.minimum(y + 1, rows - 1), x]
-    ).astype(float)
+    x = np.clip(components["peak_x"] + np.array([[-1], [1], [0], [0]]), 0, image.shape[1] - 1)
+    y = np.clip(components["peak_y"] + np.array([[0], [0], [-1], [1]]), 0, image.shape[0] - 1)
+    return np.mean(image[y, x], axis=0, dtype=float)
 
 
 def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> NDArray[np.float64]:

@@ -20,16 +20,14 @@ from contactimg.imaging.profile.threshold_radius import disk_radius
 
 Values = NDArray[np.float64]
 
-BLUR_STD = 0.1
-"""Relative uncertainty of the blur that slopes of rims give (`contactimg.imaging.detect.rim_blur`)."""
 WIDE_BLUR_WIDTHS = 5.0
-"""Radius of contacts whose mean height shows their contrast. Theory: a blur wrong by `BLUR_STD` changes it by
+"""Radius of contacts whose mean height shows their contrast. Theory: a blur wrong by a tenth changes it by
 1 % there."""
 SHOWN_BLUR_WIDTHS = 3.0
 """Radius over the blur that slopes of rims give, above which contacts show their contrast. Theory: a Gaussian
 spot of any contrast has 1.8 at half of its height, a disk of 3 has 99 % of its contrast at the centre."""
-FEWEST_WIDE = 5
-"""Such contacts that show how contrasts scatter. Chosen."""
+FEWEST_WIDE, ENOUGH_WIDE = 5, 40
+"""Such contacts that show how contrasts scatter; so many tell their median to a fifth of their scatter."""
 UNEVEN_HEIGHT, UNEVEN_SIGMA = 0.05, 3.0
 """Fall of the height towards the rims, of the contrast, and its standard errors beside that, above which
 contacts are not uniform. By hand: half height then moves by a twentieth of the blur."""
@@ -173,6 +171,7 @@ def height_at_rims(image: NDArray[np.float32], contacts: dict[str, NDArray], cro
     wide = np.flatnonzero((radius > WIDE_BLUR_WIDTHS * s) & np.isfinite(contacts["height"]))
     if len(wide) < FEWEST_WIDE:
         return 1.0
+    wide = wide[:: max(len(wide) // ENOUGH_WIDE, 1)]
     falls = np.empty(len(wide))
     for k, row in enumerate(wide):
         a = float(radius[row])

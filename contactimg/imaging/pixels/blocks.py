@@ -74,6 +74,22 @@ def is_background(
     return background[rows // side][:, columns // side]
 
 
+def strips(size: int, height: int, number: int, margin: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Rows of strips spread evenly over an image of ``size`` rows, and which lie ``margin`` rows inside one.
+
+    Examples
+    --------
+    >>> rows, inside = strips(20, 4, 2, 1)
+    >>> rows.tolist(), inside.astype(int).tolist()
+    ([3, 4, 5, 6, 13, 14, 15, 16], [0, 1, 1, 0, 0, 1, 1, 0])
+    """
+    height = min(height, size)
+    tops = np.clip((np.arange(number) + 0.5) * size / number - height / 2, 0, size - height).astype(np.int64)
+    offset = np.arange(height)
+    inside = (offset >= margin) & (offset < height - margin)
+    return (tops[:, None] + offset).ravel(), np.tile(inside, number)
+
+
 def side_of(blocks: tuple[int, ...], shape: tuple[int, ...]) -> int:
     """Side (px) of the blocks, given how many rows and columns of them cover an image of ``shape``.
 

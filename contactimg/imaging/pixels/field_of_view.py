@@ -1,4 +1,4 @@
-"""What the sensor adds to a frame by itself: regions without light, gains of a colour mosaic, dead lines.
+"""What the sensor adds to a frame by itself: regions without light, gains of a colour mosaic.
 
 All of it is found in the frame (and its reference) alone and taken out before anything else is measured.
 """
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
-from contactimg.imaging.pixels.masks import Mask, exclude
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import median, quantile, robust_std
 
 UNLIT_FRACTION = 0.15  # of the level of the lit blocks; by hand: a field stop transmits nothing
@@ -18,9 +18,6 @@ LEAST_UNLIT_BLOCKS = 12  # of one dark region at the border: a dark contact of 1
 UNLIT_MARGIN_PX = 5  # beyond the unlit pixels: the blurred edge of a stop; three blur widths of 1.5 px
 MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected; by hand
 MOSAIC_SIGMA = 8.0  # the same in its standard error; false-alarm rate below 1e-14
-DEAD_SIGMA = 10.0  # distance of a dead line from its neighbours in robust standard deviations; by hand
-DEAD_SHARE = 0.02  # of the lines that may be dead; by hand: more are a pattern, not defects
-DEAD_SHOWN = 0.5  # of the mean step that the median of its pixels shows, at least; by hand
 SAMPLED = 20_000  # pixels that gains of a mosaic are read from; accuracy
 
 
@@ -110,43 +107,3 @@ def divide_by_mosaic(image: NDArray, gains: NDArray[np.float64]) -> NDArray[np.f
         for x in (0, 1):
             out[y::2, x::2] /= np.float32(gains[y, x])
     return out
-
-
-def find_dead_lines(image: NDArray, valid: Mask) -> Mask:
-    """Pixels (1) of rows and columns that differ from their neighbours by far more than others do.
-
-    A line is dead if its mean stands out of the mean of the two lines beside it, whatever the scene shows.
-    """
-    data = np.asarray(image, np.float32) if image.dtype != np.uint8 else image
-    marked = None
-    for axis in (0, 1):
-        profile = cv2.reduce(data, axis, cv2.REDUCE_AVG, dtype=cv2.CV_32F).ravel()
-        if len(profile) < 32:
-            continue
-        padded = np.pad(profile, 2, mode="edge")
-        around = np.sort(np.stack([padded[k : k + len(profile)] for k in (0, 1, 3, 4)]), axis=0)[1:3]
-        # differences of lines that are next to each other carry the scene; their robust scatter is the
-        # measure
-        scatter = robust_std(profile - around.mean(axis=0), centre=0.0)
-        scatter = max(scatter, 1e-3 * max(float(np.abs(profile).mean()), 1e-6))
-        # a line beside a step of the scene lies between the lines on both sides of it
-        step = profile - np.clip(profile, *around)
-        dead = np.abs(step) > DEAD_SIGMA * scatter
-        if not dead.any() or np.mean(dead) > DEAD_SHARE:
-            continue
-        for k in np.flatnonzero(dead):  # along its length, not in one part of it, which the scene may show
-            near = np.clip([k, k - 2, k - 1, k + 1, k + 2], 0, len(profile) - 1)
-            lines = np.asarray(data[:, near] if axis == 0 else data[near].T, np.float32)
-            usual = float(np.median(lines[:, 0] - np.median(lines[:, 1:], axis=1)))
-            dead[k] = usual * np.sign(step[k]) > DEAD_SHOWN * abs(step[k])
-        if not dead.any():
-            continue
-        marked = np.zeros(image.shape, np.uint8) if marked is None else marked
-        if axis == 0:
-            marked[:, dead] = 1
-        else:
-            marked[dead] = 1
-    if marked is None or valid is None:
-        return marked
-    left = exclude(valid, marked)
-    return marked if left is not None and left.any() else None

@@ -128,13 +128,8 @@ def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
         raise FrameError("nothing stands out of the noise")
     outline = _outline(image, 0.5 * plateau)
     rows, columns = image.shape
-    free = (
-        (outline[:, 0] >= BORDER_PX)
-        & (outline[:, 0] < columns - BORDER_PX)
-        & (outline[:, 1] >= BORDER_PX)
-        & (outline[:, 1] < rows - BORDER_PX)
-    )
-    outline = outline[free]
+    inside = (outline >= BORDER_PX) & (outline < np.array([columns, rows]) - BORDER_PX)
+    outline = outline[inside.all(axis=1)]
     if len(outline) < 2 * np.pi * SMALLEST_RADIUS_PX * SHORTEST_ARC:
         raise FrameError(f"the contact's edge is not in the field: {len(outline)} px of it are seen")
     x, y, radius = _circle_through(outline)

@@ -137,14 +137,16 @@ def fit_circle(
     numbers = samples.sector
     loss: Loss = "linear"  # at first, so that an edge far from the rough circle counts
     for _ in range(PASSES):
-        kept = _subset(samples, np.isin(samples.sector, numbers))
+        used = np.isin(samples.sector, numbers)
+        names = ("azimuth", "distance", "value", "weight", "sector")
+        kept = replace(samples, **{name: getattr(samples, name)[used] for name in names})
         arc = len(np.unique(kept.sector)) / SECTORS
-        _refuse_short(arc)
         # of a short arc an ellipse cannot be told from a shift
         fixed = [] if arc > ELLIPSE_ARC else [3, 4]
         start, misfit = _fit(kept, line, start, fixed=fixed, loss=loss)
         offsets, azimuths, numbers = _sector_offsets(kept, start, line)
-        _refuse_short(len(numbers) / SECTORS)
+        if len(numbers) < SHORTEST_ARC * SECTORS:
+            raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
         if loss == "cauchy":
             off = np.abs(offsets - np.median(offsets))
             near = off <= STRAY_SECTOR_SIGMA * max(MAD_TO_STD * float(np.median(off)), 1e-6)
@@ -153,18 +155,6 @@ def fit_circle(
                 break
         loss = "cauchy"
     return _with_uncertainty(_fitted_circle(samples.circle, start, misfit), offsets, azimuths)
-
-
-def _refuse_short(arc: float) -> None:
-    """Raise if too few sectors show the edge."""
-    if arc < SHORTEST_ARC:
-        raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
-
-
-def _subset(samples: EdgeSamples, used: NDArray[np.bool_]) -> EdgeSamples:
-    """Some of the samples."""
-    names = ("azimuth", "distance", "value", "weight", "sector")
-    return replace(samples, **{name: getattr(samples, name)[used] for name in names})
 
 
 def _start(

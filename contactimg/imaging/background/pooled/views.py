@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from contactimg.imaging.background.alignment import (
     Alignment,
     filter_rows_and_columns,
-    move_rows,
+    move_image,
+    move_mask,
     shift_kernel,
-    shift_whole_pixels,
 )
 from contactimg.imaging.background.find_illumination import BackgroundLevel
 from contactimg.imaging.background.illumination import Illumination
@@ -145,7 +145,7 @@ def view_background(image: NDArray, placement: Placement, disks: NDArray[np.floa
     if not finite.all():
         flat = np.where(finite, flat, np.float32(np.median(flat[finite])))
     back = _inverse(placement.alignment)
-    return View(_move(np.asarray(flat, np.float32), back), (_move_mask(seen, back) > 0).astype(np.uint8))
+    return View(_move(np.asarray(flat, np.float32), back), move_mask(seen, back))
 
 
 def pixels_outside(disks: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.uint8]:
@@ -196,21 +196,12 @@ def _inverse(alignment: Alignment) -> Alignment:
 def _move(image: NDArray[np.float32], alignment: Alignment) -> NDArray[np.float32]:
     """The image moved, with its noise nearly white."""
     if not alignment.is_shift:
-        return move_rows(image, alignment, 0, image.shape[0])
+        return move_image(image, alignment)
     columns, rows = round(alignment.x_px), round(alignment.y_px)
-    moved = shift_whole_pixels(image, columns, rows)
+    whole = replace(alignment, x_px=float(columns), y_px=float(rows))
+    moved = move_image(image, whole, interpolation=cv2.INTER_NEAREST)
     left = alignment.x_px - columns, alignment.y_px - rows
-    if left == (0.0, 0.0):
-        return np.asarray(moved, np.float32)
-    return filter_rows_and_columns(moved, *(shift_kernel(part) for part in left))
-
-
-def _move_mask(mask: NDArray[np.uint8], alignment: Alignment) -> NDArray[np.uint8]:
-    """The mask moved to the nearest pixel; 0 outside it."""
-    matrix, offset = alignment.to_reference((mask.shape[0], mask.shape[1]))
-    transform = np.column_stack([matrix, offset])
-    flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(mask, transform, mask.shape[::-1], flags=flags), np.uint8)
+    return moved if left == (0.0, 0.0) else filter_rows_and_columns(moved, *map(shift_kernel, left))
 
 
 def _enlarge(squares: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
