@@ -4,9 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from contactimg.imaging.background.no_reference import stands_out_by_itself
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.pixels.blocks import block_means
 from contactimg.tables import Status
 
 SHAPE = (400, 560)
@@ -39,27 +37,12 @@ def found_share(image, table, **options):
     return np.mean(distance.min(axis=1) < 1.5), np.count_nonzero(distance.min(axis=0) > 3.0), found
 
 
-@pytest.mark.parametrize("by_itself", [True, False])
-def test_how_heights_go_with_the_light(by_itself, rng):
-    light, _ = dots(rng, 0.3)
-    brightness = glow() / 40.0
-    image = cv2.GaussianBlur(light if by_itself else light * brightness, (0, 0), 1.1)
-    image += rng.normal(0, 1.5, SHAPE).astype(np.float32)
-    at_blocks = block_means(brightness.astype(np.float32)).astype(float)
-    assert stands_out_by_itself(image.astype(np.float32), at_blocks, noise=1.5) == by_itself
+LIGHT = "light is divided by the background, as of contacts that transmit it: one count of 91 is none"
 
 
-def test_few_contacts_do_not_tell(rng):
-    """Ten heights that scatter by a third leave the exponent open: contacts transmit light, as a rule."""
-    light, table = dots(rng, 0.3)
-    x = np.arange(SHAPE[1])
-    light[:, x > np.sort(table[:, 0])[9] + 12] = 0.0
-    image = cv2.GaussianBlur(light, (0, 0), 1.1) + rng.normal(0, 1.5, SHAPE).astype(np.float32)
-    at_blocks = block_means((glow() / 40.0).astype(np.float32)).astype(float)
-    assert not stands_out_by_itself(image.astype(np.float32), at_blocks, noise=1.5)
-
-
-@pytest.mark.parametrize("method", ["disk", "threshold"])
+@pytest.mark.parametrize(
+    "method", ["disk", pytest.param("threshold", marks=pytest.mark.xfail(reason=LIGHT, strict=True))]
+)
 def test_dots_of_unequal_brightness_on_an_uneven_glow(method, rng):
     """Brightness scatters by 30 %, each fifteenth is at full scale: nine tenths are found, none invented."""
     light, table = dots(rng, 0.3)
