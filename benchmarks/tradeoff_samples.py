@@ -21,8 +21,7 @@ from contactimg import read_scene
 from contactimg.files import write_figure
 from contactimg.pipeline.tradeoff import FIRST_PAGE, REPETITION_SECONDS, prepare_tradeoff
 from contactimg.plots.tradeoff import plot_tradeoff
-from contactimg.tradeoff.measure import run_knobs
-from contactimg.tradeoff.recommendations import error_text, time_text
+from contactimg.tradeoff.measure import error_text, run_knobs, time_text
 
 ROOT = Path(__file__).parents[1]
 SCENES = {"sa_plus": "sa_plus", "ra_plus": "ra_plus.toml"}

@@ -14,7 +14,7 @@ from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.inputs import largest_load, need_asperities, refuse_profile
 from contactimg.prediction import predict_contacts
 from contactimg.scene import Scene
-from contactimg.tradeoff.recommendations import time_text
+from contactimg.tradeoff.measure import time_text
 
 MAX_REPEATED_S = 10.0
 """Time of a plan up to which it is made again, without compilation. Chosen by hand."""
