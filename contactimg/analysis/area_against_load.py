@@ -31,8 +31,7 @@ SAME_LOAD_TOLERANCE = 0.05
 """Relative difference of loads up to which places share one sampling error. Chosen: over it that
 error falls by 2 %."""
 
-FRAME_SUMS = ("place", "frame", "load", "area", "area_std")
-FRAME_SUMS += ("sampling_std", "n", "radius", "ratio", "n_ratio", "ratio_max")
+CONTACT_SUMS = ("sampling_std", "n", "radius", "ratio", "n_ratio", "ratio_max")
 AREA_SECTORS, FORCE_SECTORS = ([f"{name}_{k}" for k in range(SECTORS)] for name in ("area", "force"))
 
 
@@ -101,17 +100,17 @@ def frame_areas(
     """
     good = frames[frames["load_N"].notna() & frames["area_m2"].notna()]
     groups, none = dict(list(contacts.groupby("frame"))), contacts.iloc[:0]
-    rows = []
+    rows, names = [], ("place", "frame", "load", "area", "area_std")
     for row in good.to_dict("records"):
         own = groups.get(row["frame"], none)
         area_std = np.nan_to_num(row["area_std_m2"], nan=0.0)
         values = place, row["frame"], row["load_N"], row["area_m2"], area_std
         rows.append([*values, *_contact_sums(own), *_sector_sums(own, centre)])
-    return pd.DataFrame(rows, columns=[*FRAME_SUMS, *AREA_SECTORS, *FORCE_SECTORS])
+    return pd.DataFrame(rows, columns=[*names, *CONTACT_SUMS, *AREA_SECTORS, *FORCE_SECTORS])
 
 
 def _contact_sums(contacts: pd.DataFrame) -> tuple[float, ...]:
-    """Sums over the contacts of a frame, the last six of `FRAME_SUMS`."""
+    """`CONTACT_SUMS` over the contacts of a frame."""
     ratio = contacts["radius_ratio"].dropna() if "radius_ratio" in contacts else pd.Series(dtype=float)
     largest = float(ratio.max()) if len(ratio) else np.nan
     radius, count = float(contacts["radius_m"].sum()), len(contacts)
