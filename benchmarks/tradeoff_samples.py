@@ -15,18 +15,35 @@ import time
 from pathlib import Path
 
 import cv2
-from page_tables import markdown, put_table
 
 from contactimg import read_scene
 from contactimg.files import write_figure
 from contactimg.pipeline.tradeoff import FIRST_PAGE, REPETITION_SECONDS, prepare_tradeoff
 from contactimg.plots.tradeoff import plot_tradeoff
-from contactimg.tradeoff.measure import run_knobs
-from contactimg.tradeoff.recommendations import error_text, time_text
+from contactimg.tradeoff.measure import error_text, run_knobs, time_text
 
 ROOT = Path(__file__).parents[1]
 SCENES = {"sa_plus": "sa_plus", "ra_plus": "ra_plus.toml"}
 HEADER = ("knob", "setting", "largest error", "time", "ratio", "against")
+
+
+def markdown(header, rows):
+    """Lines of a table."""
+    return [
+        "| " + " | ".join(header) + " |",
+        "|" + "---|" * len(header),
+        *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows),
+    ]
+
+
+def put_table(name, lines):
+    """Print a table and put it between the marks of that name on the page of trade-offs."""
+    print("\n".join(["", name, *lines]), flush=True)
+    page = ROOT / "docs" / "tradeoff.md"
+    text = page.read_text(encoding="utf-8")
+    begin, end = f"<!-- table: {name} -->\n", "<!-- end -->"
+    before, after = text.split(begin)
+    page.write_text(before + begin + "\n".join(lines) + "\n" + after[after.index(end) :], encoding="utf-8")
 
 
 def measure(name, *, fine):
@@ -43,9 +60,8 @@ def measure(name, *, fine):
     for pictured, ending in ((first, ""), (~first, "_settings")):
         ax = plot_tradeoff(found.table[pictured], relative=found.relative)
         write_figure(ax, ROOT / "docs" / "figures" / f"tradeoff_{name}{ending}.png")
-    page = ROOT / "docs" / "tradeoff.md"
-    put_table(f"{name} settings", markdown(HEADER, rows(found.table[first])), page=page)
-    put_table(f"{name} sentences", [f"- {text}" for text in found.sentences.values()], page=page)
+    put_table(f"{name} settings", markdown(HEADER, rows(found.table[first])))
+    put_table(f"{name} sentences", [f"- {text}" for text in found.sentences.values()])
 
 
 def rows(table):

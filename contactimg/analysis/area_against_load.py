@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, SECTORS
-from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights
+from contactimg.analysis.estimates import Estimate, bootstrap_weights
 from contactimg.analysis.linear_fit import LinearFit, Points, fit_line
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
-from contactimg.analysis.power_laws import PowerLaw, logarithms, power_law
+from contactimg.analysis.power_laws import PowerLaw, line_estimates, logarithms, power_law
 from contactimg.errors import InputError
 from contactimg.tables import AREA
 
@@ -31,6 +31,7 @@ SAME_LOAD_TOLERANCE = 0.05
 """Relative difference of loads up to which places share one sampling error. Chosen: over it that
 error falls by 2 %."""
 
+CONTACT_SUMS = ("sampling_std", "n", "radius", "ratio", "n_ratio", "ratio_max")
 AREA_SECTORS, FORCE_SECTORS = ([f"{name}_{k}" for k in range(SECTORS)] for name in ("area", "force"))
 
 
@@ -98,55 +99,32 @@ def frame_areas(
         (failed ones) are left out.
     """
     good = frames[frames["load_N"].notna() & frames["area_m2"].notna()]
-    groups = dict(list(contacts.groupby("frame")))
-    none = contacts.iloc[:0]
-    return pd.DataFrame(
-        [
-            {
-                "place": place,
-                "frame": row["frame"],
-                "load": row["load_N"],
-                "area": row["area_m2"],
-                "area_std": np.nan_to_num(row["area_std_m2"], nan=0.0),
-            }
-            | _contact_sums(groups.get(row["frame"], none))
-            | _sector_sums(groups.get(row["frame"], none), centre)
-            for row in good.to_dict("records")
-        ],
-        columns=[
-            "place",
-            "frame",
-            "load",
-            "area",
-            "area_std",
-            *_contact_sums(none),
-            *_sector_sums(none, None),
-        ],
-    )
+    groups, none = dict(list(contacts.groupby("frame"))), contacts.iloc[:0]
+    rows, names = [], ("place", "frame", "load", "area", "area_std")
+    for row in good.to_dict("records"):
+        own = groups.get(row["frame"], none)
+        area_std = np.nan_to_num(row["area_std_m2"], nan=0.0)
+        values = place, row["frame"], row["load_N"], row["area_m2"], area_std
+        rows.append([*values, *_contact_sums(own), *_sector_sums(own, centre)])
+    return pd.DataFrame(rows, columns=[*names, *CONTACT_SUMS, *AREA_SECTORS, *FORCE_SECTORS])
 
 
-def _contact_sums(contacts: pd.DataFrame) -> dict[str, float]:
-    """Sums over the contacts of a frame."""
+def _contact_sums(contacts: pd.DataFrame) -> tuple[float, ...]:
+    """`CONTACT_SUMS` over the contacts of a frame."""
     ratio = contacts["radius_ratio"].dropna() if "radius_ratio" in contacts else pd.Series(dtype=float)
-    return {
-        "sampling_std": sampling_std(contacts),
-        "n": len(contacts),
-        "radius": float(contacts["radius_m"].sum()),
-        "ratio": float(ratio.sum()),
-        "n_ratio": len(ratio),
-        "ratio_max": float(ratio.max()) if len(ratio) else np.nan,
-    }
+    largest = float(ratio.max()) if len(ratio) else np.nan
+    radius, count = float(contacts["radius_m"].sum()), len(contacts)
+    return sampling_std(contacts), count, radius, float(ratio.sum()), len(ratio), largest
 
 
-def _sector_sums(contacts: pd.DataFrame, centre: tuple[float, float] | None) -> dict[str, float]:
-    """Area and force of the contacts of a frame in each sector about the centre."""
-    areas, forces = np.full((2, SECTORS), np.nan)
-    if centre is not None and len(contacts) and contacts[["x_m", "y_m", "force_N"]].notna().all(axis=None):
-        x, y, a, p = (contacts[name].to_numpy(float) for name in ("x_m", "y_m", "radius_m", "force_N"))
-        turn = np.arctan2(y - centre[1], x - centre[0]) / (2 * np.pi) % 1.0
-        sector = np.minimum(turn * SECTORS, SECTORS - 1).astype(int)
-        areas, forces = (np.bincount(sector, part, SECTORS) for part in (np.pi * a**2, p))
-    return dict(zip([*AREA_SECTORS, *FORCE_SECTORS], [*areas, *forces], strict=True))
+def _sector_sums(contacts: pd.DataFrame, centre: tuple[float, float] | None) -> Values:
+    """Area and force of the contacts of a frame in each sector about the centre, one after the other."""
+    if centre is None or contacts.empty or contacts[["x_m", "y_m", "force_N"]].isna().any(axis=None):
+        return np.full(2 * SECTORS, np.nan)
+    x, y, a, p = (contacts[name].to_numpy(float) for name in ("x_m", "y_m", "radius_m", "force_N"))
+    turn = np.arctan2(y - centre[1], x - centre[0]) / (2 * np.pi) % 1.0
+    sector = np.minimum(turn * SECTORS, SECTORS - 1).astype(int)
+    return np.concatenate([np.bincount(sector, part, SECTORS) for part in (np.pi * a**2, p)])
 
 
 def group_loads(loads: Sequence[float] | Values, *, tolerance: float) -> NDArray[np.intp]:
@@ -298,15 +276,11 @@ def fit_area_law(
     load = read - zero
     logs, reference = logarithms(load, area, *errors)
     fit = fit_line(logs)
-    offset, exponent = (fit.estimate(k, confidence=confidence) for k in (0, 1))
     here = np.hypot(_measured_std(logs, fit, area_std / area), zero_stds[1])
     replicates, blocks = _replicates(good, logs)
-    if replicates is not None:
-        lines = fit_line(replicates, scatter=fit.scatter).parameters
-        offset, exponent = (
-            bootstrap_estimate(float(v), r, blocks=blocks, known_std=known, confidence=confidence)
-            for v, r, known in zip(fit.parameters, lines.T, (0.0, here), strict=True)
-        )
+    offset, exponent = line_estimates(
+        fit, replicates, blocks=blocks, known_std=float(here), confidence=confidence
+    )
     gain = load_cell.gain_std * exponent.value
     offset = offset.widened(float(np.hypot(zero_stds[0], gain)), confidence=confidence)
     if replicates is None:

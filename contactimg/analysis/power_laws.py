@@ -15,7 +15,7 @@ from contactimg.analysis.estimates import (
     bootstrap_weights,
     student_estimate,
 )
-from contactimg.analysis.linear_fit import Points, fit_line, fit_linear, two_lines
+from contactimg.analysis.linear_fit import LinearFit, Points, fit_line, fit_linear, two_lines
 from contactimg.errors import ConvergenceError, InputError
 
 Values = NDArray[np.float64]
@@ -171,20 +171,31 @@ def fit_power_law(
     """
     logs, reference = logarithms(x, y, x_std, y_std, correlation)
     fit = fit_line(logs)
-    offset, exponent = (fit.estimate(k, confidence=confidence) for k in (0, 1))
     owner, names = pd.factorize(np.zeros(len(logs)) if places is None else pd.Series(list(places)))
     if len(owner) != len(logs):
         raise InputError(f"each of the {len(logs)} points needs its place, got {len(owner)}")
-    if len(names) > 1:
-        lines = fit_line(
-            replace(logs, weight=bootstrap_weights(len(names))[:, owner]), scatter=fit.scatter
-        ).parameters
-        offset, exponent = (
-            bootstrap_estimate(float(v), r, blocks=len(names), confidence=confidence)
-            for v, r in zip(fit.parameters, lines.T, strict=True)
-        )
+    several = len(names) > 1
+    replicates = replace(logs, weight=bootstrap_weights(len(names))[:, owner]) if several else None
+    offset, exponent = line_estimates(fit, replicates, blocks=len(names), confidence=confidence)
     found: dict[str, Any] = {"reference": reference, "scatter": fit.scatter, "n_places": len(names)}
     return power_law(exponent, offset, x=x, **found, confidence=confidence)
+
+
+def line_estimates(
+    fit: LinearFit, replicates: Points | None, *, blocks: int, known_std: float = 0.0, confidence: float
+) -> tuple[Estimate, Estimate]:
+    """Offset and slope of a line: Student's intervals, or those of a bootstrap if there are replicates.
+
+    ``known_std`` is the uncertainty of the slope that the replicates do not show.
+    """
+    if replicates is None:
+        return fit.estimate(0, confidence=confidence), fit.estimate(1, confidence=confidence)
+    lines = fit_line(replicates, scatter=fit.scatter).parameters
+    offset, slope = (
+        bootstrap_estimate(float(v), r, blocks=blocks, known_std=known, confidence=confidence)
+        for v, r, known in zip(fit.parameters, lines.T, (0.0, known_std), strict=True)
+    )
+    return offset, slope
 
 
 def power_law(

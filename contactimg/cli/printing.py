@@ -179,7 +179,7 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
 
 def echo_tradeoff(table: "pd.DataFrame") -> None:
     """Print one table per choice; a star marks the settings that no other one beats in error and time."""
-    from contactimg.tradeoff.recommendations import error_text, time_text
+    from contactimg.tradeoff.measure import error_text, time_text
 
     for knob, part in table.groupby("knob", sort=False):
         usual = part["reference"].iloc[0]

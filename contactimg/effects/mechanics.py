@@ -175,25 +175,6 @@ class ModelError:
         return f"{100 * tolerance:g} % is not reached: the model itself errs by about {worst} ({self.source})"
 
 
-@dataclass(frozen=True, eq=False)
-class State:
-    """Force, radius, penetration of every asperity, and the indentation; or what an effect adds to them."""
-
-    force: Values
-    radius: Values
-    penetration: Values
-    indentation: float
-
-    def plus(self, other: "State", factor: float = 1.0) -> "State":
-        """These numbers plus a multiple of others."""
-        return State(
-            self.force + factor * other.force,
-            self.radius + factor * other.radius,
-            self.penetration + factor * other.penetration,
-            self.indentation + factor * other.indentation,
-        )
-
-
 class Comparison:
     """A contact problem that is solved with and without each effect.
 
@@ -203,6 +184,11 @@ class Comparison:
     table : DataFrame
         Asperity table.
     load : float, N
+
+    Notes
+    -----
+    A state has four rows: force, radius and penetration of every asperity, and the indentation. ``steps`` are
+    what the effects add to it.
     """
 
     def __init__(self, scene: Scene, table: pd.DataFrame, load: float) -> None:
@@ -210,7 +196,7 @@ class Comparison:
         self.elastic = scene.need("elastic", PURPOSE)
         self.solved: dict[frozenset[str], InteractingSolution] = {}
         self.seconds: dict[frozenset[str], float] = {}
-        self.steps: dict[str, State] = {}
+        self.steps: dict[str, Values] = {}
         self.costs: dict[str, float] = {}
         self.reasons: dict[str, str] = {}
         self.alone = self.solve(())
@@ -256,12 +242,13 @@ class Comparison:
         self.seconds[key] = time.thread_time() - began
         return self.solved.setdefault(key, solution)
 
-    def state(self, solution: InteractingSolution) -> State:
+    def state(self, solution: InteractingSolution) -> Values:
         """The numbers of a solution, with the penetrations that base and solution both know."""
         told = np.isfinite(self.base.penetration)
         known = told & np.isfinite(solution.penetration)
         penetration = np.where(known, solution.penetration, np.where(told, self.base.penetration, 0))
-        return State(solution.force, solution.radius, penetration, solution.indentation)
+        depth = np.full_like(penetration, solution.indentation)
+        return np.stack([solution.force, solution.radius, penetration, depth])
 
     def lacks(self, effect: str) -> str:
         """Why an effect cannot act here; empty where it can."""
@@ -289,8 +276,8 @@ class Comparison:
             if effect != "coupling":
                 self.reasons[effect] = f"{UNSOLVED}: {error}"
                 return
-            nothing = np.zeros(len(self.table))
-            other = State(nothing, nothing, nothing - self.base.indentation, 0.0)
+            other = np.zeros_like(base)
+            other[2] = -self.base.indentation
             self.reasons[effect] = str(error)
         else:
             other = self.state(solution)
@@ -298,11 +285,9 @@ class Comparison:
             times = [self.seconds[frozenset(chosen)] for chosen in (others, self.on)]
             times[0] += times[1] * (effect == "full_coupling")  # which has started from the base
             self.costs[effect] = max(times[effect in self.on] / times[effect not in self.on], 1.0)
-        if effect in self.on:
-            self.steps[effect] = base.plus(other, -1.0)
-        else:
-            self.steps[effect] = other.plus(base, -1.0)
-            self.complete = self.complete.plus(self.steps[effect])
+        self.steps[effect] = base - other if effect in self.on else other - base
+        if effect not in self.on:
+            self.complete = self.complete + self.steps[effect]
 
     def change(self, left_out: Collection[str], stretch: float) -> dict[str, float]:
         """Change of each output if these effects are left out, each a number of times."""
@@ -313,9 +298,8 @@ class Comparison:
         distance = np.hypot(self.base.x - self.apex[0], self.base.y - self.apex[1])
         found, may_form = dict.fromkeys(WRITTEN, 0.0), stretch > 1
         for beyond in {0.0, stretch - 1}:  # contacts may form or vanish at either end
-            complete = without = self.complete
-            for step in steps:
-                complete, without = complete.plus(step, beyond), without.plus(step, beyond - stretch)
+            complete = self.complete + beyond * np.sum(steps, axis=0)
+            without = complete - stretch * np.sum(steps, axis=0)
             changes = output_changes(
                 distance,
                 self.base.law_radius,
@@ -331,17 +315,18 @@ class Comparison:
         apex: tuple[float, float] = self.scene.need("indenter", PURPOSE).apex
         return apex
 
-    def answer(self, state: State, *, may_form: bool) -> Answer:
+    def answer(self, state: Values, *, may_form: bool) -> Answer:
         """The contacts of a state that was added up: others than those of the base may touch.
 
         With ``may_form`` adhesive contacts form where the gap closes, with JKR's radius at no penetration.
         """
-        forms = state.penetration > 0
-        touches = np.where(self.by_depth, forms, (forms & may_form) | (state.radius > 0))
+        force, radius, penetration, depth = state
+        forms = penetration > 0
+        touches = np.where(self.by_depth, forms, (forms & may_form) | (radius > 0))
         R, ratio = self.base.law_radius, self.elastic.work_of_adhesion / self.elastic.contact_modulus
         least = np.cbrt(2 * np.pi * ratio * R**2) if "adhesion" in self.on else 0 * R
-        radius = np.where(state.radius > 0, state.radius, np.maximum(least, np.finfo(float).tiny))
-        return Answer(np.where(touches, state.force, 0.0), np.where(touches, radius, 0.0), state.indentation)
+        radius = np.where(radius > 0, radius, np.maximum(least, np.finfo(float).tiny))
+        return Answer(np.where(touches, force, 0.0), np.where(touches, radius, 0.0), float(depth[0]))
 
     @cached_property
     def curvature_changes(self) -> Values:
@@ -350,11 +335,8 @@ class Comparison:
         rows = base.touching
         if "coupling" not in self.on or self.own_caps or rows.size < 2:
             return np.zeros(rows.size)
-        pressed, a, R = (
-            base.force[rows] / self.elastic.contact_modulus,
-            base.radius[rows],
-            base.law_radius[rows],
-        )
+        pressed, a = base.force[rows] / self.elastic.contact_modulus, base.radius[rows]
+        R = base.law_radius[rows]
         fields = DenseCoupling(base.x[rows], base.y[rows], Kernel.of_thickness(np.inf)).fields
         own = fields(pressed, a, bounded_saddle(fields(pressed, a), R))
         return np.asarray(R**2 * (own.curvature**2 + own.saddle_x**2 + own.saddle_y**2))
@@ -375,15 +357,10 @@ class Comparison:
         height = np.where(force > 0, hertz, base.penetration[rows]) + lowered / self.elastic.contact_modulus
         height += float(np.max(base.height)) - height.min()
         table = pd.DataFrame({"x_m": x, "y_m": y, "height_m": height, "radius_m": base.law_radius[rows]})
-        scene = self.scene.model_copy(
-            update={
-                "sample": None,
-                "indenter": self.scene.need("indenter", PURPOSE).model_copy(
-                    update={"radius": FLAT_RADIUS_M, "tilt": 0.0}
-                ),
-                "elastic": self.elastic.model_copy(update={"thickness": None}),
-            }
-        )
+        flat = self.scene.need("indenter", PURPOSE).model_copy(update={"radius": FLAT_RADIUS_M, "tilt": 0.0})
+        elastic = self.elastic.model_copy(update={"thickness": None})
+        changed = {"sample": None, "indenter": flat, "elastic": elastic}
+        scene = self.scene.model_copy(update=changed)
         return Comparison(scene, table, float(force.sum()))
 
 

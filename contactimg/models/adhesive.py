@@ -3,11 +3,11 @@
 The problem is not convex: at one load several sets of contacts can be in equilibrium, and the history of
 loading selects one. A contact forms where the surfaces touch (``delta = 0``) and breaks where its equilibrium
 becomes unstable. The set of contacts is therefore passed on from load to load; for a given set, Newton's
-method finds radii and indentation.
+method finds radii and indentation, with a dense, unsymmetric system.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -17,10 +17,10 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from contactimg.errors import ConvergenceError, InputError
-from contactimg.models.adhesive_path import AdhesivePath, AdhesiveState
+from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, Caps
-from contactimg.models.coupling import DenseCoupling, Kernel
+from contactimg.models.coupling import QUARTIC, DenseCoupling, Kernel
+from contactimg.models.full_coupling import CapCorrection, bounded_saddle, pressure_radius
 from contactimg.models.interacting import check_layer, solve_interacting
 from contactimg.models.load_spring import ContactConditions, LoadSpring, prescribed
 from contactimg.models.proof import (
@@ -31,10 +31,11 @@ from contactimg.models.proof import (
     judge,
     refuse_beyond_floats,
 )
-from contactimg.models.scaled_problem import check_choice, scale_problem
+from contactimg.models.scaled_problem import ScaledProblem, check_choice, scale_problem
 from contactimg.models.solution import InteractingSolution
 
 Values = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
 COUPLINGS = ("none", "asymptotic", "full")
 
@@ -46,6 +47,24 @@ ROUNDING_FRACTION = 1e-11
 """Error of the sum of adhesive forces, relative to the sum of their magnitudes, that counts as rounding.
 Theory: the Hertz part and the punch part of a force cancel, and the iteration stops at relative errors of
 1e-11."""
+
+MAX_CONTACTS = 10_000
+"""Most adhesive contacts. Chosen by memory: their matrices take some 2 GB."""
+
+MAX_TOTAL_STEPS = 5000
+"""Most Newton steps for all sets of contacts of one solution. Chosen by time: 300 contacts take about 20
+s."""
+
+LOAD_TOLERANCE = 1e-8
+"""Relative error of the load to which the iteration continues after the tolerance is met. Chosen: a hundredth
+of the error up to which a solution counts as converged."""
+
+MIN_STEP_FRACTION = 2.0**-30
+"""Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
+
+MAX_FIELD_UPDATES, FIELD_UPDATE_CHANGE = 30, 1e-10
+"""Most updates of the field corrections of full coupling, and the change of the contact radii, relative to
+the largest, at which they have converged. Chosen by hand, close to the tolerance of the radii."""
 
 
 @refuse_beyond_floats
@@ -152,17 +171,29 @@ def solve_adhesive(
         )
     held = start is not None and bool(start.radius.any())  # without contacts nothing is remembered
     previous = start if start is not None and held else None
-    previous = previous or _without_adhesion(asperities, conditions, coupling, law)
+    if previous is None:  # the contacts without adhesion are the least that first loading brings about
+        free = conditions.load
+        previous = solve_interacting(
+            asperities,
+            indenter_radius=indenter_radius,
+            contact_modulus=conditions.contact_modulus,
+            load=free if free is None or isinstance(free, LoadSpring) else max(free, 0.0),
+            indentation=conditions.indentation,
+            apex=apex,
+            coupling="none" if coupling == "none" else "asymptotic",
+            law=law,
+            thickness=conditions.thickness,
+            poisson_ratio=poisson_ratio,
+        )
     aspect = 1.0 if law == "sphere" else 0.0
-    layer = float(thickness), poisson_ratio
-    if coupling == "none":  # independent contacts, of which none has neighbours to share the support with
-        layer = np.inf, poisson_ratio
+    # independent contacts have no neighbours to share the support with
+    layer = np.inf if coupling == "none" else conditions.thickness
     path = AdhesivePath(
         problem,
         AdhesiveLaw(
             w * problem.length / (contact_modulus * problem.depth**2),
             aspect * problem.depth / problem.length,
-            layer[0] / problem.length,
+            layer / problem.length,
             poisson_ratio,
         ),
         None
@@ -182,13 +213,19 @@ def solve_adhesive(
         residual=state.residual,
     )
     check_layer(solution.radius, float(thickness))
-    law_in_si = AdhesiveLaw(w / conditions.contact_modulus, aspect, *layer)
-    return replace(
-        solution,
-        status=_status(solution, path, state, law_in_si),
-        branch=_branch(solution, start),
-        stability_check=_stability_check(path, state),
-    )
+    law_in_si = AdhesiveLaw(w / conditions.contact_modulus, aspect, layer, poisson_ratio)
+    check, p, rows = None, path.problem, state.rows
+    if path.kernel is not None and rows.size:
+        check = partial(
+            _stability,
+            path.law,
+            state.contacts.caps,
+            (p.x[rows], p.y[rows], path.kernel),
+            contact_radius=state.contact_radius,
+            stiffness=np.inf if p.load is None else p.stiffness,
+        )
+    status = _status(solution, path, state, law_in_si)
+    return replace(solution, status=status, branch=_branch(solution, start), stability_check=check)
 
 
 def solve_adhesive_path(
@@ -302,15 +339,16 @@ def _continuous(
     )
 
 
-def _levels(first: float | LoadSpring, last: float | LoadSpring, steps: int) -> Sequence[float | LoadSpring]:
+def _levels(first: float | LoadSpring, last: float | LoadSpring, steps: int) -> Iterator[float | LoadSpring]:
     """Loads or displacements on the way; loads of one sign in equal ratios."""
     if isinstance(first, LoadSpring) and isinstance(last, LoadSpring):
-        ways = np.linspace(first.displacement, last.displacement, steps + 1)[1:]
-        return [replace(last, displacement=float(way)) for way in ways]
-    if isinstance(first, LoadSpring) or isinstance(last, LoadSpring):
+        for way in np.linspace(first.displacement, last.displacement, steps + 1)[1:]:
+            yield replace(last, displacement=float(way))
+    elif isinstance(first, LoadSpring) or isinstance(last, LoadSpring):
         raise InputError("a loading path is of loads or of displacements of the stage, not of both")
-    space = np.geomspace if first * last > 0 else np.linspace
-    return [float(way) for way in space(first, last, steps + 1)[1:]]
+    else:
+        space = np.geomspace if first * last > 0 else np.linspace
+        yield from map(float, space(first, last, steps + 1)[1:])
 
 
 def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of_adhesion: float) -> float:
@@ -324,26 +362,9 @@ def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of
     return float(max(pressed, np.cbrt(radius * (work_of_adhesion / E) ** 2)))
 
 
-def _without_adhesion(
-    asperities: pd.DataFrame, conditions: ContactConditions, coupling: str, law: str
-) -> InteractingSolution:
-    """The solution without adhesion, whose contacts are the least that first loading brings about."""
-    load = conditions.load
-    return solve_interacting(
-        asperities,
-        indenter_radius=conditions.indenter_radius,
-        contact_modulus=conditions.contact_modulus,
-        load=load if load is None or isinstance(load, LoadSpring) else max(load, 0.0),
-        indentation=conditions.indentation,
-        apex=conditions.apex,
-        coupling="none" if coupling == "none" else "asymptotic",
-        law=law,
-        thickness=conditions.thickness,
-        poisson_ratio=conditions.poisson_ratio,
-    )
-
-
-def _status(solution: InteractingSolution, path: AdhesivePath, state: AdhesiveState, law: AdhesiveLaw) -> str:
+def _status(
+    solution: InteractingSolution, path: "AdhesivePath", state: "AdhesiveState", law: AdhesiveLaw
+) -> str:
     """Status of a solution whose numbers follow from each other, recomputed in SI units; an error if not.
 
     ``law`` has ``w/E*`` in m and forces over ``E*`` in m^2.
@@ -362,12 +383,14 @@ def _status(solution: InteractingSolution, path: AdhesivePath, state: AdhesiveSt
     errors = {"sum of the forces": 0.0 if load is None else away / (abs(load) or total or 1.0)}
     if conditions.spring is not None:
         errors["sum of the forces"] = conditions.spring.imbalance(borne, solution.indentation)
-    if state.contacts is not None:
+    if rows.size:
         state.contacts.refuse_engulfed(state.contact_radius)
         caps = p.caps_in_metres(p.caps[rows])
         law_force = law.force(radius, caps) * conditions.contact_modulus
         errors["forces at the contact radii"] = float(np.abs(law_force - force).sum()) / total
-        lowered = (path.field_gap(rows) + state.contacts.matrix @ (force / p.force_unit)) * p.depth
+        lowered = (
+            p.gap[rows] - path.bare_gap[rows] + state.contacts.matrix @ (force / p.force_unit)
+        ) * p.depth
         errors["penetrations"] = float(np.abs(law.penetration(radius, caps) - depth + lowered).max()) / size
     below = load and errors["sum of the forces"] > MAX_RELATIVE_ERROR and away <= ROUNDING_FRACTION * total
     if below:
@@ -383,7 +406,9 @@ def _status(solution: InteractingSolution, path: AdhesivePath, state: AdhesiveSt
             "full coupling of the adhesive contacts did not settle: with the fields of the neighbours "
             f"the contact radii still change by {state.unsettled:.2g} of the largest"
         )
-    overlap = _overlap(path, state)
+    overlap = path.penetration(state.contacts, state.force, state.indentation, np.arange(p.gap.size))
+    overlap[rows] = -np.inf
+    overlap = overlap[overlap > 0] * p.depth
     if overlap.size and float(overlap.max()) > MAX_RELATIVE_ERROR * size:
         return (
             f"{overlap.size} asperities without contact overlap the indenter, by up to "
@@ -391,17 +416,6 @@ def _status(solution: InteractingSolution, path: AdhesivePath, state: AdhesiveSt
             "approach it in smaller steps"
         )
     return status
-
-
-def _overlap(path: AdhesivePath, state: AdhesiveState) -> Values:
-    """Overlaps of the asperities without contact with the indenter, m: positive ones only."""
-    p, kernel = path.problem, path.kernel
-    penetration = state.indentation - p.gap
-    if kernel is not None and state.rows.size:
-        sources = np.stack([p.x, p.y])[:, state.rows]
-        penetration -= kernel.displacement(p.x, p.y, sources, state.force)
-    penetration[state.rows] = -np.inf
-    return penetration[penetration > 0] * p.depth
 
 
 def _branch(solution: InteractingSolution, previous: InteractingSolution | None) -> str:
@@ -420,21 +434,10 @@ def _branch(solution: InteractingSolution, previous: InteractingSolution | None)
     return "loading" if now > then else "unloading"
 
 
-def _stability_check(path: AdhesivePath, state: AdhesiveState) -> Callable[[], str] | None:
-    """The check of the stability, for when it is asked for; None without coupling or contacts."""
-    p, rows = path.problem, state.rows
-    if path.kernel is None or not rows.size:
-        return None
-    stiffness = p.stiffness if p.load is not None else np.inf
-    place = p.x[rows], p.y[rows], path.kernel
-    check = partial(_stability, place, p.caps[rows], path.law)
-    return partial(check, contact_radius=state.contact_radius, stiffness=stiffness)
-
-
 def _stability(
-    place: tuple[Values, Values, Kernel],
-    caps: Caps,
     law: AdhesiveLaw,
+    caps: Caps,
+    place: tuple[Values, Values, Kernel],
     *,
     contact_radius: Values,
     stiffness: float,
@@ -461,5 +464,298 @@ def _stability(
         return "unstable"
     if np.isinf(stiffness):
         return "stable"
-    rise, _ = lapack.dsytrs(factor, pivots, np.ones((contact_radius.size, 1)), lower=1)
+    rise, _ = lapack.dsytrs(factor, pivots, np.ones((compliance.size, 1)), lower=1)
     return "stable" if float(np.sum(rise)) + stiffness > 0 else "stable only at fixed indentation"
+
+
+@dataclass(frozen=True, eq=False)
+class AdhesiveState:
+    """A set of contacts with radii, forces and ``D``, and the penetrations of all asperities."""
+
+    contacts: "AdhesiveContacts"
+    contact_radius: Values
+    force: Values
+    penetration: Values
+    indentation: float
+    residual: float
+    unsettled: float = 0.0
+
+    @property
+    def rows(self) -> Rows:
+        """Rows of the contacts, from the highest down."""
+        return self.contacts.rows
+
+    def scattered(self, size: int) -> tuple[Values, Values, Values]:
+        """Force, contact radius and penetration of all asperities."""
+        force, contact_radius = np.zeros(size), np.zeros(size)
+        force[self.rows], contact_radius[self.rows] = self.force, self.contact_radius
+        return force, contact_radius, self.penetration
+
+
+@dataclass(frozen=True, eq=False)
+class AdhesivePath:
+    """One problem of a path; without a kernel the contacts are independent."""
+
+    problem: ScaledProblem
+    law: AdhesiveLaw
+    kernel: Kernel | None
+    tolerance: float
+    max_iterations: int
+    base: ScaledProblem | None = None
+
+    @property
+    def bare_gap(self) -> Values:
+        """Gaps without what full coupling adds to them."""
+        return (self.base or self.problem).gap
+
+    def penetration(self, contacts: "AdhesiveContacts", force: Values, depth: float, rows: Rows) -> Values:
+        """Overlaps of some asperities with the indenter as the contacts displace the surface."""
+        p = self.problem
+        overlap = depth - p.gap[rows]
+        if self.kernel is not None and contacts.rows.size:
+            sources = np.stack([p.x, p.y])[:, contacts.rows]
+            overlap -= self.kernel.displacement(p.x[rows], p.y[rows], sources, force)
+        return overlap
+
+    def follow(self, previous: InteractingSolution, *, first: bool) -> tuple[AdhesiveState, int]:
+        """Let contacts break and form until the set is in equilibrium.
+
+        First loading starts with the highest asperity in contact at prescribed load, and with the asperities
+        that the indenter reaches at prescribed indentation.
+        """
+        p = self.problem
+        radius = previous.radius[p.order] / p.length
+        reached = p.indentation >= 0 if p.load is None or p.stiffness else True
+        if first and not radius.any() and reached:
+            radius[0] = self.law.touch_radius(p.caps[:1])[0]
+        return self._settle(radius, previous.indentation / p.depth, first=first)
+
+    def refined(self, state: AdhesiveState, steps: int) -> tuple["AdhesivePath", AdhesiveState, int]:
+        """Full coupling from the state with point forces: alternate field corrections and contacts.
+
+        If they do not settle, the iteration that came closest, with what the radii still changed by.
+        """
+        path, closest, difference = self, (np.inf, self, state), np.inf
+        for _ in range(MAX_FIELD_UPDATES):
+            if not state.rows.size:
+                return path, state, steps
+            guess = np.zeros(self.problem.order.size)
+            guess[state.rows] = state.contact_radius
+            path = replace(self, problem=self._refine(path.problem, state, guess), base=self.problem)
+            following, steps = path._settle(guess.copy(), state.indentation, first=False, steps=steps)
+            _, radius, _ = following.scattered(guess.size)
+            difference, state = float(np.abs(radius - guess).max() / guess.max()), following
+            if difference <= FIELD_UPDATE_CHANGE:
+                return path, state, steps
+            if difference < closest[0]:
+                closest = difference, path, state
+        unsettled, path, state = closest
+        return path, replace(state, unsettled=unsettled), steps
+
+    def _refine(self, at: ScaledProblem, state: AdhesiveState, contact_radius: Values) -> ScaledProblem:
+        """The problem with the neighbours' fields over the width of each contact, at a state.
+
+        ``at`` holds the shifted summits. The terms are those of `contactimg.models.full_coupling` with JKR's
+        pressure: Hertz's at the same contact radius minus that of a flat punch. What makes a contact elliptic
+        is taken as without adhesion at the same contact radius.
+        """
+        p, aspect = self.problem, self.law.aspect
+        near = np.flatnonzero((contact_radius > 0) | (state.indentation > p.gap))
+        x, y, a, radius = at.x[near], at.y[near], contact_radius[near], p.radius[near]
+        force, pull = state.scattered(p.gap.size)[0][near], np.sqrt(8 * np.pi * self.law.adhesion * a**3)
+        kernel = self.kernel if self.kernel is not None else Kernel.of_thickness(np.inf)
+        pairs = DenseCoupling(x, y, kernel)
+        wide = pressure_radius(a, radius, aspect)
+        fields = pairs.fields(force, wide, bounded_saddle(pairs.fields(force, wide), radius))
+        # the punch of the same force displaces by p a^2/(15 r^3) more, of which these are the derivatives
+        moment, weight = pull * a**2, (pull > 0).astype(np.float64)
+        own = pairs.fields(moment, weight)
+        fields = replace(
+            fields,
+            excess=fields.excess - _punch_over_hertz(x, y, pull, a),
+            curvature=fields.curvature - own.quartic * 0.3 / QUARTIC,
+        )
+        if kernel.thinness:  # and of a layer 1/15 of the sum of p a^2 times the Laplacian of its deficit
+            half_space = DenseCoupling(x, y, Kernel.of_thickness(np.inf)).fields(moment, weight)
+            fields.excess[:] += (half_space.curvature - own.curvature) * 2 / 15
+        terms = CapCorrection.of(fields, radius, a, aspect)
+        gap, bends, place = p.gap.copy(), np.zeros((p.gap.size, 2)), np.stack([p.x, p.y])
+        place[:, near] += np.stack([terms.shift_x, terms.shift_y])
+        gap[near] += terms.shifted_rise
+        bends[near] = terms.bends
+        return replace(p, x=place[0], y=place[1], gap=gap, bends=bends)
+
+    def _settle(
+        self, guess: Values, depth: float, *, first: bool, steps: int = 0
+    ) -> tuple[AdhesiveState, int]:
+        """Newton for one set of contacts after the other, from guessed radii and indentation.
+
+        ``steps`` were taken before for the same solution; they are in the number returned.
+        """
+        p, rows = self.problem, np.flatnonzero(guess)
+        broken = np.zeros(guess.size, dtype=bool)
+        while rows.size:
+            if first:
+                guess[rows] = np.maximum(guess[rows], self.law.touch_radius(p.caps[rows]))
+            state, taken, weakest = self._equilibrium(rows, guess[rows], depth)
+            steps += taken
+            if steps > MAX_TOTAL_STEPS:
+                raise ConvergenceError(
+                    f"no contacts were found in equilibrium in {MAX_TOTAL_STEPS} Newton steps; approach "
+                    "the load in smaller steps"
+                )
+            if state is None:
+                broken[weakest] = True
+                rows = rows[rows != weakest]
+                continue
+            forming = (state.penetration > 0) & ~broken
+            forming[rows] = False
+            if not forming.any():
+                return state, steps
+            guess, depth, first = np.zeros(guess.size), state.indentation, False
+            guess[rows] = state.contact_radius
+            guess[forming] = self.law.touch_radius(p.caps[forming])
+            rows = np.flatnonzero(guess)
+        return self._parted(), steps
+
+    def _parted(self) -> AdhesiveState:
+        """The state without contacts, after the last one has broken."""
+        p = self.problem
+        loaded = p.load is not None and not p.stiffness
+        if p.load is not None and p.load > 0:
+            raise ConvergenceError(
+                f"no contacts were found in equilibrium under the load of {p.load * p.force_unit:.6g} N; "
+                "approach it in smaller steps, or start at a higher load"
+            )
+        if loaded and p.load is not None and p.load < 0:
+            raise ModelRangeError(
+                "load must not be below pull-off: the contacts cannot bear a pull of "
+                f"{-p.load * p.force_unit:.6g} N"
+            )
+        none, depth = np.zeros(0), 0.0 if loaded else p.indentation
+        contacts = AdhesiveContacts(self, np.zeros(0, dtype=np.intp))
+        return AdhesiveState(contacts, none, none, depth - p.gap, depth, 0.0)
+
+    def _equilibrium(self, rows: Rows, a: Values, depth: float) -> tuple[AdhesiveState | None, int, int]:
+        """Solve for one set of contacts; if it has no equilibrium, name the contact closest to its fold."""
+        if rows.size > MAX_CONTACTS:
+            raise ModelRangeError(
+                f"{rows.size} adhesive contacts are too many for a dense matrix, at most {MAX_CONTACTS}; "
+                "lower the load or take a part of the pattern"
+            )
+        contacts = AdhesiveContacts(self, rows)
+        D = self.problem.indentation if self.problem.load is None else depth
+        error, missing = contacts.errors(a, D)
+        for steps in range(self.max_iterations + 1):
+            residual = contacts.residual(error, missing, D)
+            if residual <= self.tolerance and contacts.balanced(a, missing):
+                return contacts.state(a, D, residual), steps, -1
+            change, rise = contacts.direction(a, error, missing)
+            step, merit = 1.0, float(error @ error + missing**2)
+            while step > MIN_STEP_FRACTION:
+                trial = np.clip(a + step * change, contacts.fold, contacts.widest)
+                trial_error, trial_missing = contacts.errors(trial, D + step * rise)
+                if float(trial_error @ trial_error + trial_missing**2) < (1 - 1e-4 * step) * merit:
+                    break
+                step /= 2
+            else:
+                break
+            error, missing = trial_error, trial_missing
+            a, D = trial, D + step * rise
+        if residual <= self.tolerance:
+            return contacts.state(a, D, residual), steps, -1
+        contacts.refuse_engulfed(a)
+        return None, steps, int(rows[np.argmin(a / contacts.fold)])
+
+
+class AdhesiveContacts:
+    """Equations of a set of contacts in their radii: ``delta(a) + C p(a) + g - D = 0``, ``sum p = P``.
+
+    ``fold`` are the radii at which an isolated contact breaks.
+    """
+
+    def __init__(self, path: AdhesivePath, rows: Rows) -> None:
+        p = path.problem
+        self.path, self.rows, self.caps, self.gap = path, rows, p.caps[rows], p.gap[rows]
+        self.fold, self.widest = path.law.fold(self.caps), path.law.widest(self.caps)
+        self.matrix = np.zeros((rows.size, rows.size))
+        if path.kernel is not None and rows.size:
+            p.part(rows).refuse_duplicates()
+            self.matrix = DenseCoupling(p.x[rows], p.y[rows], path.kernel).matrix
+
+    def errors(self, a: Values, depth: float) -> tuple[Values, float]:
+        """Errors of the penetrations and of the load."""
+        penetration = self.path.law.penetration(a, self.caps)
+        force, load = self.path.law.force(a, self.caps), self.path.problem.load
+        missing = 0.0 if load is None else load - self.path.problem.stiffness * depth - float(force.sum())
+        return penetration + self.matrix @ force + self.gap - depth, missing
+
+    def residual(self, error: Values, missing: float, depth: float) -> float:
+        """Largest relative error."""
+        load = self.path.problem.load
+        size = max(1.0, float(np.abs(depth - self.gap).max()))
+        return max(float(np.abs(error).max()) / size, abs(missing) / max(1.0, abs(load or 0.0)))
+
+    def refuse_engulfed(self, a: Values) -> None:
+        """Refuse contacts that reach the centre of another one."""
+        if not a.size or np.pi * float(self.matrix.max()) * float(a.max()) < 1:
+            return
+        reach = np.pi * self.matrix * np.maximum(a, a[:, None])
+        i, j = np.unravel_index(int(np.argmax(reach)), reach.shape)
+        if reach[i, j] >= 1:
+            p = self.path.problem
+            first, second = sorted(int(p.order[self.rows[k]]) for k in (i, j))
+            apart = p.length / (np.pi * self.matrix[i, j])
+            raise ModelRangeError(
+                f"asperities: rows {first} and {second}, {apart * 1e6:.4g} um apart, are closer than the "
+                f"contact radius of {max(a[i], a[j]) * p.length * 1e6:.4g} um; lower the load or merge them"
+            )
+
+    def balanced(self, a: Values, missing: float) -> bool:
+        """Whether the forces sum to the load within `LOAD_TOLERANCE`, or within their rounding errors."""
+        load = self.path.problem.load
+        if not load or self.path.problem.stiffness or abs(missing) <= LOAD_TOLERANCE * abs(load):
+            return True
+        rounding = 8 * np.finfo(float).eps * float(np.sum(np.abs(self.path.law.force(a, self.caps))))
+        return bool(abs(missing) <= rounding)
+
+    def direction(self, a: Values, error: Values, missing: float) -> tuple[Values, float]:
+        """Newton's change of radii and of the indentation."""
+        stiffness, softness = self.path.law.slopes(a, self.caps)
+        jacobian = self.matrix * stiffness
+        # at the fold the softness vanishes; a lower bound keeps the matrix of an uncoupled row regular
+        jacobian[np.diag_indices_from(jacobian)] += np.maximum(softness, 1e-9 * a / self.caps.radius)
+        back, sink = np.linalg.solve(jacobian, np.column_stack([error, np.ones(a.size)])).T
+        if self.path.problem.load is None:
+            return -back, 0.0
+        rise = float((missing + stiffness @ back) / (stiffness @ sink + self.path.problem.stiffness))
+        return rise * sink - back, rise
+
+    def state(self, a: Values, depth: float, residual: float) -> AdhesiveState:
+        """The state with all penetrations: JKR's in contact, the overlap of the surfaces elsewhere."""
+        path, force = self.path, self.path.law.force(a, self.caps)
+        penetration = depth - path.problem.gap
+        penetration[self.rows] = 0.0
+        near = np.flatnonzero(penetration > 0)
+        if path.kernel is not None:
+            path.problem.part(np.union1d(near, self.rows)).refuse_duplicates()
+        penetration[near] = path.penetration(self, force, depth, near)
+        penetration[self.rows] = path.law.penetration(a, self.caps)
+        return AdhesiveState(self, a, force, penetration, depth, residual)
+
+
+def _punch_over_hertz(x: Values, y: Values, pull: Values, a: Values) -> Values:
+    """Displacement of a half-space by flat punches minus that by Hertz's pressure of the same forces."""
+    loaded = np.flatnonzero(a)
+    r = np.hypot(x[:, None] - x[loaded], y[:, None] - y[loaded])
+    apart = r > 0
+    ratio = a[loaded] / np.where(apart, r, np.inf)
+    inner = np.clip(ratio, 1e-3, 1.0)
+    punch = np.arcsin(inner) / inner
+    hertz = 0.75 * ((2 * inner**2 - 1) * punch + np.sqrt(1 - inner**2)) / inner**2
+    close = np.where(ratio > 1e-3, punch - hertz, ratio**2 / 15)
+    inside = np.pi / 2 / np.maximum(ratio, 1.0) - 0.75 * np.pi * (1 - 0.5 / np.maximum(ratio, 1.0) ** 2) / (
+        np.maximum(ratio, 1.0)
+    )
+    difference = np.where(ratio > 1, inside, close)
+    return np.where(apart, difference / np.where(apart, r, 1.0), 0.0) @ pull[loaded] / np.pi

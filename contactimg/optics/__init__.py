@@ -3,6 +3,6 @@
 In: contacts in pixels and the settings of a scene. Out: light and grey levels on the pixels.
 
 Read in this order: `render_settings` (which effects are rendered), `spots` (contacts to light on the pixels),
-`coverage`, `film`, `film_cells`, `wide_edge` and `rough_edges` (the edge of a contact), `psf` (blur),
+`coverage`, `film`, `wide_edge` and `rough_edges` (the edge of a contact), `psf` (blur),
 `synthetic_background` (texture, dust, vignetting), `sensor` (noise, quantisation, saturation).
 """

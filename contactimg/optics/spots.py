@@ -15,8 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from contactimg.optics.coverage import cover_cells
-from contactimg.optics.film import ExcessTable, hertz_gap
-from contactimg.optics.film_cells import film_cells
+from contactimg.optics.film import ExcessTable, film_cells, hertz_gap
 from contactimg.optics.psf import Halo, Psf
 
 Values = NDArray[np.float64]

@@ -8,7 +8,7 @@ from contactimg.errors import ContactimgError, finite_number
 from contactimg.pipeline.inputs import largest_load, need_asperities, refuse_profile
 from contactimg.prediction import make_mechanical_plan, predict_contacts
 from contactimg.scene import Scene
-from contactimg.tradeoff.recommendations import time_text
+from contactimg.tradeoff.measure import time_text
 
 MAX_REPEATED_S = 10.0
 """Time of a plan of the mechanics up to which it is made again, without compilation. Chosen by hand."""

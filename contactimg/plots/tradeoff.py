@@ -11,7 +11,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from contactimg.plots.axes import FIGURE_DPI, new_axes
-from contactimg.tradeoff.recommendations import TITLES, cheapest, front_of, knob_sentence
+from contactimg.tradeoff.knobs import KNOBS
+from contactimg.tradeoff.measure import cheapest, front_of, knob_sentence
 
 Values = NDArray[np.float64]
 
@@ -71,7 +72,7 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     name, output = (str(table[column].iloc[0]) for column in ("knob", "output"))
     label = "largest relative error of an output" if output == "all" else f"relative error of the {output}"
     ax.set(xscale="log", yscale="log", xlabel="time (s)", ylabel=label)
-    title = TITLES.get(name, name)
+    title = KNOBS[name][0] if name in KNOBS else name
     if relative is not None:
         sentence = knob_sentence(title, table, relative=relative).split(";")[0]
         title += "\n" + textwrap.fill(sentence.removeprefix(f"{title}: "), SENTENCE_CHARACTERS)

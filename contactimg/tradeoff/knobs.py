@@ -24,9 +24,8 @@ from contactimg.prediction import pattern_sides, solve_average
 from contactimg.render import Rendered, render_contacts, render_reference
 from contactimg.scene import Scene
 from contactimg.surfaces import generate_asperities
+from contactimg.tradeoff.choice import DISK, METHODS, disk_change, measure_disks
 from contactimg.tradeoff.measure import Knob, Setting
-from contactimg.tradeoff.measured_disks import DISK, METHODS, Shot, disk_change, measure_disks
-from contactimg.tradeoff.recommendations import TITLES
 
 Values = NDArray[np.float64]
 
@@ -170,8 +169,8 @@ def image_settings(case: Case) -> Iterator[Setting]:
     own = case.measured
     if own is not None:
         blank = None if own.reference is None else own.reference.image
-        shot = Shot(own.frame.image, blank, own.frame.full_scale)
-        fitted = cache(partial(measure_disks, case.scene, DISK, shot))
+        shot = own.frame.image, blank, own.frame.full_scale
+        fitted = cache(partial(measure_disks, case.scene, DISK, *shot))
 
         def stated(disks: pd.DataFrame) -> float:
             if not len(disks):
@@ -182,11 +181,10 @@ def image_settings(case: Case) -> Iterator[Setting]:
             return disk_change(case.output, disks, fitted())
 
         for name in METHODS:
-            run = partial(measure_disks, case.scene, name, shot)
+            compared = (against_fit, f"{DISK}, no truth known")
             if name == DISK:
-                yield Setting(name, run, stated, "its own stated uncertainty")
-            else:
-                yield Setting(name, run, against_fit, f"{DISK}, no truth known")
+                compared = (stated, "its own stated uncertainty")
+            yield Setting(name, partial(measure_disks, case.scene, name, *shot), *compared)
         return
 
     solution = cache(case.contacts)
@@ -196,7 +194,7 @@ def image_settings(case: Case) -> Iterator[Setting]:
 
     def run_method(name: str) -> pd.DataFrame:
         frame = rendered().frame
-        return measure_disks(case.scene, name, Shot(frame.image, reference(), frame.full_scale))
+        return measure_disks(case.scene, name, frame.image, reference(), frame.full_scale)
 
     def error(disks: pd.DataFrame) -> float:
         radii = solution().composite_radius[solution().touching]
@@ -229,7 +227,7 @@ def supersampling_settings(case: Case) -> Iterator[Setting]:
     def measured(rendered: Rendered) -> pd.DataFrame:
         image = rendered.frame.image
         flat = np.full_like(image, simulate.background_levels)
-        return measure_disks(case.scene, DISK, Shot(image, flat, rendered.frame.full_scale))
+        return measure_disks(case.scene, DISK, image, flat, rendered.frame.full_scale)
 
     reference = cache(lambda: measured(run(CONVERGED_DEPTH)))
 
@@ -362,15 +360,15 @@ def pattern_settings(case: Case) -> Iterator[Setting]:
     most = counts[-1]
     indenter = case.scene.need("indenter", "averages")
 
-    def run(count: int) -> list[Average]:
-        return [one(index) for index in range(count)]
-
     def one(index: int) -> Average:
         rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(index,)))
         pattern, side = _draw_pattern(case, rng)
         solution = solve_scene(case.scene, pattern, load=case.load, coupling="asymptotic")
         edges = np.linspace(0.0, side / 2, 4 * COMPARED_RINGS + 1)
         return average_contacts(solution, centre=indenter.apex, edges=edges)
+
+    def run(count: int) -> list[Average]:
+        return [one(index) for index in range(count)]
 
     @cache
     def scatter() -> float:
@@ -412,63 +410,52 @@ def _draw_pattern(case: Case, rng: np.random.Generator) -> tuple[pd.DataFrame, f
     return table, max(sides)
 
 
-def needs_mechanics(case: Case) -> str:
-    """What the scene lacks for contact models; empty for nothing."""
-    sections = {
-        "[indenter]": case.scene.indenter,
-        "[elastic]": case.scene.elastic,
+def lacks(case: Case, kind: str) -> str:
+    """What a scene lacks for "mechanics", "averages", "rendering" or "frames"; empty for nothing."""
+    scene, section = case.scene, case.scene.asperities
+    if kind == "averages":  # statistical models need no table
+        if scene.indenter is None or scene.elastic is None or section is None:
+            return "needs [indenter], [elastic] and [asperities]"
+        if case.asperities is None and (section.height_law is None or section.radius is None):
+            return "needs a table of asperities, or the parameters of a height law"
+        return "" if case.load > 0 else "needs a load above 0"
+    if kind == "frames":
+        missing = lacks(case, "rendering") if case.measured is None else ""
+        return f"{missing} or frames of its own" if missing else ""
+    camera: dict[str, object] = {"[camera]": scene.camera, "[simulate]": scene.simulate}
+    solved: dict[str, object] = {
+        "[indenter]": scene.indenter,
+        "[elastic]": scene.elastic,
         "[asperities] with a file or a generator": case.asperities,
     }
-    missing = [name for name, section in sections.items() if section is None]
-    if missing:
-        return f"needs {', '.join(missing)}"
+    for joint, sections in ((" and ", camera if kind == "rendering" else {}), (", ", solved)):
+        missing = joint.join(name for name, part in sections.items() if part is None)
+        if missing:
+            return f"needs {missing}"
     return "" if case.load > 0 else "needs a load above 0"
 
 
-def needs_averages(case: Case) -> str:
-    """What the scene lacks for the statistical models, which need no table."""
-    if case.scene.indenter is None or case.scene.elastic is None or case.scene.asperities is None:
-        return "needs [indenter], [elastic] and [asperities]"
-    stated = case.scene.asperities.height_law is not None and case.scene.asperities.radius is not None
-    if case.asperities is None and not stated:
-        return "needs a table of asperities, or the parameters of a height law"
-    return "" if case.load > 0 else "needs a load above 0"
-
-
-def needs_rendering(case: Case) -> str:
-    """What the scene lacks to render a frame."""
-    missing = [f"[{name}]" for name in ("camera", "simulate") if getattr(case.scene, name) is None]
-    return f"needs {' and '.join(missing)}" if missing else needs_mechanics(case)
-
-
-def needs_frames(case: Case) -> str:
-    """What the scene lacks to measure a frame."""
-    lacks = needs_rendering(case) if case.measured is None else ""
-    return f"{lacks} or frames of its own" if lacks else ""
-
-
-Settings = Callable[[Case], Iterator[Setting]]
-
-KNOBS: dict[str, tuple[Settings, Callable[[Case], str]]] = {
-    "image": (image_settings, needs_frames),
-    "model": (model_settings, needs_mechanics),
-    "solver": (solver_settings, needs_mechanics),
-    "sums": (sum_settings, needs_mechanics),
-    "rings": (ring_settings, needs_averages),
-    "patterns": (pattern_settings, needs_mechanics),
-    "supersampling": (supersampling_settings, needs_rendering),
+KNOBS: dict[str, tuple[str, Callable[[Case], Iterator[Setting]], str]] = {
+    "image": ("measurement of a frame", image_settings, "frames"),
+    "model": ("contact model", model_settings, "mechanics"),
+    "solver": ("tolerance of the solver", solver_settings, "mechanics"),
+    "sums": ("coupling sums over many contacts", sum_settings, "mechanics"),
+    "rings": ("rings of Greenwood-Tripp", ring_settings, "averages"),
+    "patterns": ("patterns of an ensemble", pattern_settings, "mechanics"),
+    "supersampling": ("sampling of rendered frames", supersampling_settings, "rendering"),
 }
-"""Knob -> function that yields its settings, function that says what a case lacks for it."""
+"""Knob -> what its settings choose, the function that yields them, what a scene must have for it."""
 
 
 def make_knob(case: Case, name: str) -> Knob:
     """The knob of a name for a case."""
-    title, output, load = TITLES[name], case.output, case.load
+    title, settings, _ = KNOBS[name]
+    output, load = case.output, case.load
     if name == "sums":
         output, load = "displacement", math.nan
     if name == "image" and case.measured is not None:
         title, load = f"measurement of {case.measured.frame.name}", case.measured.load
-    return Knob(name, title, output, load, tuple(KNOBS[name][0](case)))
+    return Knob(name, title, output, load, tuple(settings(case)))
 
 
 def applicable_knobs(case: Case, names: Sequence[str] = ()) -> tuple[list[Knob], dict[str, str]]:
@@ -489,9 +476,9 @@ def applicable_knobs(case: Case, names: Sequence[str] = ()) -> tuple[list[Knob],
     if unknown:
         raise InputError(f"knob must be one of {', '.join(map(repr, KNOBS))}, got {unknown[0]!r}")
     wanted = [name for name in KNOBS if not names or name in names]
-    left_out = {name: lacks for name in wanted if (lacks := KNOBS[name][1](case))}
+    left_out = {name: missing for name in wanted if (missing := lacks(case, KNOBS[name][2]))}
     if len(left_out) == len(wanted):
-        by_reason = {lacks: [k for k in left_out if left_out[k] == lacks] for lacks in left_out.values()}
-        reasons = (f"{', '.join(names)}: {lacks}" for lacks, names in by_reason.items())
+        by_reason = {why: [k for k in left_out if left_out[k] == why] for why in left_out.values()}
+        reasons = (f"{', '.join(names)}: {why}" for why, names in by_reason.items())
         raise InputError(f"nothing to trade accuracy against time on; {'; '.join(reasons)}")
     return [make_knob(case, name) for name in wanted if name not in left_out], left_out

@@ -1,4 +1,4 @@
-"""Time the settings of a choice, each with its error against a converged result.
+"""Time the settings of a choice, each with its error against a converged result, and recommend one.
 
 A choice between settings is called a knob. Each setting of a knob is run, the fast ones several times in
 turn, and its result is compared with the truth of a rendered frame or with the finest model.
@@ -6,7 +6,7 @@ turn, and its result is compared with the truth of a rendered frame or with the 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -15,7 +15,6 @@ import pandas as pd
 
 from contactimg.errors import ContactimgError, InputError
 from contactimg.tables import TRADEOFF
-from contactimg.tradeoff.recommendations import knob_sentence
 
 Clock = Callable[[], float]
 
@@ -27,6 +26,21 @@ MAX_REPEATED_S = 10.0
 
 FAILURES = (ContactimgError, ArithmeticError, ImportError, MemoryError, np.linalg.LinAlgError)
 """Errors of a setting that do not stop the others."""
+
+
+OUTPUT_WORDS = {
+    "all": "every output",
+    "profile": "the forces",
+    "area": "A",
+    "force": "the forces",
+    "radius": "the radii",
+    "displacement": "a sum",
+}
+
+NEGLIGIBLE_TIME_FRACTION = 0.02
+"""Relative extra time that is called none. Chosen by hand."""
+
+DIGIT = 10.0  # factor on the error of one more digit
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,40 +116,6 @@ class Tradeoff:
     left_out: dict[str, str]
 
 
-@dataclass(eq=False)
-class _Run:
-    """The measurement of one setting."""
-
-    setting: Setting
-    clock: Clock
-    times: list[float] = field(default_factory=list)
-    error: float = math.nan
-    reason: str = ""
-
-    def start(self) -> None:
-        """First run, whose result is compared with the reference."""
-        answer = None
-        try:
-            if self.setting.stored_time is None:
-                answer = self.repeat()
-            self.error = float(self.setting.error(answer))
-        except FAILURES as error:
-            self.times.clear()
-            self.reason = str(error) or type(error).__name__
-
-    def repeat(self) -> Any:
-        """Run the setting and keep the time that it takes."""
-        began = self.clock()
-        answer = self.setting.run()
-        self.times.append(self.clock() - began)
-        return answer
-
-    @property
-    def best(self) -> float:
-        """Shortest time, s; infinite if it has not run."""
-        return min(self.times, default=math.inf)
-
-
 def measure_knob(
     knob: Knob,
     *,
@@ -160,38 +140,47 @@ def measure_knob(
     DataFrame
         Columns of `TRADEOFF`, one row per setting; a setting that fails has a message instead of numbers.
     """
-    runs = [_Run(setting, clock) for setting in knob.settings]
-    for run in runs:
-        run.start()
+    settings = knob.settings
+    times: list[list[float]] = [[] for _ in settings]
+    errors, reasons = [math.nan] * len(settings), [""] * len(settings)
+
+    def timed(k: int) -> Any:
+        began = clock()
+        answer = settings[k].run()
+        times[k].append(clock() - began)
+        return answer
+
+    for k, setting in enumerate(settings):
+        try:
+            errors[k] = float(setting.error(timed(k) if setting.stored_time is None else None))
+        except FAILURES as error:
+            times[k].clear()
+            reasons[k] = str(error) or type(error).__name__
         if advance is not None:
             advance()
-    ran = [run for run in runs if run.times]
     left = seconds
     for turn in range(1, MAX_RUNS):
-        for run in ran:
+        for k, taken in enumerate(times):
             # the first run may include compilation, so that all but slow settings are repeated once
-            if run.best <= left or (turn == 1 and run.best <= MAX_REPEATED_S):
-                run.repeat()
-                left -= run.times[-1]
-    stored = [None if run.reason else run.setting.stored_time for run in runs]
-    times = [run.best if time is None else time for run, time in zip(runs, stored, strict=True)]
+            if taken and (min(taken) <= left or (turn == 1 and min(taken) <= MAX_REPEATED_S)):
+                timed(k)
+                left -= taken[-1]
+    own = pd.Series([min(taken, default=math.nan) for taken in times])
+    stored = [math.nan if why else s.stored_time for s, why in zip(settings, reasons, strict=True)]
     table = pd.DataFrame(
         {
             "knob": knob.name,
-            "setting": [run.setting.name for run in runs],
-            "error": [run.error for run in runs],
-            "time_s": times,
+            "setting": [setting.name for setting in settings],
+            "error": errors,
+            "time_s": own.fillna(pd.Series(stored, dtype=float)),
             "output": knob.output,
-            "reference": [run.setting.reference for run in runs],
+            "reference": [setting.reference for setting in settings],
             "load_N": knob.load,
-            "message": [run.reason or run.setting.message for run in runs],
+            "message": [why or s.message for s, why in zip(settings, reasons, strict=True)],
         }
-    ).replace({"time_s": {math.inf: math.nan}})
-    table["time_ratio"] = table["time_s"] / min((run.best for run in ran), default=math.nan)
-    timed = np.array([bool(run.times) for run in runs])
-    front = pd.array(mark_front(table["error"], table["time_s"].where(timed)), dtype="Int64")
-    front[~timed] = pd.NA
-    return TRADEOFF.conform(table.assign(pareto=front))
+    )
+    front = pd.Series(mark_front(table["error"], own), dtype="Int64").mask(own.isna())
+    return TRADEOFF.conform(table.assign(time_ratio=table["time_s"] / own.min(), pareto=front))
 
 
 def mark_front(error: Sequence[float] | pd.Series, time: Sequence[float] | pd.Series) -> list[int]:
@@ -257,3 +246,91 @@ def run_knobs(
         for knob, table in zip(knobs, tables, strict=True)
     }
     return Tradeoff(rows, sentences, relative, dict(left_out or {}))
+
+
+def knob_sentence(title: str, table: pd.DataFrame, *, relative: float) -> str:
+    """The setting to use for a tolerance, its cost, and the cost of one more digit.
+
+    Parameters
+    ----------
+    title : str
+        Title of the knob.
+    table : DataFrame
+        Rows of one knob, columns of `contactimg.tables.TRADEOFF`.
+    relative : float
+        Relative error that is allowed.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({
+    ...     "setting": ["rough", "fine"], "error": [4e-3, 2e-5], "time_s": [3e-3, 0.1], "pareto": [1, 1],
+    ...     "output": ["area", "area"],
+    ... })
+    >>> print(knob_sentence("grid", table, relative=0.01))
+    grid: for 1 % on A take rough (0.4 %, 3 ms); the next digit takes fine (0.002 %, 100 ms), 33 times the
+    time
+    """
+    front = front_of(table)
+    if front.empty:
+        return f"{title}: no setting could be run"
+    what = f"{title}: for {error_text(relative)} on {OUTPUT_WORDS[str(front['output'].iloc[0])]}"
+    chosen = cheapest(front, relative)
+    if chosen is None:
+        best = front.iloc[-1]
+        return f"{what} no setting serves; the best is {_described(best)}"
+    return f"{what} take {_described(chosen)}; {_next_digit(front, chosen, relative)}"
+
+
+def front_of(table: pd.DataFrame) -> pd.DataFrame:
+    """The settings that no other one beats in error and time, the fastest first."""
+    return table[table["pareto"] == 1].sort_values("time_s")
+
+
+def cheapest(front: pd.DataFrame, error: float) -> pd.Series | None:
+    """The fastest setting within an error."""
+    within = front[front["error"] <= error]
+    return None if within.empty else within.iloc[0]
+
+
+def _next_digit(front: pd.DataFrame, chosen: pd.Series, relative: float) -> str:
+    """The cost of a tenth of the tolerance, or of the error that is already reached."""
+    goal = relative / DIGIT
+    better = cheapest(front, goal)
+    if better is not None and better["setting"] == chosen["setting"]:
+        better = cheapest(front, float(chosen["error"]) / DIGIT)
+        if better is None:
+            return "no setting is ten times better"
+    if better is None:
+        best = front.iloc[-1]
+        more = f", at best {_described(best)}" if best["setting"] != chosen["setting"] else ""
+        return f"no setting gives the next digit{more}"
+    ratio = float(better["time_s"] / chosen["time_s"])
+    cost = "at no extra time" if ratio < 1 + NEGLIGIBLE_TIME_FRACTION else f"{ratio:.2g} times the time"
+    return f"the next digit takes {_described(better)}, {cost}"
+
+
+def _described(row: pd.Series) -> str:
+    """A setting with its error and time."""
+    return f"{row['setting']} ({error_text(row['error'])}, {time_text(row['time_s'])})"
+
+
+def error_text(error: float) -> str:
+    """A relative error in per cent with two digits; a small one as a power of ten."""
+    if error == 0:
+        return "no error"
+    return f"{100 * error:.2g} %" if error >= 1e-6 else f"{error:.0e}"
+
+
+def time_text(seconds: float) -> str:
+    """A time with two digits in min, s, ms or us."""
+    if math.isnan(seconds):
+        return "no time"
+    for unit, size in (("min", 60.0), ("s", 1.0), ("ms", 1e-3)):
+        if seconds >= 0.995 * size:
+            return f"{_two_digits(seconds / size)} {unit}"
+    return f"{_two_digits(seconds * 1e6)} us"
+
+
+def _two_digits(value: float) -> str:
+    """A number rounded to two digits, written out."""
+    return f"{float(f'{value:.2g}'):g}"

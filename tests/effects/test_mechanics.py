@@ -1,6 +1,8 @@
 """Estimates of the mechanical effects against switching them: honest, in every unit, on hard cases too."""
 
 import re
+from functools import cache
+from itertools import cycle, product
 
 import numpy as np
 import pandas as pd
@@ -57,24 +59,23 @@ def truths():
     return found
 
 
-def estimates(name, output):
-    scene, table, load = mechanical_scene(name, output=output)
-    return {e.effect: e for e in estimate_mechanics(scene, table, load=load).estimates}
+@cache
+def estimates(name):
+    """Change of each output by each effect."""
+    scene, table, load = mechanical_scene(name)
+    return {e.effect: e.changes for e in estimate_mechanics(scene, table, load=load).estimates}
 
 
 def change(truth, effect, output):
     return relative_change(output, without=truth[effect], complete=truth[""])
 
 
-@pytest.mark.parametrize("output", OUTPUTS)
 @pytest.mark.parametrize("name", SCENES)
-def test_estimates_are_within_a_factor_of_the_truth(truths, name, output):
-    for effect, estimate in estimates(name, output).items():
-        if effect not in truths[name]:
-            continue
-        truth = change(truths[name], effect, output)
-        if max(truth, estimate.change) > STRICT:
-            assert 1 / FACTOR < estimate.change / truth < FACTOR, (effect, truth, estimate)
+def test_estimates_are_within_a_factor_of_the_truth(truths, name):
+    for (effect, changes), output in product(estimates(name).items(), OUTPUTS):
+        truth = change(truths[name], effect, output) if effect in truths[name] else 0.0
+        if max(truth, changes[output]) > STRICT:
+            assert 1 / FACTOR < changes[output] / truth < FACTOR, (effect, output, truth, changes)
 
 
 @pytest.mark.parametrize("effect", MECHANICAL_EFFECTS)
@@ -87,11 +88,10 @@ def test_every_effect_matters_somewhere_and_its_estimate_says_by_how_much(truths
     }
     assert moved
     largest = max(moved, key=moved.get)
-    assert estimates(largest, "area")[effect].change == pytest.approx(moved[largest], rel=0.3)
+    assert estimates(largest)[effect]["area"] == pytest.approx(moved[largest], rel=0.3)
 
 
-@pytest.mark.parametrize("relative", [1e-2, 5e-3])
-@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize(("output", "relative"), [*zip(OUTPUTS, cycle([1e-2, 5e-3]))])
 @pytest.mark.parametrize("name", SCENES)
 def test_all_that_the_plan_drops_changes_less_than_the_tolerance(truths, name, output, relative):
     scene, table, load = mechanical_scene(name, output=output, relative=relative)
@@ -275,7 +275,7 @@ HARD = {
 }
 
 
-@pytest.mark.parametrize("exponent", range(-15, 7, 3))
+@pytest.mark.parametrize("exponent", [-15, -6, 0, 6])
 @pytest.mark.parametrize("name", HARD)
 def test_everything_on_at_once_on_hard_cases(name, exponent):
     """A finite plan, or an error of ours that says why in the solver's own words or the plan's."""

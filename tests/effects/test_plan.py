@@ -16,7 +16,7 @@ from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import SAFETY_FACTOR, decide, make_plan
 from contactimg.files import read_scene, write_scene
 from contactimg.mechanics import layer, sphere
-from contactimg.models import adhesive_path, contact_solver, interacting
+from contactimg.models import adhesive, contact_solver, interacting
 from contactimg.models.asperity_laws import SphereLaw
 from contactimg.models.coupling import DenseCoupling
 from contactimg.models.full_coupling import FieldCorrection
@@ -183,8 +183,8 @@ def counted(monkeypatch):
     count(SphereLaw, "respond", "sphere")
     count(sphere, "scaled_indentation", "sphere")  # on a layer, and with adhesion
     count(layer, "deficit_table", "layer")
-    count(adhesive_path.AdhesiveContacts, "direction", "adhesion")
-    count(adhesive_path, "_punch_over_hertz", "full adhesive")
+    count(adhesive.AdhesiveContacts, "direction", "adhesion")
+    count(adhesive, "_punch_over_hertz", "full adhesive")
     assert contact_solver.FieldCorrection is FieldCorrection
     assert interacting.asperity_law("sphere", aspect=1.0) == SphereLaw(1.0)
     return counts

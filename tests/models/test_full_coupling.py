@@ -85,7 +85,7 @@ def test_patterns(name):
 
 def test_the_stored_solutions_are_those_of_the_solver():
     case = STORED["SA+ flat, 0.02 N, sphere"]
-    again, misfit = solved(case, degree=8)
+    again, misfit = solved(case, degree=6)
     assert misfit < 1e-6
     np.testing.assert_allclose(again.force, case.force, rtol=0, atol=1e-7 * case.load)
     np.testing.assert_allclose(again.radius, case.radius, rtol=1e-6)
@@ -112,15 +112,14 @@ def ring_errors(count, gap, law, radius=5e-5, unequal=1.0):
     return {level: wrong(case, case.predict(level)) for level in ("asymptotic", "hertz", "full")}
 
 
-@pytest.mark.parametrize("law", ["hertz", "sphere"])
 @pytest.mark.parametrize(
-    ("count", "gap", "force", "area"),
+    ("law", "count", "gap", "force", "area"),
     [
-        (1, 0.2, 5e-4, 1e-3),
-        (1, 1.0, 5e-5, 2e-4),
-        (1, 4.0, 2e-6, 5e-6),
-        (6, 0.8, 3e-4, 2e-3),
-        (6, 2.0, 5e-5, 3e-4),
+        ("hertz", 1, 0.2, 5e-4, 1e-3),
+        ("sphere", 1, 1.0, 5e-5, 2e-4),
+        ("sphere", 1, 4.0, 2e-6, 5e-6),
+        ("sphere", 6, 0.8, 3e-4, 2e-3),
+        ("hertz", 6, 2.0, 5e-5, 3e-4),
     ],
 )
 def test_close_contacts(law, count, gap, force, area):
@@ -329,10 +328,14 @@ def test_one_adhesive_contact_is_jkrs():
     assert answer.area[0] == pytest.approx(np.pi * a**2, rel=1e-9)
 
 
-@pytest.mark.parametrize("share", [0.01, 0.1])
 @pytest.mark.parametrize(
-    ("count", "distance", "force", "area"),
-    [(1, 2.3, 6e-4, 8e-4), (1, 5.0, 8e-6, 1e-5), (6, 3.0, 3e-4, 2e-3), (6, 5.0, 2e-5, 6e-5)],
+    ("share", "count", "distance", "force", "area"),
+    [
+        (0.1, 1, 2.3, 6e-4, 8e-4),
+        (0.01, 1, 5.0, 8e-6, 1e-5),
+        (0.1, 6, 3.0, 3e-4, 2e-3),
+        (0.01, 6, 5.0, 2e-5, 6e-5),
+    ],
 )
 def test_adhesive_contacts(share, count, distance, force, area):
     at = adhesive_ring(count, distance, share)

@@ -72,7 +72,7 @@ def test_stored_forces_on_layers_are_those_of_boundary_elements(key):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key", GROUPS, ids=str)
+@pytest.mark.parametrize("key", [(2, 2.1), (7, 2.5)], ids=str)
 def test_stored_areas_of_groups_are_spectral_solutions(key):
     from spectral_contacts import CapProblem, solve_caps
 

@@ -24,7 +24,8 @@ from contactimg import (
     solve_greenwood_williamson,
     solve_interacting,
 )
-from contactimg.models.adhesive_path import MAX_TOTAL_STEPS, AdhesiveContacts
+from contactimg.models import adhesive
+from contactimg.models.adhesive import AdhesiveContacts
 from contactimg.models.greenwood_williamson import ring_weights
 from contactimg.models.proof import CONVERGED, MAX_RELATIVE_ERROR, check_finite, judge
 from contactimg.models.scaled_problem import ScaledProblem
@@ -262,15 +263,15 @@ def test_a_loose_tolerance_is_stated():
     assert solution.status.startswith("within the tolerance of 0.05 only")
 
 
-@pytest.mark.slow
 def test_newton_steps_of_all_field_updates_are_bounded_together(monkeypatch):
     # 300 caps of radii over many decades under full coupling: 72,000 steps before they were counted together
-    taken = []
+    most, taken = 400, []
+    monkeypatch.setattr(adhesive, "MAX_TOTAL_STEPS", most)
     direction = AdhesiveContacts.direction
     monkeypatch.setattr(AdhesiveContacts, "direction", lambda *given: taken.append(1) or direction(*given))
     case = draw_case(np.random.default_rng([2026112388, 4794]))
     outcome, why = verdict(case)
     assert outcome == "refused"
-    assert f"no contacts were found in equilibrium in {MAX_TOTAL_STEPS} Newton steps" in why
+    assert f"no contacts were found in equilibrium in {most} Newton steps" in why
     # of each set of contacts that breaks, one direction more than steps is tried
-    assert len(taken) < MAX_TOTAL_STEPS + 2 * len(case.table)
+    assert len(taken) < most + 2 * len(case.table)

@@ -18,8 +18,15 @@ from contactimg.plots.tradeoff import plot_knob, plot_tradeoff
 from contactimg.surfaces import generate_asperities
 from contactimg.tables import TRADEOFF
 from contactimg.tradeoff.knobs import Average, average_contacts, average_rings
-from contactimg.tradeoff.measure import Knob, Setting, mark_front, measure_knob
-from contactimg.tradeoff.recommendations import error_text, knob_sentence, time_text
+from contactimg.tradeoff.measure import (
+    Knob,
+    Setting,
+    error_text,
+    knob_sentence,
+    mark_front,
+    measure_knob,
+    time_text,
+)
 
 positive = st.floats(1e-6, 1e3)
 
