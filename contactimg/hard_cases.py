@@ -193,11 +193,45 @@ def uniform_heights(load: float) -> Outcome:
     return compared(rings, rings.depth.max(), depth, 1e-9, "closed form (Appendix B over the sphere)")
 
 
+def jump_in(indentation: float) -> Outcome:
+    """One adhesive cap that jumps into contact at an indentation (m)."""
+    solution = solve_adhesive(caps([0.0]), indentation=indentation, work_of_adhesion=ADHESION, **FLAT)
+    true = jkr.radius_from_indentation(indentation, contact_modulus=MODULUS, **STICKY)
+    return compared(solution, solution.radius, true, 1e-9, "closed form (JKR)")
+
+
+def layer_beyond(thickness: float) -> Outcome:
+    """One cap on a layer (m) too thin for its contact."""
+    solve = partial(solve_interacting, caps([0.0]), load=5e-3, thickness=thickness, **FLAT)
+    return refused(solve, "2 thicknesses", "a/t beyond 2")
+
+
+def overlapping_pair(distance: float) -> Outcome:
+    """Two caps whose contacts overlap, at a distance in radii."""
+    a = 2e-5
+    load = 2 * float(hertz.load(a, sphere_radius=RADIUS, contact_modulus=MODULUS))
+    solution = solve_interacting(caps([0.0, distance * a]), load=load, **FLAT)
+    true = a**2 / RADIUS + load / 2 / (np.pi * MODULUS * distance * a)
+    return compared(solution, solution.indentation, true, 1e-9, "closed form")
+
+
+def engulfed_pair(distance: float) -> Outcome:
+    """Two caps so close that one of them may carry all."""
+    load = 2 * float(hertz.load(2e-5, sphere_radius=RADIUS, contact_modulus=MODULUS))
+    solve = partial(solve_interacting, caps([0.0, distance * 2e-5]), load=load, **FLAT)
+    return refused(solve, "rows 0 and 1", "stability ends at r/a = 2/pi")
+
+
 CASES: dict[str, Callable[[], Outcome]] = {
+    "one cap, Hertz, 1e-15 N": partial(hertz_load, 1e-15),
     "one cap, Hertz, 0.001 N": partial(hertz_load, 1e-3),
+    "JKR, jump into contact at an indentation of 0 m": partial(jump_in, 0.0),
     "JKR, 0.999999 of the pull-off force": partial(pulled, 0.999999),
     "cap on a layer of 2e-05 m, nu 0.5, 4e-06 m deep": partial(layer, 2e-5, 0.5, 4e-6, LAYER_FORCE),
     "2 paraboloids 2.1 radii apart": partial(close_caps, 2, 2.1, PAIR_AREA),
+    "cap on a layer of 5e-06 m, 5 mN": partial(layer_beyond, 5e-6),
+    "two caps 1.2 radii apart, which overlap": partial(overlapping_pair, 1.2),
+    "two caps 0.63 radii apart: several solutions": partial(engulfed_pair, 0.63),
     "two caps at the same place": coincident,
     "SA+ of 10 mm under a lens, 1 N": partial(soft_pattern, 1.0),
     "Greenwood-Williamson, 0.3 N": partial(uniform_heights, 0.3),
