@@ -31,8 +31,8 @@ BLUR_PX = 1.0
 STRIPS, STRIP_ROWS, STRIP_MARGIN = 4, 16, 4
 """Strips of the image that the gains are measured in, their rows, and those at their ends that the blur
 spoils. Accuracy: some thousand samples."""
-SAMPLE_SPACING_PX = 4
-"""Distance at which pixels are independent behind `BLUR_PX`."""
+SAMPLE_SPACINGS_PX = (4, 2)
+"""Distance at which pixels are independent behind `BLUR_PX`, and that in a small frame."""
 FEWEST_SAMPLES = 60
 """Pixels of fewer than which no gains are measured and the reference is used as it is. Accuracy: 10 %."""
 NEGLIGIBLE_GAIN = 0.1
@@ -112,7 +112,7 @@ def _weight_bands(out, sharp, narrow, middle, wide, numbers):
     return dirty
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def _restore_dirt(out, y, full, taps_x, taps_y, narrow, middle, wide, numbers):
     """Replace the sum by the unfiltered reference, merely moved, in the pixels where a band shows dirt."""
     (rows, columns), reach = full.shape, len(taps_x) // 2
@@ -170,10 +170,13 @@ def _measure_gains(
     Measured in strips of the image, behind a blur of `BLUR_PX` as in the image of a contact.
     """
     rows, inside = strips(len(full), STRIP_ROWS, STRIPS, STRIP_MARGIN)
-    picked = np.flatnonzero(inside & (rows % SAMPLE_SPACING_PX == 0))
-    columns = np.arange(STRIP_MARGIN, full.shape[1] - STRIP_MARGIN, SAMPLE_SPACING_PX)
-    mask = is_background(illumination.background, rows[picked], columns, full.shape)
-    if np.count_nonzero(mask) < FEWEST_SAMPLES:
+    for spacing in SAMPLE_SPACINGS_PX:
+        picked = np.flatnonzero(inside & (rows % spacing == 0))
+        columns = np.arange(STRIP_MARGIN, full.shape[1] - STRIP_MARGIN, spacing)
+        mask = is_background(illumination.background, rows[picked], columns, full.shape)
+        if np.count_nonzero(mask) >= FEWEST_SAMPLES:
+            break
+    else:
         return np.ones(3), np.full(2, NO_DIRT)
 
     def sample(strips: NDArray, filters: Filters | None = None) -> Values:

@@ -172,7 +172,8 @@ def test_every_family_has_its_sentence():
     shape[SOFTNESS], shape[DOME], shape[RESPONSE] = 0.01, -0.1, 0.55
     families = ("point spread", "softness", "plateau", "response", "blur field", "contrast")
     text = describe_edge(LearnedEdge(Edge(1.4, shape), families, np.full(len(PARAMETERS), 0.02)), binning=1)
-    assert text.count(";") == len(families)  # one more between gamma and what to do
+    assert text.count(", and ") == len(families) - 1
+    assert ";" not in text  # which parts the sentences of a message
     assert "gamma about 0.45 +- 0.02" in text
     assert "0.1 of the radius" in text
     assert describe_edge(LearnedEdge(Edge(1.4, shape)), binning=1) == ""
