@@ -54,7 +54,6 @@ def mechanisms():
     foreign = importlib.import_module(BASE + "detect.foreign").NONE
     table = {
         "better covers of groups": [("fit.assemble", "_Assembly.improve_covers", lambda _self: None)],
-        "arcs among the covers": [("fit.covers", "cover_outline", lambda *_a, **_o: np.empty((0, 3)))],
         "wide residuals": [("fit.assemble", "_Assembly.add_wide_residuals", lambda _self: None)],
         "faint regions": [
             ("detect.candidates", "_faint_regions", lambda *a: ([], np.zeros(len(a[4]), np.bool_)))
