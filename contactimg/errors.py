@@ -8,7 +8,7 @@ class ContactimgError(Exception):
 
 
 class InputError(ContactimgError, ValueError):
-    """What was handed in breaks a rule: the message names what, the rule, the value and the remedy."""
+    """An input breaks a rule: the message names what, the rule, the value and the remedy."""
 
 
 class FrameError(InputError):

@@ -41,7 +41,7 @@ ALLOWED, FITTED, LEFT_OUT = "allowed for", "fitted", "not included"
 
 @dataclass(frozen=True)
 class UncertaintySource:
-    """What one source of error does to modulus and adhesion.
+    """Changes of modulus and adhesion by one source of error.
 
     Parameters
     ----------

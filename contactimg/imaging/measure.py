@@ -304,7 +304,7 @@ def count_again(
 
 
 def _background(foreground: Foreground, contacts: Columns, blur: float) -> Any:
-    """What is left of the background."""
+    """The background that is left outside the contacts and what a blur (px) spreads of them."""
     places = np.column_stack([np.asarray(contacts[name], float) for name in ("x_px", "y_px", "radius_px")])
     return inspect_background(
         foreground.image, foreground.frame_pair.valid, foreground.difference.illumination.background, places,

@@ -233,7 +233,7 @@ class Coupling(Protocol):
         """
 
     def at_positions(self, x: Values, y: Values) -> "Coupling":
-        """The same coupling between candidates at other places."""
+        """A coupling of the same kind between candidates at other places."""
 
 
 INVERSE_PI = 1 / np.pi
@@ -355,7 +355,7 @@ class DenseCoupling:
         return k.relieved(Fields(*sums), force, contact_radius)
 
     def at_positions(self, x: Values, y: Values) -> "DenseCoupling":
-        """The same coupling between candidates at other places."""
+        """A coupling of the same kind between candidates at other places."""
         return DenseCoupling(x, y, self._kernel)
 
 

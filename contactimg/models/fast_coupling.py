@@ -480,7 +480,7 @@ class FastCoupling:
             self.solve_newton_system(active, NewtonSystem(scale, scale), 1e-3)
 
     def at_positions(self, x: Values, y: Values) -> "FastCoupling":
-        """The same coupling between candidates at other places."""
+        """A coupling of the same kind between candidates at other places."""
         return FastCoupling(x, y, self._kernel, self._accuracy)
 
     @stage("coupling sums")

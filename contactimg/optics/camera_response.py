@@ -66,7 +66,7 @@ class CameraResponse:
         return np.sign(fraction) * np.abs(fraction) ** (1.0 / self.gamma) * full_scale
 
     def _relative_light(self, levels: Values) -> Values:
-        """Of the table."""
+        """Light of grey levels by the table, continued along its slope beyond the ends."""
         known, light = np.array(self.table).T
         curve = PchipInterpolator(known, light)
         inside = np.clip(levels, known[0], known[-1])

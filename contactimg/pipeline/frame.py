@@ -198,7 +198,7 @@ class SumOfCubes:
 
     @classmethod
     def of(cls, contacts: pd.DataFrame) -> "SumOfCubes":
-        """Those of a contacts table."""
+        """The errors of the sum over the rows of a contacts table."""
         slope = 3.0 * contacts["radius_px"].to_numpy(float) ** 2
         shifts = contacts[list(SHARED_SHIFTS)].to_numpy(float)
         alone = np.maximum(contacts["radius_std_px"].to_numpy(float) ** 2 - np.sum(shifts**2, axis=1), 0.0)

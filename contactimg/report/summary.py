@@ -51,7 +51,7 @@ def _range_of(values: pd.Series, form: str, factor: float) -> str:
 
 
 def facts(run: Run) -> list[tuple[str, str]]:
-    """What was measured, and how."""
+    """The settings and results of a run, as pairs of name and text."""
     scene, found, pose = run.scene, list[tuple[str, str]](), run.provenance.get("pose")
     if scene.indenter is not None:
         found.append(("Lens", f"radius {plain_number(1e3 * scene.indenter.radius)} mm"))

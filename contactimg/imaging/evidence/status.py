@@ -271,7 +271,7 @@ def _touching_among_ellipses(e: Columns) -> int:
 
 
 def _common_disagreement(e: Columns) -> str:
-    """What to say if the counted pixels of all contacts together differ from those that the model expects."""
+    """A sentence if all counted pixels together differ from those that the model expects; else empty."""
     if not len(e) or not len(e["counted"]):
         return ""
     used = ~e["use_count"] & ~e["cut"] & (e["touching"] == 0) & (e["radius"] > 2.0 * e["blur"])

@@ -370,11 +370,11 @@ class FilmDirection(FilmEdge):
     """The plain edge, with the light of the film as the one direction into which it may change."""
 
     def profile(self, disks: PlacedDisks) -> Values:
-        """The same as that of the plain edge."""
+        """Brightness of the plain edge over its contrast, shape (n, k)."""
         return blurred_profile(disks, self.blur)
 
     def by_radius(self, disks: PlacedDisks) -> Values:
-        """The same as that of the plain edge."""
+        """Derivative of the plain edge by the radius, 1/px."""
         return BlurredDisks.of(disks, self.blur).by_a / self.blur
 
     def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:

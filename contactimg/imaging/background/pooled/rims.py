@@ -86,7 +86,7 @@ class Rims:
 
 @dataclass(frozen=True, eq=False)
 class RimSums:
-    """What one view contributes to the equations of the radii.
+    """Sums that one view adds to the equations of the radii.
 
     Parameters
     ----------
