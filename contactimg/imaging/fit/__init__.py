@@ -6,7 +6,7 @@ In: a `contactimg.imaging.foreground.Foreground`, and optionally the rim that an
 Read in this order: `method` (the steps), `problem` (the record all steps take), `disks` (one fit of all
 disks), `assemble` (how many disks) with `covers`, `residual_light`,
 `shared_optics` (contrast and blur common to all contacts) with `unseen_contrast`, `shapes`,
-`edge_profile` with `edge_scores` (the edge that the contacts share), `film_choice` with
-`rim_likelihood` (the rim of an air film), `contact_pixels` (sums over the pixels of each contact). `pooling`
-combines contrast and blur of a series of frames.
+`edge_profile` with `edge_scores` (the edge that the contacts share), `film_choice` (the rim of an air film),
+`contact_pixels` (sums over the pixels of each contact). `pooling` combines contrast and blur of a series of
+frames.
 """

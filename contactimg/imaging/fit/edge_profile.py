@@ -18,7 +18,6 @@ from contactimg.imaging.fit.edge_scores import (
     FEW_CONTACTS,
     FEWEST_CONTACTS,
     FEWEST_SCORES,
-    FINE_STEPS_PER_BLUR,
     PRIOR_STD,
     SHARED,
     Edge,
@@ -29,10 +28,10 @@ from contactimg.imaging.fit.edge_scores import (
     evenly,
     isolated_disks,
     parameters_of,
+    with_plain_edges,
 )
 from contactimg.imaging.fit.problem import RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem, touches
 from contactimg.imaging.fit.shared_optics import FEWEST_WIDE_DISKS, JointFit, OpticsPrior
-from contactimg.imaging.kernels.radial_sums import add_profiles
 from contactimg.imaging.profile.edge_shape import (
     DOME,
     FAMILIES,
@@ -42,8 +41,6 @@ from contactimg.imaging.profile.edge_shape import (
     RIM,
     SOFTNESS,
     TREND,
-    blurred_profile,
-    edge_profile,
 )
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 from contactimg.timings import stage
@@ -362,19 +359,12 @@ class _Search:
         problem, chosen, radius = self._with_prior(joint), step.chosen, disks[:, RADIUS]
         response, _ = EdgeScores.response_to(chosen, problem, disks, edge, self.placement)
         disks[:, RADIUS] = np.clip(radius + response[:, chosen] @ step.delta, 0.5 * radius, 2.0 * radius)
-        problem = self._corrected(disks, edge)
+        problem = replace(
+            self.problem, image=with_plain_edges(self.problem.image, disks, edge, self.placement)
+        )
         fit = replace(joint.fit, disks=disks, blur=edge.blur)
         prior = self.optics_prior.with_exact_blur(edge.blur)
         return EdgeFit(problem, refine(problem, fit, prior), learned)
-
-    def _corrected(self, disks: Values, edge: Edge) -> FitProblem:
-        """The image of the same disks with a plain edge."""
-        nodes = self.placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
-        plain = blurred_profile(nodes.disks, edge.blur)
-        difference = plain - edge_profile(nodes.disks, edge.blur, edge.shape)
-        image = self.problem.image.copy()
-        add_profiles(image, disks, nodes.inner, difference, nodes.step)
-        return replace(self.problem, image=image)
 
     def finish(self, current: EdgeFit, scores: EdgeScores, *, of: int = 0) -> EdgeFit:
         """The fit with the uncertainties that the edge brings to all radii.

@@ -17,7 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
 from contactimg.imaging.kernels.ellipse_equations import draw_ellipse
@@ -33,7 +33,9 @@ from contactimg.imaging.profile.edge_shape import (
     blurred_profile,
     edge_profile,
     edge_templates,
+    look_up,
 )
+from contactimg.imaging.profile.film_rim import FilmRim, film_table
 
 Values = NDArray[np.float64]
 
@@ -66,6 +68,7 @@ ELLIPTICITY = slice(4, 6)
 """Columns of the two components of the ellipticity, where disks are ellipses."""
 OWN = 3  # contrast and radius of a contact, and the background about it
 EVERY_TEMPLATE = range(1 + len(PARAMETERS))
+FILM = 1 + len(PARAMETERS)  # template of the light of a film
 SHARED = 2  # ln C and the blur come before the parameters of the edge
 
 
@@ -79,31 +82,60 @@ class Edge:
         Pixel included.
     shape : ndarray
         Values of `contactimg.imaging.profile.edge_shape.PARAMETERS`.
+    film : FilmRim or None
+        Air film that may shine beside the contacts.
+    light : float
+        Light of the film over that expected.
     """
 
     blur: float
     shape: Values
+    film: FilmRim | None = None
+    light: float = 0.0
 
     @classmethod
     def plain(cls, blur: float) -> "Edge":
         """A disk behind one Gaussian."""
         return cls(blur, np.zeros(len(PARAMETERS)))
 
+    @property
+    def reach(self) -> float:
+        """Distance beyond the rim up to which the edge changes anything, blur widths."""
+        return film_table(self.film, self.blur).outer if self.film and self.light else REACH_BLUR_WIDTHS
+
     def profile(self, disks: PlacedDisks) -> Values:
         """Brightness of contacts over their contrast, shape (n, k)."""
-        return edge_profile(disks, self.blur, self.shape)
+        profile = edge_profile(disks, self.blur, self.shape)
+        return profile + self.light * self._film(disks, self.blur) if self.light else profile
 
     def by_radius(self, disks: PlacedDisks) -> Values:
         """Derivative of the profile by the radius, 1/px."""
-        if not self.shape.any():
+        if not self.shape.any() and not self.light:
             return BlurredDisks.of(disks, self.blur).by_a / self.blur
         step = 0.05 * self.blur
         above, below = (self.profile(disks.widened(x)) for x in (step, -step))
         return (above - below) / (2 * step)
 
     def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:
-        """Derivatives of the profile by the blur and the parameters of the edge, shape (n, m, k)."""
-        return edge_templates(disks, self.blur, self.shape, chosen)
+        """Derivatives of the profile by the blur and the parameters of the edge, shape (n, m, k).
+
+        `FILM`, the last if it is chosen, is that by the light of the film.
+        """
+        templates = edge_templates(disks, self.blur, self.shape, [k for k in chosen if k != FILM])
+        if self.light and 0 in chosen:
+            step = 0.02 * self.blur
+            above, below = (self._film(disks, self.blur + x) for x in (step, -step))
+            templates[:, list(chosen).index(0)] += self.light * (above - below) / (2 * step)
+        if FILM in chosen:
+            templates = np.concatenate([templates, self._film(disks, self.blur)[:, None]], axis=1)
+        return templates
+
+    def _film(self, disks: PlacedDisks, blur: float) -> Values:
+        """Light of the film, over the contrast of the contacts."""
+        if self.film is None:
+            return np.zeros_like(disks.distance)
+        blurs = np.full(disks.radius.shape, blur)
+        return look_up(film_table(self.film, blur).values, disks, blurs, 1)[0] - blurred_profile(disks, blur)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,13 +153,15 @@ class Placement:
     shape: tuple[int, int]
     ratio: float
 
-    def place(self, disks: Values, *, blur: float, per_blur: int = STEPS_PER_BLUR) -> "PlacedNodes":
+    def place(
+        self, disks: Values, *, blur: float, per_blur: int = STEPS_PER_BLUR, reach: float = REACH_BLUR_WIDTHS
+    ) -> "PlacedNodes":
         """Disks with nodes from their centres to beyond their rims."""
         x, y = (2.0 * disks[:, k] / max(self.shape[1 - k] - 1.0, 1.0) - 1.0 for k in (X, Y))
         field = np.stack([x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3], axis=-1)
         inner = np.maximum(disks[:, RADIUS] - INNER_BLUR_WIDTHS * blur, 0.0)
         step = blur / per_blur
-        count = round((INNER_BLUR_WIDTHS + REACH_BLUR_WIDTHS) * per_blur) + 1
+        count = round((INNER_BLUR_WIDTHS + reach) * per_blur) + 1
         placed = PlacedDisks(disks[:, [RADIUS]], field, radial_nodes(inner, step, count), self.ratio)
         return PlacedNodes(placed, inner, step, count)
 
@@ -242,7 +276,10 @@ class EdgeScores:
     least_factor: float = 1.0
 
     @classmethod
-    def of(cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement) -> "EdgeScores":
+    def of(
+        cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement,
+        chosen: Sequence[int] = EVERY_TEMPLATE,
+    ) -> "EdgeScores":  # fmt: skip
         """Scores of isolated disks (x, y, radius, contrast), or ellipses (`ELLIPTICITY`), from pixels."""
         nodes = placement.place(disks, blur=edge.blur)
         fine = placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
@@ -256,12 +293,15 @@ class EdgeScores:
             (fine.step, nodes.step), nodes.count, clip,
         )  # fmt: skip
         whole = np.isfinite(rest[:, 0])
-        return replace(cls._solve(problem, disks[whole], edge, placement, rest[whole]), kept=whole)
+        return replace(cls._solve(problem, disks[whole], edge, placement, rest[whole], chosen), kept=whole)
 
     @classmethod
-    def expected(cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement) -> "EdgeScores":
+    def expected(
+        cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement,
+        chosen: Sequence[int] = EVERY_TEMPLATE,
+    ) -> "EdgeScores":  # fmt: skip
         """The scores without the pixels, which are 0, with the information and the responses."""
-        return cls._solve(problem, disks, edge, placement, None)
+        return cls._solve(problem, disks, edge, placement, None, chosen)
 
     @classmethod
     def response_to(
@@ -368,10 +408,20 @@ def _with_round_rims(
     return image
 
 
+def with_plain_edges(
+    image: NDArray[np.float32], disks: Values, edge: Edge, placement: Placement
+) -> NDArray[np.float32]:
+    """The image of the same disks (x, y, radius, contrast) with a plain edge of the same blur."""
+    nodes = placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR, reach=edge.reach)
+    image, plain = image.copy(), blurred_profile(nodes.disks, edge.blur)
+    add_profiles(image, disks, nodes.inner, plain - edge.profile(nodes.disks), nodes.step)
+    return image
+
+
 @lru_cache(maxsize=64)
 def _chi_square_limit(false_alarm: float, freedom: int) -> float:
     """Chi-square that is exceeded with a probability."""
-    return float(stats.chi2.isf(false_alarm, freedom))
+    return float(special.chdtri(freedom, false_alarm))
 
 
 def edge_prior(edge: Edge, optics: tuple[Values, Values]) -> tuple[Values, Values]:

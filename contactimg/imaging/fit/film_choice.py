@@ -1,51 +1,48 @@
-"""Whether contacts are surrounded by an air film: the likelihoods of all isolated rims with it and without.
+"""Whether contacts are surrounded by an air film: how much of its light their rims show.
 
-Each rim has a difference of log-likelihoods, film minus none. Their sum over its uncertainty, from the
-scatter between the rims, gives the odds (Vuong, Econometrica 57 (1989) 307, doi:10.2307/1912557, who compares
-models of which neither need be true), but never more than the ratio of the likelihoods itself. Both have the
-same number of parameters; an edge learned from the frame pays one unit of log-likelihood for each of its own
-(Akaike). Before the pixels are looked at, odds are `ODDS` for a contrast that is a film's, and those of the
-setting for what was set by hand. A contrast that must have another cause does not exclude a film: it is taken
-there if the rims give `TAKEN_ODDS`, and remains possible, with `ODDS` against it, until they exclude it.
+The light f of the film, 1 with it and 0 without, is one more quantity that all isolated rims share
+(`contactimg.imaging.fit.edge_scores`): its estimate with contrast, blur and whatever families of edges the
+frame has shown, and its standard uncertainty s from the scatter between the rims. Where f is neither 0 nor 1
+within s, something else shines: the distance to the nearer one counts as uncertainty as well. So does an
+error of the height of the edge that all rims share: against the noise of a pixel, averaged over the pixels at
+all rims, it may be as significant as the film. The odds of a film by the rims are then those of two normal
+distributions about 1 and 0,
+
+    ln odds = (2 f - 1) / (2 s^2).
+
+Before the pixels are looked at, odds are `ODDS` for a contrast that is a film's, and those of the setting for
+what was set by hand. A contrast that must have another cause does not exclude a film: it is taken there if
+the rims give `TAKEN_ODDS`, and remains possible, with `ODDS` against it, until they exclude it.
 
 What the pixels leave open is an error common to all contacts: the difference of the radii times the square
 root of the probability of the other case. What was set by hand is taken, whatever the rims say, and remains
 in doubt like any other choice: where they cannot tell, a statement that is wrong is within 2.2 uncertainties.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
-from contactimg.imaging.fit.edge_profile import EdgeFit
 from contactimg.imaging.fit.edge_scores import (
-    EVERY_TEMPLATE,
-    FINE_STEPS_PER_BLUR,
-    INNER_BLUR_WIDTHS,
+    FILM,
+    NEIGHBOUR_BLUR_WIDTHS,
+    SHARED,
     Edge,
     EdgeScores,
     Placement,
     isolated_disks,
+    parameters_of,
 )
-from contactimg.imaging.fit.problem import RADIUS, FitProblem, touches
-from contactimg.imaging.fit.rim_likelihood import RimFit, RimRatios, compare_rims, fit_rims
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, touches
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
-from contactimg.imaging.kernels.radial_sums import add_profiles, radial_nodes
-from contactimg.imaging.profile.edge_shape import (
-    BlurredDisks,
-    PlacedDisks,
-    blurred_profile,
-    edge_templates,
-    look_up,
-)
-from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting, film_table
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.edge_shape import PRIOR_STD
+from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 
-BLUR_STEP = 0.02  # of the logarithm of the blur in its derivative; accuracy
 Values = NDArray[np.float64]
-EdgeAt = Callable[[float], Edge]
 
 ODDS = 4.0
 """Odds of a film, or of none, before the pixels are looked at. Chosen: where they tell nothing, a wrong
@@ -67,7 +64,18 @@ CONTRAST_FACTOR = 2.0
 LEAST_AREA_CHANGE = 1e-4
 """Relative change of the areas below which a film is not looked for. Chosen: far below any uncertainty."""
 FEWEST_RIMS = 3
-"""Rims whose scatter gives the uncertainty of their sum. Theory: two degrees of freedom."""
+"""Rims whose scatter gives an uncertainty. Theory: two degrees of freedom."""
+LARGEST_LOG_ODDS = 50.0
+"""Logarithm of the odds by rims at most. Accuracy: beyond, probabilities are rounded."""
+MODEL_ERROR = 3e-4
+"""Error of the height of an edge, of the contrast, that all rims share. By hand: pixels that are not points
+make 1e-4 at a blur of 1.4 px, and no lens has a Gaussian point spread function."""
+MOST_STEPS = 25
+"""Newton steps of the rims at most. Accuracy."""
+SETTLED_SIGMA = 0.05
+"""Step of what the rims share, in its uncertainty, at which they have settled. Accuracy."""
+LONGEST_BLUR_STEP = 0.2
+"""Relative. Accuracy."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +87,8 @@ class FilmVerdict:
     asked : {"on", "off", "auto"}
     taken : bool
         Whether the contacts were measured with a film.
-    log_likelihood, std : float
-        With a film minus without, over all isolated rims, and its standard uncertainty.
+    light, std : float
+        Light of the film that all isolated rims show, over that expected, and its standard uncertainty.
     rims : int
         Number of isolated rims.
     doubt : float
@@ -91,14 +99,14 @@ class FilmVerdict:
 
     asked: str
     taken: bool
-    log_likelihood: float
+    light: float
     std: float
     rims: int
     doubt: float
     area_change: float
 
     @property
-    def share(self) -> float:
+    def part(self) -> float:
         """Part of the difference between the choices that is one standard uncertainty of the radii."""
         return float(np.hypot(self.doubt**0.5, FILM_RELATIVE_STD if self.taken else 0.0))
 
@@ -109,7 +117,7 @@ class FilmVerdict:
 
     def remark(self) -> str:
         """What to say of it; empty where no film was found and nothing is left open, or by hand only."""
-        rims = f"{self.rims} rims: log-likelihood {self.log_likelihood:+.3g} +- {self.std:.2g} with it"
+        rims = f"{self.rims} rims show {self.light:.2g} +- {self.std:.2g} of its light"
         other = "without it" if self.taken else "with it"
         area = f"{other} the area would be {100 * abs(self.area_change):.2g} % "
         area += "larger" if self.area_change > 0 else "smaller"
@@ -122,9 +130,32 @@ class FilmVerdict:
             )
             reason = "as the contrast suggests" if self.asked == "auto" else "as set"
             advice = ': state [effects] film = "on" or "off" if you know' if self.asked == "auto" else ""
-            part = f"of which {self.share:.2g} is part of the uncertainties"
+            part = f"of which {self.part:.2g} is part of the uncertainties"
             return f"{undecided}, {reason}, and {area}, {part}{advice}"
         return f"an air film surrounds the contacts ({rims}): {area}" if self.taken else ""
+
+
+@dataclass(frozen=True, eq=False)
+class Rims:
+    """What isolated rims share at the maximum of their likelihood.
+
+    Parameters
+    ----------
+    edge : Edge
+    covariance, own_covariance : ndarray, shape (2 + k, 2 + k)
+        Of ln C, the blur, parameters of the edge and, where it is free, the light of the film, the last; with
+        prior knowledge, and without.
+    count : int
+        Number of rims.
+    common_sigma : float
+        Significance of an error of `MODEL_ERROR` that all rims share, standard deviations.
+    """
+
+    edge: Edge
+    covariance: Values
+    own_covariance: Values
+    count: int
+    common_sigma: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,18 +165,13 @@ class WeighedFilm:
     Parameters
     ----------
     verdict : FilmVerdict
-    film : RimFit
-        Rims with the film at its best blur.
     radius, shift : ndarray, shape (n,), px
         Radii of all contacts without a film, and how they change with it.
-    rim : FilmRim
     """
 
     verdict: FilmVerdict
-    film: RimFit
     radius: Values
     shift: Values
-    rim: FilmRim
 
     def errors(self, radius: Values) -> Values:
         """Change of radii, as measured by the choice taken, by one standard uncertainty of it."""
@@ -155,7 +181,7 @@ class WeighedFilm:
             return np.zeros(len(radius))
         sign = -1.0 if self.verdict.taken else 1.0
         step = np.interp(radius, start[order], self.shift[order])
-        return np.asarray(sign * self.verdict.share * step)
+        return np.asarray(sign * self.verdict.part * step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,43 +207,81 @@ class FilmTrial:
     setting: FilmSetting
     likely: bool
 
-    def weigh(self) -> WeighedFilm | None:
-        """Compare the likelihoods; None where a film would change nothing and none is asked for."""
-        problem, disks, rim = self._problem, self.joint.fit.disks, self.setting.rim
-        blur = self.joint.fit.blur
+    def weigh(self, families: tuple[str, ...] = ()) -> WeighedFilm | None:
+        """Measure the light of the film beside the families of edges that the frame has shown.
+
+        None where a film would change nothing and none is asked for.
+        """
+        disks, rim = self.joint.fit.disks, self.setting.rim
         if self.setting.asked != "on" and _changes_nothing(rim, disks[:, RADIUS]):
             return None
-        plain, film = (self._fit(edge_at) for edge_at in (Edge.plain, self._film_at))
-        direction = FilmDirection.of(blur, rim)
-        expected = EdgeScores.expected(problem, disks, direction, self.placement)
-        moved = np.array(
-            [np.log(film.problem.contrast / plain.problem.contrast), film.edge.blur - plain.edge.blur, 1.0]
-        )
+        rims = self.settle(replace(Edge.plain(self.joint.fit.blur), film=rim), free=True)
+        if families:  # from what the film explains by itself
+            rims = self.settle(rims.edge, families, free=True)
+        dark, problem = replace(rims.edge, light=0.0), replace(self.problem, prior=self.joint.prior)
+        expected = EdgeScores.expected(problem, disks, dark, self.placement, (0, FILM))
+        # contrast and blur follow the light along the covariance
+        follow = np.append(rims.covariance[:2, -1] / max(rims.covariance[-1, -1], 1e-300), 1.0)
         radius = disks[:, RADIUS]
-        shift = np.clip(expected.response @ moved, -0.5 * radius, 0.5 * radius)
-        ratios = compare_rims(film, plain, self.placement)
-        return WeighedFilm(self._verdict(ratios, radius, shift), film, radius, shift, rim)
+        shift = np.clip(expected.response @ follow, -0.5 * radius, 0.5 * radius)
+        return WeighedFilm(self._verdict(rims, radius, shift), radius, shift)
 
-    def against(self, weighed: WeighedFilm, learned: EdgeFit) -> WeighedFilm:
-        """Compare the film with an edge that was learned from the frame instead of with the plain one."""
-        edge = learned.learned.edge
-        rival = self._fit(lambda blur: Edge(blur, edge.shape), edge.blur)
-        ratios = compare_rims(weighed.film, rival, self.placement)
-        cost = float(np.count_nonzero(edge.shape))
-        verdict = self._verdict(ratios, weighed.radius, weighed.shift, cost=cost)
-        return replace(weighed, verdict=verdict)
+    def settle(self, edge: Edge, families: tuple[str, ...] = (), *, free: bool) -> Rims:
+        """The maximum of the likelihood of the isolated rims from an edge on; ``free``: the light as well.
+
+        Each rim has a radius, a contrast and a background of its own.
+        """
+        fit, problem = self.joint.fit, replace(self.problem, prior=self.joint.prior)
+        isolated = isolated_disks(fit.disks, problem.image.shape, blur=fit.blur)
+        cut = touches(problem.saturated, 1, fit.disks, fit.disks[:, RADIUS])
+        disks = fit.disks[isolated[~cut[isolated]]]
+        shared = np.union1d([0, 1], parameters_of(families))
+        templates = [*(int(k) - 1 for k in shared[1:]), *([FILM] if free else [])]
+        every, at = np.arange(1 + len(templates)), shared[2:] - SHARED
+        covariance = own_covariance = np.diag([1.0, fit.blur**2, *np.ones(len(every) - 2)])
+        for _ in range(MOST_STEPS):
+            scores = EdgeScores.of(problem, disks, edge, self.placement, templates)
+            disks = disks[scores.kept]
+            if not len(disks):
+                break
+            score, information = np.zeros(len(every)), 1e-9 * np.eye(len(every))
+            away = self.optics_prior.mean - np.array([np.log(problem.prior.mean), edge.blur])
+            score[:2], information[:2, :2] = (
+                self.optics_prior.information @ away,
+                self.optics_prior.information,
+            )
+            own_covariance = scores.step(every, (0.0 * score, 1e-9 * information)).covariance
+            parameters = np.arange(2, 2 + len(at))
+            score[parameters] = -edge.shape[at] / PRIOR_STD[at] ** 2
+            information[parameters, parameters] = 1.0 / PRIOR_STD[at] ** 2
+            step = scores.step(every, (score, information))
+            delta, covariance = step.delta.copy(), step.covariance
+            most = min(problem.largest_contrast, problem.shown_contrast)
+            longest = LONGEST_BLUR_STEP * edge.blur
+            beyond = max(delta[0] - np.log(most / problem.prior.mean), 0.0)
+            delta -= beyond * covariance[:, 0] / covariance[0, 0]  # the others follow a contrast at its limit
+            delta[1] = max(float(np.clip(delta[1], -longest, longest)), PIXEL_VARIANCE**0.5 - edge.blur)
+            delta[2:] = np.clip(delta[2:], -1.0, 1.0)
+            own, disks = scores.own_step + scores.own_response @ delta, disks.copy()
+            radius, contrast = disks[:, RADIUS], disks[:, CONTRAST]
+            disks[:, RADIUS] = np.clip(radius + own[:, 1], 0.6 * radius, 1.5 * radius)
+            disks[:, CONTRAST] = np.clip(contrast + own[:, 0], 0.5 * contrast, 2.0 * contrast)
+            problem = replace(problem, prior=problem.prior.at(problem.prior.mean * float(np.exp(delta[0]))))
+            shape = edge.shape.copy()
+            shape[at] += delta[parameters]
+            light = edge.light + float(delta[-1]) if free else edge.light
+            edge = replace(edge, blur=edge.blur + float(delta[1]), shape=shape, light=light)
+            far = float(np.max(np.abs(own[:, 1]) / scores.radius_std))
+            if delta @ np.linalg.solve(covariance, delta) < SETTLED_SIGMA**2 and far < 0.5:
+                break
+        pixels = 2.0 * np.pi * float(disks[:, RADIUS].sum()) * 2.0 * NEIGHBOUR_BLUR_WIDTHS * edge.blur
+        common_sigma = MODEL_ERROR * problem.prior.mean / problem.pixel_noise * np.sqrt(pixels)
+        return Rims(edge, covariance, own_covariance, len(disks), float(common_sigma))
 
     @property
-    def _problem(self) -> FitProblem:
-        """The problem with the contrast and spread of the fit."""
-        joint = self.joint
-        return replace(self.problem, prior=joint.prior)
-
-    @property
-    def _log_odds(self) -> float:
-        """Log-odds of a film before the pixels are looked at."""
-        film = self.setting.asked == "on" or (self.setting.asked == "auto" and self.likely)
-        return float(special.logit(1.0 - self._prior_doubt)) * (1.0 if film else -1.0)
+    def _expected(self) -> bool:
+        """Whether a film is the likelier case before the pixels are looked at."""
+        return self.setting.asked == "on" or (self.setting.asked == "auto" and self.likely)
 
     @property
     def _prior_doubt(self) -> float:
@@ -225,37 +289,23 @@ class FilmTrial:
         by_hand = self.setting.asked != "auto"
         return max(self.setting.doubt, LEAST_DOUBT) if by_hand else 1.0 / (1.0 + ODDS)
 
-    def _film_at(self, blur: float) -> Edge:
-        return FilmEdge.of(blur, self.setting.rim)
-
-    def _fit(self, edge_at: EdgeAt, blur: float | None = None) -> RimFit:
-        """The isolated rims under an edge."""
-        fit, problem = self.joint.fit, self._problem
-        isolated = isolated_disks(fit.disks, problem.image.shape, blur=fit.blur)
-        cut = touches(problem.saturated, 1, fit.disks, fit.disks[:, RADIUS])
-        return fit_rims(
-            problem, fit.disks[isolated[~cut[isolated]]], blur=blur or fit.blur, edge_at=edge_at,
-            optics_prior=self.optics_prior, placement=self.placement,
-        )  # fmt: skip
-
-    def _verdict(self, ratios: RimRatios, radius: Values, shift: Values, *, cost: float = 0.0) -> FilmVerdict:
-        """The verdict from log-likelihood ratios of the rims; the edge without a film pays ``cost``."""
-        asked, n, total, std = self.setting.asked, len(ratios.values), ratios.total + cost, ratios.std
-        data = 0.0
-        if n >= FEWEST_RIMS:
-            z = total / max(std, 1e-12)
-            data = float(stats.t.logsf(-z, n - 1) - stats.t.logsf(z, n - 1))
-            data = float(np.clip(data, -abs(total), abs(total)))
-        odds = data + self._log_odds
-        other_cause = asked == "auto" and self.likely is False
+    def _verdict(self, rims: Rims, radius: Values, shift: Values) -> FilmVerdict:
+        """The verdict from the light that the rims show."""
+        asked, light, data = self.setting.asked, rims.edge.light, 0.0
+        std = float(np.sqrt(rims.covariance[-1, -1])) * np.hypot(1.0, rims.common_sigma)
+        std = float(np.hypot(std, min(abs(light), abs(1.0 - light))))
+        if rims.count >= FEWEST_RIMS:
+            data = float(np.clip((light - 0.5) / std**2, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS))
+        odds = data + float(special.logit(1.0 - self._prior_doubt)) * (1.0 if self._expected else -1.0)
+        other_cause = asked == "auto" and not self.likely
         taken = data > np.log(TAKEN_ODDS) if other_cause else odds > 0 if asked == "auto" else asked == "on"
-        doubt = _probability(-odds if taken else odds)
+        doubt = float(special.expit(-odds if taken else odds))
         open_choice = asked != "auto" or (other_cause and not taken)
-        if open_choice and _probability(-data if taken else data) > DECIDED_DOUBT:
+        if open_choice and special.expit(-data if taken else data) > DECIDED_DOUBT:
             doubt = max(doubt, self._prior_doubt)  # rims that cannot tell do not speak for either case
         with_film = float(np.sum((radius + shift) ** 2) / np.sum(radius**2))
         change = 1.0 / with_film - 1.0 if taken else with_film - 1.0
-        return FilmVerdict(asked, bool(taken), total, std, n, doubt, change)
+        return FilmVerdict(asked, bool(taken), light, std, rims.count, doubt, change)
 
 
 def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
@@ -263,27 +313,26 @@ def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
 
     Examples
     --------
-    >>> summarise_films([FilmVerdict("auto", False, -9.1, 1.5, 200, 1e-6, -0.02)])
-    'air film: none on 1 of 1 frames; log-likelihood -9.1 +- 1.5 with it, over 200 rims'
-    >>> summarise_films([FilmVerdict("off", False, -0.5, 1.5, 40, 0.4, -0.02)])
-    'air film: none on 1 of 1 frames; log-likelihood -0.5 +- 1.5 with it, over 40 rims; the rims of 1 cannot
-    tell, their uncertainties allow for both; with it the areas would change by -2 to -2 %'
+    >>> summarise_films([FilmVerdict("auto", False, 0.03, 0.05, 200, 1e-6, -0.02)])
+    'air film: none on 1 of 1 frames; 200 rims show 0.03 +- 0.05 of its light'
+    >>> summarise_films([FilmVerdict("off", False, 0.4, 0.9, 40, 0.4, -0.02)])
+    'air film: none on 1 of 1 frames; 40 rims show 0.4 +- 0.9 of its light; those of 1 frames cannot tell,
+    their uncertainties allow for both; with it the areas would change by -2 to -2 %'
     """
-    numbers = (
-        (one.taken, one.log_likelihood, one.std, one.rims, one.doubt, one.area_change) for one in verdicts
-    )
-    found = np.fromiter(numbers, (float, 6))
-    taken, log_likelihood, std, rims, doubt, area_change = found.T
-    frames = f"taken on {taken.sum():.0f}" if taken.any() else f"none on {len(found)}"
-    changes = 100 * area_change[doubt > DECIDED_DOUBT]
-    left = ""
+    numbers = ((one.taken, one.light, one.std, one.rims, one.doubt, one.area_change) for one in verdicts)
+    taken, light, std, rims, doubt, area_change = np.fromiter(numbers, (float, 6)).T
+    weights = 1.0 / np.maximum(std, 1e-9) ** 2
+    changes, left = 100 * area_change[doubt > DECIDED_DOUBT], ""
     if len(changes):
-        left = f"; the rims of {len(changes)} cannot tell, their uncertainties allow for both"
-        other = f"{'without' if taken.any() else 'with'} it the areas would change by"
-        left += f"; {other} {changes.min():+.2g} to {changes.max():+.2g} %"
+        other = "without" if taken.any() else "with"
+        left = (
+            f"; those of {len(changes)} frames cannot tell, their uncertainties allow for both; {other} it "
+            f"the areas would change by {changes.min():+.2g} to {changes.max():+.2g} %"
+        )
     return (
-        f"air film: {frames} of {len(found)} frames; log-likelihood {log_likelihood.sum():+.3g} +- "
-        f"{np.sqrt(np.nansum(std**2)):.2g} with it, over {rims.sum():.0f} rims{left}"
+        f"air film: {f'taken on {taken.sum():.0f}' if taken.any() else 'none on ' + str(len(taken))} of "
+        f"{len(taken)} frames; {rims.sum():.0f} rims show {np.average(light, weights=weights):.2g} +- "
+        f"{weights.sum() ** -0.5:.2g} of its light{left}"
     )
 
 
@@ -301,11 +350,6 @@ def film_makes_contrast(rim: FilmRim, ratio: float) -> bool:
     return bool(1.0 / CONTRAST_FACTOR <= ratio / rim.contrast <= CONTRAST_FACTOR)
 
 
-def _probability(log_odds: float) -> float:
-    """The probability from the logarithm of odds."""
-    return float(1.0 / (1.0 + np.exp(np.clip(-log_odds, -700.0, 700.0))))
-
-
 def _changes_nothing(rim: FilmRim, radius: Values) -> bool:
     """Whether the light of the film is too little to change areas, from an upper bound at the quartiles."""
     for a in np.quantile(radius, [0.25, 0.75]):
@@ -314,72 +358,3 @@ def _changes_nothing(rim: FilmRim, radius: Values) -> bool:
         if 2.0 * light / a > LEAST_AREA_CHANGE:
             return False
     return True
-
-
-@dataclass(frozen=True, eq=False)
-class FilmEdge(Edge):
-    """Edge of contacts with a film; ``shape`` is that of the plain edge, 0.
-
-    Parameters
-    ----------
-    rim : FilmRim
-    """
-
-    rim: FilmRim
-
-    @classmethod
-    def of(cls, blur: float, rim: FilmRim) -> "FilmEdge":
-        """The edge at a blur (px, pixel included)."""
-        return cls(blur, Edge.plain(blur).shape, rim)
-
-    def profile(self, disks: PlacedDisks) -> Values:
-        """Brightness of contacts over their contrast, shape (n, k)."""
-        return self._look_up(disks, self.blur)[0]
-
-    def by_radius(self, disks: PlacedDisks) -> Values:
-        """Derivative of the profile by the radius, 1/px."""
-        return self._look_up(disks, self.blur)[1] / self.blur
-
-    def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:
-        """Derivatives by the blur, and by the parameters of the edge as at the plain one."""
-        up, down = (self._look_up(disks, self.blur * np.exp(x))[0] for x in (BLUR_STEP, -BLUR_STEP))
-        templates = edge_templates(disks, self.blur, self.shape, chosen)
-        templates[:, np.asarray(chosen) == 0] = ((up - down) / (2.0 * BLUR_STEP * self.blur))[:, None]
-        return templates
-
-    def without_film(self, image: NDArray[np.float32], disks: Values) -> NDArray[np.float32]:
-        """The image of the same disks (x, y, radius, contrast) with the plain edge."""
-        outer = film_table(self.rim, self.blur).outer
-        inner = np.maximum(disks[:, RADIUS] - INNER_BLUR_WIDTHS * self.blur, 0.0)
-        step = self.blur / FINE_STEPS_PER_BLUR
-        count = round((INNER_BLUR_WIDTHS + outer) * FINE_STEPS_PER_BLUR) + 1
-        field = np.zeros((len(disks), 5))
-        placed = PlacedDisks(disks[:, [RADIUS]], field, radial_nodes(inner, step, count), 0.0)
-        corrected = image.copy()
-        plain = blurred_profile(placed, self.blur)
-        add_profiles(corrected, disks, inner, plain - self.profile(placed), step)
-        return corrected
-
-    def _look_up(self, disks: PlacedDisks, blur: float) -> Values:
-        """Profile and derivatives from the table of a blur."""
-        return look_up(film_table(self.rim, blur).values, disks, np.full(disks.radius.shape, blur))
-
-
-@dataclass(frozen=True, eq=False)
-class FilmDirection(FilmEdge):
-    """The plain edge, with the light of the film as the one direction into which it may change."""
-
-    def profile(self, disks: PlacedDisks) -> Values:
-        """Brightness of the plain edge over its contrast, shape (n, k)."""
-        return blurred_profile(disks, self.blur)
-
-    def by_radius(self, disks: PlacedDisks) -> Values:
-        """Derivative of the plain edge by the radius, 1/px."""
-        return BlurredDisks.of(disks, self.blur).by_a / self.blur
-
-    def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:
-        """Derivatives by the blur and by the share of the film, as far as chosen."""
-        plain = BlurredDisks.of(disks, self.blur)
-        film = self._look_up(disks, self.blur)[0] - plain.p
-        both = (plain.by_s(disks) / self.blur**2, film)
-        return np.stack([both[k] for k in chosen if k < len(both)], axis=1)

@@ -26,8 +26,8 @@ from contactimg.imaging.fit.disks import (
     wide_disks,
 )
 from contactimg.imaging.fit.edge_profile import LearnedEdge, learn_edge
-from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement
-from contactimg.imaging.fit.film_choice import FilmEdge, FilmTrial, WeighedFilm, film_makes_contrast
+from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement, with_plain_edges
+from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem, X, Y
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
@@ -326,51 +326,48 @@ class _Frame:
             placement = Placement(plain.problem.image.shape, plain.ratio)
             likely = film_makes_contrast(self.film.rim, plain.ratio)
             trial = FilmTrial(plain.problem, plain.joint, self.prior, placement, self.film, likely)
-            weighed = trial.weigh()
-            if weighed is not None and weighed.verdict.taken and self.film.asked == "on":
-                return self._with_film(plain, weighed)
+            weighed = trial.weigh() if self.film.asked == "on" else None
+            if weighed is not None:
+                return self._with_film(plain, trial, weighed)
         learned = learn_edge(
             plain.problem, plain.joint, self.prior, ratio=plain.ratio, refine=refine,
             given=self.foreground.prior_optics, linear=self.linear,
         )  # fmt: skip
-        if trial is not None and weighed is not None and learned.learned.families:
-            weighed = trial.against(weighed, learned)
-        if weighed is not None and weighed.verdict.taken:
-            return self._with_film(plain, weighed)
+        weighed = None if trial is None else trial.weigh(learned.learned.families)
+        if trial is not None and weighed is not None and weighed.verdict.taken:
+            return self._with_film(plain, trial, weighed)
         return replace(
             plain, problem=learned.problem, fit=learned.joint.fit, joint=learned.joint, edge=learned.learned,
             film=weighed,
         )  # fmt: skip
 
-    def _with_film(self, plain: FrameFit, weighed: WeighedFilm) -> FrameFit:
+    def _with_film(self, plain: FrameFit, trial: FilmTrial, weighed: WeighedFilm) -> FrameFit:
         """Assemble the disks with the rim of a film, at the blur that the rims show.
 
         In the end the light of the film is subtracted from the image, and disks with a plain edge are fitted:
         all that follows sees contacts without a film.
         """
-        edge, film = weighed.film.edge, weighed.film
-        exact = self.prior.with_exact_blur(edge.blur)
-        with_rims = replace(self.problem, profile=film_table(weighed.rim, edge.blur))
+        bare = Edge.plain(plain.fit.blur)
+        rims = trial.settle(replace(bare, film=trial.setting.rim, light=1.0), free=False)
+        edge, exact = rims.edge, self.prior.with_exact_blur(rims.edge.blur)
+        with_rims = replace(self.problem, profile=film_table(trial.setting.rim, edge.blur))
         with_rims = replace(with_rims, prior=plain.problem.prior)
         result = self.settle(with_rims, edge.blur, exact, has_film=True)
-        if result.joint is None or not isinstance(edge, FilmEdge):
+        if result.joint is None:
             return result
-        image = edge.without_film(result.problem.image, result.fit.disks)
+        image = with_plain_edges(result.problem.image, result.fit.disks, edge, trial.placement)
         problem = replace(result.problem, image=image, profile=self.problem.profile)
         joint = self.refine(problem, result.fit, exact)
-        placement = Placement(
-            image.shape, max(self.foreground.sign * joint.contrast / self.level, DARKEST_RATIO)
-        )
         known = replace(problem, prior=joint.prior)
-        rims, bare = (
-            EdgeScores.expected(known, joint.fit.disks, each, placement)
-            for each in (edge, Edge.plain(edge.blur))
+        with_film, without = (
+            EdgeScores.expected(known, joint.fit.disks, each, trial.placement, (0,))
+            for each in (edge, replace(edge, light=0.0))
         )
-        own = joint.fit.std * np.maximum(rims.radius_std / bare.radius_std, 1.0)[:, None]
-        shifts = rims.response[:, :2] @ np.linalg.cholesky(film.covariance)
+        own = joint.fit.std * np.maximum(with_film.radius_std / without.radius_std, 1.0)[:, None]
         joint = replace(
-            joint, fit=replace(joint.fit, std=own), covariance=film.covariance,
-            own_covariance=film.own_covariance, radius_shifts=shifts,
+            joint, fit=replace(joint.fit, std=own), covariance=rims.covariance,
+            own_covariance=rims.own_covariance,
+            radius_shifts=with_film.response @ np.linalg.cholesky(rims.covariance),
         )  # fmt: skip
         return replace(result, problem=problem, fit=joint.fit, joint=joint, film=weighed)
 
