@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
-from contactimg.imaging.kernels.ellipse_equations import draw_ellipse
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.radial_sums import add_profiles, radial_nodes, sum_residuals
 from contactimg.imaging.pixels.masks import for_kernel
@@ -64,8 +63,6 @@ CLIP_SIGMA = 5.0
 LOCAL_BACKGROUND_FRACTION = 0.05
 """Uncertainty of the background about a contact, of the contrast. By hand: where contacts are dense it is not
 known better; no edge is to be learned from it."""
-ELLIPTICITY = slice(4, 6)
-"""Columns of the two components of the ellipticity, where disks are ellipses."""
 OWN = 3  # contrast and radius of a contact, and the background about it
 EVERY_TEMPLATE = range(1 + len(PARAMETERS))
 FILM = 1 + len(PARAMETERS)  # template of the light of a film
@@ -197,12 +194,8 @@ def isolated_disks(disks: Values, shape: tuple[int, int], *, blur: float) -> NDA
     """Contacts whose profile no neighbour and no border disturbs, from the narrowest to the widest."""
     reach = REACH_BLUR_WIDTHS * blur
     alone = np.ones(len(disks), np.bool_)
-    gap, round_ = reach + NEIGHBOUR_BLUR_WIDTHS * blur, disks
-    if disks.shape[1] > ELLIPTICITY.start:
-        round_ = disks[:, : ELLIPTICITY.start].copy()
-        round_[:, RADIUS] *= np.exp(np.hypot(*disks[:, ELLIPTICITY].T))
-    alone[find_pairs(round_, 0.5 * gap).ravel()] = False
-    x, y, margin = disks[:, X], disks[:, Y], round_[:, RADIUS] + reach
+    alone[find_pairs(disks, 0.5 * (reach + NEIGHBOUR_BLUR_WIDTHS * blur)).ravel()] = False
+    x, y, margin = disks[:, X], disks[:, Y], disks[:, RADIUS] + reach
     alone &= (x > margin) & (y > margin) & (x < shape[1] - 1 - margin) & (y < shape[0] - 1 - margin)
     chosen = np.flatnonzero(alone & (disks[:, RADIUS] > SMALLEST_BLUR_WIDTHS * blur))
     return evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], MOST_CONTACTS)
@@ -280,16 +273,13 @@ class EdgeScores:
         cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement,
         chosen: Sequence[int] = EVERY_TEMPLATE,
     ) -> "EdgeScores":  # fmt: skip
-        """Scores of isolated disks (x, y, radius, contrast), or ellipses (`ELLIPTICITY`), from pixels."""
+        """Scores of isolated disks (x, y, radius, contrast) from pixels."""
         nodes = placement.place(disks, blur=edge.blur)
         fine = placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
         profile = edge.profile(fine.disks)
         clip = max(CLIP_SIGMA * problem.pixel_noise, LEAST_CLIP_FRACTION * problem.contrast)
-        image = problem.image
-        if disks.shape[1] > ELLIPTICITY.start:
-            image = _with_round_rims(image, disks, fine, edge.blur)
         rest = sum_residuals(
-            image, for_kernel(problem.valid), disks, nodes.inner, profile,
+            problem.image, for_kernel(problem.valid), disks, nodes.inner, profile,
             (fine.step, nodes.step), nodes.count, clip,
         )  # fmt: skip
         whole = np.isfinite(rest[:, 0])
@@ -388,24 +378,6 @@ class EdgeScores:
         """Score and information of all contacts, over the factor of the variances that they show."""
         _, factor, _ = self._scatter(chosen)
         return self.score.sum(axis=0) / factor, self.information.sum(axis=0) / factor
-
-
-def _with_round_rims(
-    image: NDArray[np.float32], disks: Values, nodes: PlacedNodes, blur: float
-) -> NDArray[np.float32]:
-    """The image with the edges of ellipses replaced by those of the circles of equal area, along their rims.
-
-    What a rim of varying curvature adds is taken off: a plain ellipse leaves the residuals of a plain disk.
-    """
-    image, plain = image.copy(), blurred_profile(nodes.disks, blur)
-    bent = disks[:, ELLIPTICITY].any(axis=1)
-    disks = disks[bent]
-    add_profiles(image, disks, nodes.inner[bent], plain[bent], nodes.step)
-    order = [X, Y, RADIUS, *range(ELLIPTICITY.start, ELLIPTICITY.stop), CONTRAST]
-    for parameters in disks[:, order]:
-        parameters[-1] *= -1.0
-        draw_ellipse(image, parameters, blur)
-    return image
 
 
 def with_plain_edges(

@@ -14,25 +14,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.contact_pixels import look_at_pixels
 from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, X, Y
-from contactimg.imaging.fit.shared_optics import DiskScores
-from contactimg.imaging.kernels.ellipse_equations import (
-    PARAMETERS,
-    draw_ellipse,
-    eliminate_parameters,
-    fit_one_ellipse,
-)
+from contactimg.imaging.kernels.ellipse_equations import sample_ellipse
+from contactimg.imaging.kernels.normal_equations import LARGEST_TERM, OUTLIER_SIGMA
 from contactimg.imaging.kernels.pairs import count_touching
-from contactimg.imaging.pixels.masks import Mask, for_kernel
 
-E1, E2 = 3, 4
-"""Columns of the ellipticity among the parameters of an ellipse, after x, y and radius."""
+E1, E2, LIGHT = 3, 4, 5
+"""Columns of the ellipticity and the contrast among the parameters of an ellipse, after x, y and radius."""
 
 ITERATIONS = 12
 """Damped Gauss-Newton steps at most. Accuracy: four are usual."""
+LOSS_TOLERANCE = 0.03
+"""Decrease of chi-square that a step brings, or promises, for a fit to end. Accuracy: an error of 0.17
+standard uncertainties."""
+LARGEST_DAMPING = 1e4
+"""At which a fit ends: no step decreases chi-square. Accuracy."""
+WIDEST_ELLIPTICITY = 1.2
+"""Largest component of the ellipticity: ratio 11 along it. By hand: keeps a fit from needles."""
+RIM_BLUR_WIDTHS = 3.6
+"""Distance from the rim up to which pixels are at it. Theory: beyond, the profile is 0 or 1 to 2e-4."""
 LEAST_SPREAD_FRACTION = 1e-3
 """Smallest spread of the contrasts assumed, of the contrast. Accuracy: keeps the prior finite."""
 POOR_CHI_SQUARE = 1.5
@@ -56,54 +58,6 @@ EXACT_OPTICS = np.diag([1e-8, 1e-8])
 
 
 @dataclass(frozen=True, eq=False)
-class CommonOptics:
-    """What all contacts of a frame share, in pixels of the fit.
-
-    Parameters
-    ----------
-    contrast, spread : float
-        Common contrast, and its spread from contact to contact, grey levels.
-    blur : float
-        Standard deviation of the blurred edge, px.
-    covariance : ndarray, shape (2, 2)
-        Of (ln contrast, blur).
-    """
-
-    contrast: float
-    spread: float
-    blur: float
-    covariance: NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Window:
-    """Pixels about one contact, with all other contacts subtracted.
-
-    Parameters
-    ----------
-    image : ndarray of float32, shape (rows, columns)
-    valid : Mask
-    corner : (int, int)
-        Column and row of its first pixel in the image.
-    noise : Noise
-        At the brightness of this place.
-    """
-
-    image: NDArray[np.float32]
-    valid: Mask
-    corner: tuple[int, int]
-    noise: Noise
-
-    @classmethod
-    def of(
-        cls, problem: FitProblem, box: tuple[slice, slice], image: NDArray[np.float32], brightness: float
-    ) -> "Window":
-        """The pixels of a box of the problem, with other values there."""
-        part = problem.window(box, np.ascontiguousarray(image, np.float32), brightness)
-        return cls(part.image, part.valid, (box[1].start, box[0].start), part.noise)
-
-
-@dataclass(frozen=True, eq=False)
 class FittedEllipse:
     """An ellipse fitted to the pixels of a window.
 
@@ -118,28 +72,12 @@ class FittedEllipse:
         Changes with one standard uncertainty of the common contrast, and of the remaining one of the blur.
     chi_square : ndarray, shape (2,)
         Mean squared residual over its variance, about the rim and inside it (NaN without such pixels).
-    pixels : int
-        About the rim.
-    scores : DiskScores
-        Of the common contrast and blur, for `settle_on_ellipses`; one row.
-    loss : float
-        Sum over the window, outliers linearly, and of the prior.
     """
 
     parameters: NDArray[np.float64]
     covariance: NDArray[np.float64]
     shifts: NDArray[np.float64]
     chi_square: NDArray[np.float64]
-    pixels: int
-    scores: DiskScores
-    loss: float
-
-    @classmethod
-    def unknown(cls) -> "FittedEllipse":
-        """The ellipse where none was fitted."""
-        square, nothing = np.full((PARAMETERS, PARAMETERS), np.nan), np.full((1, PARAMETERS, 2), np.nan)
-        scores = DiskScores(nothing[:, 0], nothing[:, :2], nothing)
-        return cls(square[0], square, nothing[0], square[0, :2], 0, scores, float("nan"))
 
     @property
     def ellipticity(self) -> float:
@@ -173,7 +111,7 @@ class FittedEllipse:
         """Standard uncertainties of major and minor half-axis (px) and of the angle (rad)."""
         eta, radius = max(self.ellipticity, 1e-9), self.parameters[RADIUS]
         along = self.parameters[[E1, E2]] / eta
-        slopes = np.zeros((3, PARAMETERS))
+        slopes = np.zeros((3, len(self.parameters)))
         for row, sign in enumerate((1.0, -1.0)):
             half_axis = radius * np.exp(sign * eta)
             slopes[row, RADIUS] = half_axis / radius
@@ -183,57 +121,77 @@ class FittedEllipse:
 
 
 def fit_ellipse(
-    window: Window,
+    window: FitProblem,
     start: NDArray[np.float64],
-    optics: CommonOptics,
     *,
-    inflation: float,
-    misfit: float = 1.0,
-    circular: bool = False,
+    blur: float,
+    prior: tuple[float, float],
+    covariance: NDArray[np.float64],
+    inflation: float = 1.0,
 ) -> FittedEllipse:
-    """Fit an ellipse to the pixels of a window.
+    """Fit an ellipse to the pixels of a window, outliers linearly (Huber).
 
     Parameters
     ----------
-    window : Window
+    window : FitProblem
+        Pixels about one contact, with all other contacts subtracted.
     start : ndarray, shape (6,)
-        In the image.
-    optics : CommonOptics
+        In the window.
+    blur : float, px
+        Standard deviation of the blurred edge.
+    prior : (float, float)
+        Mean and width of the contrast, grey levels.
+    covariance : ndarray, shape (2, 2)
+        Of (ln contrast, blur), which all contacts share.
     inflation : float
         Factor of the variances for noise that pixels share.
-    misfit : float
-        Least mean squared residual over its variance that is believed; less than 1 where all contacts show
-        less noise than the background let expect.
-    circular : bool
-        Hold the ellipticity at that of the start.
-
-    Returns
-    -------
-    FittedEllipse
     """
+    contrast, spread = prior[0], max(prior[1], LEAST_SPREAD_FRACTION * prior[0])
+    seen = None if window.valid is None or window.valid.all() else window.valid.ravel() > 0
+    image, noise = window.image.ravel().astype(float), window.noise
+    image = image if seen is None else image[seen]
+    a, size = start[RADIUS], max(start[RADIUS], blur)
+    limit = np.array([size, size, a + blur, 2 * WIDEST_ELLIPTICITY, 2 * WIDEST_ELLIPTICITY, 3.0 * contrast])
+    low = np.array([-np.inf, -np.inf, min(0.5 * a, 0.1 * blur), *[-WIDEST_ELLIPTICITY] * 2, 0.3 * contrast])
+    high = np.array([np.inf, np.inf, np.inf, *[WIDEST_ELLIPTICITY] * 2, 3.0 * contrast])
+    p, best, least, damping = start, start, np.inf, 1e-3
+    for _ in range(ITERATIONS):
+        profile = sample_ellipse(window.image.shape, p, blur).reshape(-1, 8)
+        profile = profile if seen is None else profile[seen]
+        # as bright as its own light makes a pixel, but no darker than the background
+        level = p[LIGHT] * profile[:, 5]
+        weight = 1.0 / (noise.variance * (1.0 + noise.slope * np.maximum(level, 0.0) / contrast))
+        squares = (image - level) ** 2 * weight
+        share = np.minimum(OUTLIER_SIGMA / np.sqrt(np.maximum(squares, 1e-30)), 1.0)
+        loss = float(squares @ (share * (2.0 - share))) + ((p[LIGHT] - contrast) / spread) ** 2
+        if loss < least:
+            small, best, least, damping = least - loss < LOSS_TOLERANCE, p, loss, 0.1 * damping
+            slopes = profile[:, :7] * p[LIGHT]
+            slopes[:, LIGHT] = profile[:, LIGHT]
+            products = slopes.T @ (weight[:, None] * slopes)
+            normal, by_blur = products[:6, :6], products[:6, 6]
+            normal[LIGHT, LIGHT] += spread**-2.0
+            gradient = slopes[:, :6].T @ (weight * share * (image - level))
+            gradient[LIGHT] += (contrast - p[LIGHT]) / spread**2
+            kept, rim = np.minimum(squares, LARGEST_TERM), np.abs(profile[:, 7]) <= RIM_BLUR_WIDTHS
+            inside = ~rim & (profile[:, 7] < 0.0)
+            if small:
+                break
+        else:
+            damping = max(10.0 * damping, 1e-3)
+        step = np.linalg.solve(normal + np.diag(damping * np.diag(normal) + 1e-12), gradient)
+        p = np.clip(best + np.clip(step, -limit, limit), low, high)
+        if damping > LARGEST_DAMPING or (damping < 0.1 and step @ gradient < LOSS_TOLERANCE):
+            break
+    # a regularisation treats all parameters alike
+    sizes = np.array([blur, blur, blur, 0.1, 0.1, contrast])
+    inverse = np.linalg.inv(normal + 1e-9 * np.trace(normal * sizes**2) * np.diag(sizes**-2.0))
+    cross = np.column_stack([[0.0] * 5 + [-contrast / spread**2], by_blur])
+    chi_square = np.array([kept[part].mean() if part.any() else np.nan for part in (rim, inside)])
     offset = np.array([*window.corner, 0.0, 0.0, 0.0, 0.0])
-    noise = np.array([window.noise.variance, window.noise.slope / optics.contrast])
-    spread = max(optics.spread, LEAST_SPREAD_FRACTION * optics.contrast)
-    prior = np.array([optics.contrast, spread])
-    parameters, normal, score, chi_square, pixels, loss = fit_one_ellipse(
-        window.image,
-        for_kernel(window.valid),
-        start - offset,
-        optics.blur,
-        noise,
-        prior,
-        circular,
-        ITERATIONS,
-    )
-    inverse, response, own_score, information = eliminate_parameters(
-        parameters, normal, score, optics.contrast, spread
-    )
-    shifts = response @ np.linalg.cholesky(optics.covariance)
-    scale = inflation * max(float(chi_square[0]) if pixels else 1.0, misfit)
-    scores = DiskScores(own_score[None], information[None], response[None])
-    return FittedEllipse(
-        parameters + offset, scale * inverse, shifts, chi_square, int(pixels), scores, float(loss)
-    )
+    scale = inflation * (max(float(chi_square[0]), 1.0) if rim.any() else 1.0)
+    shifts = -inverse @ cross @ np.linalg.cholesky(covariance)
+    return FittedEllipse(best + offset, scale * inverse, shifts, chi_square)
 
 
 def render_ellipse(
@@ -254,9 +212,7 @@ def render_ellipse(
     >>> float(image.sum().round(-1))  # pi 6^2 x 100
     11310.0
     """
-    image = np.zeros(shape, np.float32)
-    draw_ellipse(image, parameters, blur)
-    return image
+    return np.asarray(parameters[LIGHT] * sample_ellipse(shape, parameters, blur)[:, :, 5], np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,13 +301,17 @@ def _fit_one(
         return None
     own = np.array([[x - box[1].start, y - box[0].start, a, c]])
     disk = render_disks(own, fit.blur, problem.image[box].shape, profile=problem.profile)
-    window = Window.of(problem, box, problem.image[box] - fit.model[box] + disk, float(fit.brightness[row]))
+    image = np.asarray(problem.image[box] - fit.model[box] + disk, np.float32)
+    window = problem.window(box, image, float(fit.brightness[row]))
     moments = cv2.moments((window.image > 0.5 * c).astype(np.uint8), binaryImage=True)
     angle = 0.5 * np.arctan2(2 * moments["mu11"], moments["mu20"] - moments["mu02"])
-    start = np.array([x, y, a, 0.1 * np.cos(2 * angle), 0.1 * np.sin(2 * angle), c])
+    corner, e = np.array([*window.corner, 0.0, 0.0, 0.0, 0.0]), 0.1
+    start = np.array([x, y, a, e * np.cos(2 * angle), e * np.sin(2 * angle), c]) - corner
     (mean,), (spread,) = prior.of_disks(fit.disks[[row]], fit.blur)
-    optics = CommonOptics(float(mean), float(spread), fit.blur, covariance)
-    ellipse = fit_ellipse(window, start, optics, inflation=_inflation(fit, row))
+    ellipse = fit_ellipse(
+        window, start, blur=fit.blur, prior=(float(mean), float(spread)), covariance=covariance,
+        inflation=_inflation(fit, row),
+    )  # fmt: skip
     return (
         ellipse if np.isfinite(ellipse.parameters).all() and np.isfinite(ellipse.covariance).all() else None
     )

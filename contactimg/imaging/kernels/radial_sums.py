@@ -1,8 +1,5 @@
 """Residuals of disks against the distance from their centres; radial profiles added to an image (compiled).
 
-A row of six numbers, with the two components of the ellipticity behind the contrast, is an ellipse: its
-distance is that of `contactimg.imaging.kernels.ellipse_equations.rim_distance`, its radius that of equal
-area.
 Profiles and templates are given at nodes, linear between them: `INNER_NODES` equal steps from the centre of a
 disk to ``inner``, then steps of a given length.
 """
@@ -11,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.kernels.ellipse_equations import axes_of, rim_distance
 
 INNER_NODES = 6
 """Steps inside; accuracy: the plateau of a contact is smooth."""
@@ -43,19 +39,6 @@ def _place(r, inner, step):
     return INNER_NODES + (r - inner) / step
 
 
-@njit(cache=True)
-def _axes(disk):
-    """Half-axes and angle of a row, as `rim_distance` takes them; how far it reaches beyond its radius."""
-    parameters = np.zeros(6)
-    for k in range(3):
-        parameters[k] = disk[k]
-    if len(disk) > 4:
-        parameters[3], parameters[4] = disk[4], disk[5]
-    parameters[5] = disk[3]
-    ellipse = axes_of(parameters)
-    return ellipse, ellipse[0] - disk[2] if len(disk) > 4 else 0.0
-
-
 @njit(cache=True, error_model="numpy")
 def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
     """Residuals of each disk, shared between the two nodes about each pixel: shape (n, INNER_NODES + count).
@@ -66,22 +49,19 @@ def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
     """
     rows, columns = image.shape
     sums = np.zeros((len(disks), INNER_NODES + count))
-    masked, elongated = valid.shape == image.shape, disks.shape[1] > 4
+    masked = valid.shape == image.shape
     for i in range(len(disks)):
         x, y, c = disks[i, 0], disks[i, 1], disks[i, 3]
         reach = inner[i] + steps[1] * (count - 1) - 1e-9
-        ellipse, longer = _axes(disks[i])
-        top, bottom = _window(y, reach + longer, rows)
-        first, last = _window(x, reach + longer, columns)
+        top, bottom = _window(y, reach, rows)
+        first, last = _window(x, reach, columns)
         for row in range(top, bottom):
             dy2 = (row - y) ** 2
             for column in range(first, last):
                 r2 = (column - x) ** 2 + dy2
-                if r2 >= (reach + longer) ** 2:
+                if r2 >= reach**2:
                     continue
-                r = rim_distance(column - x, row - y, ellipse) if elongated else np.sqrt(r2)
-                if r >= reach:
-                    continue
+                r = np.sqrt(r2)
                 if masked and valid[row, column] == 0:
                     sums[i, 0] = np.nan
                 place = _place(r, inner[i], steps[0])
@@ -99,21 +79,16 @@ def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
 def add_profiles(image, disks, inner, profiles, step):
     """Add contrast times profile of each disk to an image, in place."""
     rows, columns = image.shape
-    elongated = disks.shape[1] > 4
     for i in range(len(disks)):
         x, y = disks[i, 0], disks[i, 1]
         reach = inner[i] + step * (profiles.shape[1] - INNER_NODES - 1) - 1e-9
-        ellipse, longer = _axes(disks[i])
-        top, bottom = _window(y, reach + longer, rows)
+        top, bottom = _window(y, reach, rows)
         levels = disks[i, 3] * profiles[i]
         for row in range(top, bottom):
-            square = (reach + longer) ** 2 - (row - y) ** 2
+            square = reach**2 - (row - y) ** 2
             first, last = _window(x, np.sqrt(max(square, 0.0)), columns)
             for column in range(first, last):
-                if elongated:
-                    r = rim_distance(column - x, row - y, ellipse)
-                else:
-                    r = np.sqrt((column - x) ** 2 + (row - y) ** 2)
+                r = np.sqrt((column - x) ** 2 + (row - y) ** 2)
                 if r >= reach:
                     continue
                 place = _place(r, inner[i], step)
