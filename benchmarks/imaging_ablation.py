@@ -60,7 +60,6 @@ def mechanisms():
         ],
         "outlines at a lower level": [("detect.candidates", "_whole_at_lower_level", lambda *_a: None)],
         "own contrasts at the start": [("fit.assemble", "_start", common_contrast(start))],
-        "another common contrast": [("fit.method", "MOST_ATTEMPTS", 1)],
         "contrasts that no contact shows": [("fit.shared_optics", "_is_unseen", lambda *_a: False)],
         "halo": [("fit.method", "remove_halo", nothing["remove_halo"])],
         "background that is left": [("fit.method", "remove_background", lambda p, f, _m, **_: (p, f))],

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_runs
-from contactimg.imaging.detect.inscribed_disks import disks_in_region, is_round, whole_region
+from contactimg.imaging.detect.inscribed_disks import component_at, disks_in_region, filled_contact, is_round
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.masks import Mask, visible_fraction
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
@@ -245,11 +245,12 @@ def _whole_at_lower_level(
     margin = 4
     top, left = max(int(region["top"]) - margin, 0), max(int(region["left"]) - margin, 0)
     window = image[top : int(region["bottom"]) + margin + 1, left : int(region["right"]) + margin + 1]
-    parts, runs = label_runs(window, LOWER_RATIO * level)
-    at = _component_at(runs, np.array([region["peak_x"] - left]), np.array([region["peak_y"] - top]))
-    if at[0] < 0:
+    own = component_at(
+        window > LOWER_RATIO * level, int(region["peak_x"]) - left, int(region["peak_y"]) - top
+    )
+    if any(side.any() for side in (own[0], own[-1], own[:, 0], own[:, -1])):
         return None
-    disk = whole_region(parts[at[0]], window, LOWER_RATIO * level)
+    disk = filled_contact(own)
     return None if disk is None else disk + np.array([left, top, 0.0])
 
 

@@ -37,8 +37,6 @@ LARGEST_WHOLE_HOLES, LEAST_WHOLE_PX2 = 0.5, 24
 smaller regions look like anything."""
 PENETRATION = 0.7
 """Fraction of its radius inside a larger disk above which a disk is part of the larger one's rim. By hand."""
-CELL_PX = 32.0
-"""Side of the cells in which neighbours are looked up; it affects the time alone."""
 
 
 def is_round(regions: NDArray[np.void], shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -69,8 +67,11 @@ def disks_in_region(
     Holes that are small against the region, which noise or mottling makes, are filled. A region that is an
     ellipse, or nearly one and convex, when all its holes are is one contact, the disk of its area.
     """
-    own, cut = _mask_of(region, image, level)
-    corner, holes = np.array([int(region["left"]), int(region["top"]), 0.0]), find_holes(own)
+    top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
+    above = image[top : bottom + 1, left : right + 1] > level
+    own = component_at(above, int(region["peak_x"]) - left, int(region["peak_y"]) - top)
+    cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
+    corner, holes = np.array([left, top, 0.0]), find_holes(own)
     disk = None if any(cut) else as_one_contact(fill(own, holes, LARGEST_WHOLE_HOLES * own.sum()), own)
     if disk is not None:
         return disk + corner, True
@@ -84,24 +85,15 @@ def disks_in_region(
     return disks + corner, False
 
 
-def whole_region(region: np.void, image: NDArray[np.float32], level: float) -> NDArray[np.float64] | None:
-    """The disk of a region above a level that is one ellipse as a whole, shape (1, 3); else None."""
-    own, cut = _mask_of(region, image, level)
-    if any(cut):
-        return None
-    disk = as_one_contact(fill(own, find_holes(own), LARGEST_WHOLE_HOLES * own.sum()), own)
-    return None if disk is None else disk + np.array([int(region["left"]), int(region["top"]), 0.0])
+def component_at(above: NDArray[np.bool_], x: int, y: int) -> NDArray[np.uint8]:
+    """The pixels of a mask that are connected with one of them by sides and corners."""
+    labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)[1]
+    return np.asarray(labels == labels[y, x]).astype(np.uint8)
 
 
-def _mask_of(
-    region: np.void, image: NDArray[np.float32], level: float
-) -> tuple[NDArray[np.uint8], tuple[bool, bool, bool, bool]]:
-    """The pixels of a region in its box, and which sides of the box lie at the border of the image."""
-    top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
-    above = (image[top : bottom + 1, left : right + 1] > level).astype(np.uint8)
-    labels = cv2.connectedComponents(above, connectivity=8)[1]
-    own = (labels == labels[region["peak_y"] - top, region["peak_x"] - left]).astype(np.uint8)
-    return own, (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
+def filled_contact(own: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+    """The disk of a region that is one contact when its holes are filled; else None."""
+    return as_one_contact(fill(own, find_holes(own), LARGEST_WHOLE_HOLES * own.sum()), own)
 
 
 def as_one_contact(
@@ -170,9 +162,7 @@ def inscribed_disks(mask: NDArray[np.uint8], margin: int) -> NDArray[np.float64]
     inside = slice(margin, -margin)
     distance = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5)[inside, inside]
     summits = _summits(np.ascontiguousarray(distance), SMALLEST_INSCRIBED)
-    high, wide = (size // CELL_PX + 1 for size in distance.shape)
-    head = np.full((int(high), int(wide)), -1, np.int64)
-    return _select(summits[np.argsort(-summits[:, 2], kind="stable")], head)
+    return _select(summits[np.argsort(-summits[:, 2], kind="stable")])
 
 
 def _rims(array: NDArray, depth: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
@@ -210,37 +200,18 @@ def _summits(distance, smallest):
 
 
 @njit(cache=True)
-def _select(summits, head):
-    """Choose disks that do not lie inside one another, largest first, in linear time by a grid of cells.
-
-    ``head`` holds the first link of each cell, none so far; a link is the disk and the next link.
-    """
-    high, wide = head.shape
-    kept, link = np.empty(summits.shape), np.empty((4 * len(summits) + 64, 2), np.int64)
-    count = links = 0
-    for k in range(len(summits)):
-        x, y, r = summits[k, 0], summits[k, 1], summits[k, 2]
+def _select(summits):
+    """Choose disks that do not lie inside one another, largest first."""
+    kept, count = np.empty(summits.shape), 0
+    for x, y, r in summits:
         free = True
-        q = head[int(y // CELL_PX), int(x // CELL_PX)]
-        while q >= 0:
-            other = link[q, 0]
-            dx, dy = x - kept[other, 0], y - kept[other, 1]
-            limit = kept[other, 2] + (1.0 - PENETRATION) * r
+        for k in range(count):
+            dx, dy = x - kept[k, 0], y - kept[k, 1]
+            limit = kept[k, 2] + (1.0 - PENETRATION) * r
             if dx * dx + dy * dy < limit * limit:
                 free = False
                 break
-            q = link[q, 1]
-        if not free:
-            continue
-        kept[count, 0], kept[count, 1], kept[count, 2] = x, y, r
-        # later disks are no larger, so this one matters to centres within its radius plus a part of it
-        reach = (2.0 - PENETRATION) * r
-        for j in range(max(int((y - reach) // CELL_PX), 0), min(int((y + reach) // CELL_PX) + 1, high)):
-            for i in range(max(int((x - reach) // CELL_PX), 0), min(int((x + reach) // CELL_PX) + 1, wide)):
-                if links == len(link):
-                    link = lengthened(link)
-                link[links, 0], link[links, 1] = count, head[j, i]
-                head[j, i] = links
-                links += 1
-        count += 1
+        if free:
+            kept[count, 0], kept[count, 1], kept[count, 2] = x, y, r
+            count += 1
     return kept[:count]

@@ -28,7 +28,7 @@ from contactimg.imaging.fit.disks import (
 from contactimg.imaging.fit.edge_profile import LearnedEdge, learn_edge
 from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement, with_plain_edges
 from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
-from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem, X, Y
+from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.shared_optics import (
@@ -37,7 +37,6 @@ from contactimg.imaging.fit.shared_optics import (
     JointFit,
     OpticsPrior,
     contrast_prior,
-    hides_contrast,
     settle_optics,
 )
 from contactimg.imaging.foreground import Foreground
@@ -63,12 +62,6 @@ LEAST_LEVEL_FRACTION = 0.1
 """Smallest background level assumed when a contact's gain is computed, of the contrast. By hand."""
 FEW_STEPS = 3
 """Newton steps of contrast and blur where not all candidates are fitted. By hand, for time."""
-MOST_ATTEMPTS = 2
-"""Contrasts at which disks are assembled, at most. By hand."""
-WORSE_RATIO = 1.5
-"""Median chi-square at another contrast over that at the first, above which the other is wrong. By hand."""
-CONTRAST_CHANGE_LOG = 0.15
-"""Change of ln contrast after which disks are assembled anew. By hand."""
 FEWEST_COMMON_CHI_SQUARE = 10
 """Contacts needed to ascribe their median chi-square to the noise model. By hand."""
 ELLIPSES_THAT_MATTER = 0.1
@@ -150,27 +143,7 @@ def measure_by_fit(
         Whether the camera is known to be linear.
     """
     frame = replace(_Frame.of(foreground, film, edits, shape), linear=linear)
-    problem, blur = frame.problem, frame.blur
-    best = frame.settle(problem, blur, frame.prior)
-    for _ in range(MOST_ATTEMPTS - 1):
-        joint = best.joint
-        if joint is None or best.limited:
-            break
-        if abs(np.log(joint.contrast / problem.contrast)) < CONTRAST_CHANGE_LOG:
-            break
-        if hides_contrast(best.fit):  # which regions at half of that contrast would not show either
-            break
-        original, _ = made_round(best.problem, best.fit, best.ellipses, -1.0)
-        # contacts with a contrast of their own are found anew
-        prior = ContrastPrior.loose(joint.contrast)
-        problem = replace(original, prior=prior, background=problem.background)
-        other = frame.settle(problem, joint.fit.blur, frame.prior)
-        # a contrast at which most contacts vanish, or fit worse, is wrong; small ones are faint at any
-        if other.joint is None or 2 * len(other.fit.disks) < len(best.fit.disks):
-            break
-        if np.median(other.fit.chi_square) > WORSE_RATIO * np.median(best.fit.chi_square):
-            break
-        best = other
+    best = frame.settle(frame.problem, frame.blur, frame.prior)
     if shape in ("auto", "ellipse"):
         best = frame.with_ellipses(best, everywhere=shape == "ellipse")
     return replace(frame.with_edge(best), known_edge=foreground.prior_optics.known_edge)
