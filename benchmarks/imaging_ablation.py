@@ -11,7 +11,6 @@ with everything; a mechanism without a line that changes earns nothing on these 
 import argparse
 import importlib
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,21 +35,9 @@ def no_rule(name):
     return [rule for rule in rules if rule[0].name != name]
 
 
-def common_contrast(start):
-    """Disks that all start at the common contrast, none with its own."""
-
-    def changed(problem, found, blur, most):
-        problem_, disks, largest = start(problem, found, blur, most)
-        disks[:, 3] = problem.contrast
-        return replace(problem_, prior=problem.prior), disks, largest
-
-    return changed
-
-
 def mechanisms():
     """What is left out: names of places (module, attribute) and what stands there instead."""
-    nothing = {"remove_halo": lambda problem, fit, _means, **_: (problem, fit, None, np.empty((0, 3)))}
-    start = importlib.import_module(BASE + "fit.assemble")._start
+    nothing = {"remove_halo": lambda problem, fit, **_: (problem, fit, None, np.empty((0, 3)))}
     foreign = importlib.import_module(BASE + "detect.foreign").NONE
     table = {
         "better covers of groups": [("fit.assemble", "_Assembly.improve_covers", lambda _self: None)],
@@ -59,10 +46,8 @@ def mechanisms():
             ("detect.candidates", "_faint_regions", lambda *a: ([], np.zeros(len(a[4]), np.bool_)))
         ],
         "outlines at a lower level": [("detect.candidates", "_whole_at_lower_level", lambda *_a: None)],
-        "own contrasts at the start": [("fit.assemble", "_start", common_contrast(start))],
         "contrasts that no contact shows": [("fit.shared_optics", "_is_unseen", lambda *_a: False)],
         "halo": [("fit.method", "remove_halo", nothing["remove_halo"])],
-        "background that is left": [("fit.method", "remove_background", lambda p, f, _m, **_: (p, f))],
         "learned edge": [("fit.method", "learn_edge", plain_edge)],
         "coarse rims": [
             (room, "allow_for_coarse_rims", lambda problem, *_a, **_o: problem)
@@ -82,7 +67,7 @@ def mechanisms():
         "regions without light": [("measure", "find_unlit", lambda *_a: None)],
         "dark spots": [("evidence.status", "count_dark_spots", lambda *_a: 0)],
     }
-    for reason in ("REFERENCE_DUST", "NO_RIM", "INVISIBLE", "TOO_SHARP", "SCRATCH", "NOISE"):
+    for reason in ("REFERENCE_DUST", "INVISIBLE", "SCRATCH", "NOISE"):
         table[f"rule: {reason.lower().replace('_', ' ')}"] = [("evidence.rules", "RULES", no_rule(reason))]
     return table
 

@@ -104,15 +104,12 @@ class Candidates:
         x, y, radius (px), largest first.
     plateau : ndarray, shape (n,)
         Of the region that each lies in, grey levels.
-    own : ndarray of bool, shape (n,)
-        Whether the region was outlined at half of its own plateau, not of the common one.
     whole : ndarray of bool, shape (n,)
         Whether the region is no disk, but one ellipse as a whole.
     """
 
     places: NDArray[np.float64]
     plateau: NDArray[np.float64]
-    own: NDArray[np.bool_]
     whole: NDArray[np.bool_]
 
 
@@ -196,41 +193,40 @@ def find_candidates(
     regions, runs = label_runs(smooth, level)
     regions, plateau, half_area = _with_plateaus(smooth, regions, runs)
     bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2)
-    places, others = [np.empty((0, 3))], [np.empty((0, 3))]
+    places, others = [np.empty((0, 3))], [np.empty((0, 2))]
 
-    def add(disks: NDArray, height: NDArray | float, *, own_level: bool, whole: bool = False) -> None:
+    def add(disks: NDArray, height: NDArray | float, *, whole: bool = False) -> None:
         places.append(disks)
-        heights = np.broadcast_to(height, len(disks))
-        others.append(np.column_stack([heights, np.full(len(disks), own_level), np.full(len(disks), whole)]))
+        others.append(np.column_stack([np.broadcast_to(height, len(disks)), np.full(len(disks), whole)]))
 
     faint, ragged = _faint_regions(image, valid, noise, level, regions)
     regions, plateau, bright = regions[~ragged], plateau[~ragged], bright[~ragged]
     one = is_round(regions, smooth.shape) & ~bright
-    add(_disks_of(regions[one]), plateau[one], own_level=False)
+    add(_disks_of(regions[one]), plateau[one])
     for k in np.flatnonzero(~one & ~bright & (regions["area"] > LEAST_AREA_PX2)):
         disks, whole = disks_in_region(regions[k], smooth, level)
         lower = _whole_at_lower_level(regions[k], smooth, level) if len(disks) > 1 else None
         if lower is not None:
-            add(lower, plateau[k], own_level=True, whole=True)
+            add(lower, plateau[k], whole=True)
         else:
-            add(disks, plateau[k], own_level=False, whole=whole)
+            add(disks, plateau[k], whole=whole)
     for k in np.flatnonzero(bright):
         for height, disks, whole in _at_own_half(regions[k], smooth, level, float(plateau[k])):
-            add(disks, height, own_level=True, whole=whole)
+            add(disks, height, whole=whole)
     for region, height, corner, window in faint:
         disks, whole = disks_in_region(region, window, 0.5 * height)
         small = _small_at(height / contrast, blur) if contrast > height else 0.0
         spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + FAINT_SMOOTHING_PX**2)
         if len(disks) == 1 and disks[0, 2] < WIDER_RATIO * spot:
             disks[0, 2], whole = small, False
-            add(disks + np.array([*corner, 0.0]), contrast, own_level=False)
+            add(disks + np.array([*corner, 0.0]), contrast)
             continue
-        add(disks + np.array([*corner, 0.0]), height, own_level=True, whole=whole)
+        add(disks + np.array([*corner, 0.0]), height, whole=whole)
     disks, other = np.vstack(places), np.vstack(others)
     order = np.argsort(-disks[:, 2], kind="stable")
     if valid is not None and len(disks):
         order = order[visible_fraction(disks[order], image.shape, valid) > LEAST_VISIBLE]
-    return Candidates(disks[order], other[order, 0], other[order, 1] > 0, other[order, 2] > 0)
+    return Candidates(disks[order], other[order, 0], other[order, 1] > 0)
 
 
 def _small_at(height: float, blur: float) -> float:

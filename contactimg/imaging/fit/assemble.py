@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.detect.candidates import Candidates, find_candidates
+from contactimg.imaging.detect.candidates import find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
 from contactimg.imaging.fit.covers import Replacement, find_better_covers, find_pairs_of_disks
 from contactimg.imaging.fit.disks import (
@@ -44,9 +44,6 @@ LEAST_RIM_PEAK = 0.12
 ROUGH_RATIO = 1.5
 """Scatter of the residuals around a peak over the noise from which the peak must stand out of that scatter.
 By hand: compression and sharpening ring beside contacts."""
-ODD_PLATEAU_RATIO = 1.15
-"""Plateau over the common contrast, or its inverse, from which a wide candidate starts with its own. By
-hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +73,7 @@ class Assembled:
 
 
 @stage("detection")
-def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shape: str) -> Assembled:
+def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes: str) -> Assembled:
     """Find and fit the disks of an image, with a loose prior of the contrasts.
 
     Parameters
@@ -86,16 +83,20 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shape: 
         To start from, pixel included.
     free_blur : bool
         Fit the blur as well.
-    shape : {"auto", "disk", "ellipse", "free"}
+    shapes : {"auto", "disk", "ellipse", "free"}
         Whether ellipses are looked for.
     """
     contrast, noise = problem.contrast, problem.pixel_noise
     found = find_candidates(problem.image, contrast, noise, problem.valid, blur=blur)
     most = min(int(MOST_DISKS_PER_PX2 * problem.image.size) + 1, MOST_DISKS)
     limited = len(found.places) > most
-    problem, disks, largest = _start(problem, found, blur, most)
+    (x, y, a), shape = found.places[:most].T, problem.image.shape
+    disks = np.column_stack([found.places[:most], np.full(len(a), contrast)])
+    # a disk cut by the border may be much larger than what is inscribed
+    cut = np.minimum.reduce([x, y, shape[1] - 1 - x, shape[0] - 1 - y]) < a + blur
+    largest = np.where(cut, np.inf, GROWTH_RATIO * a + blur)
     work = _Assembly(problem, disks, largest, found.whole[:most], blur=blur, free_blur=free_blur)
-    if shape == "auto":
+    if shapes == "auto":
         work.find_ellipses(found.whole[:most])
     work.drop_insignificant()
     limited |= work.is_entangled()
@@ -125,21 +126,6 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shape: 
         work.improve_covers()
     work.drop_insignificant(final=True)
     return Assembled(work.problem, work.fit, np.vstack(work.dropped), smallest, limited, work.ellipses)
-
-
-def _start(
-    problem: FitProblem, found: Candidates, blur: float, most: int
-) -> tuple[FitProblem, NDArray[np.float64], NDArray[np.float64]]:
-    """The problem with the odd plateaus, the disks to start from, and the upper bounds of their radii."""
-    places, plateau, own = found.places[:most], found.plateau[:most], found.own[:most]
-    (x, y, a), shape, contrast = places.T, problem.image.shape, problem.contrast
-    ratio = plateau / contrast
-    odd = own | ((ratio > ODD_PLATEAU_RATIO) | (ratio < 1.0 / ODD_PLATEAU_RATIO)) & (a > 3.0 * blur)
-    disks = np.column_stack([places, np.where(odd, plateau, contrast)])
-    prior = replace(problem.prior, odd=np.vstack([problem.prior.odd, disks[odd]]))
-    # a disk cut by the border may be much larger than what is inscribed
-    cut = np.minimum.reduce([x, y, shape[1] - 1 - x, shape[0] - 1 - y]) < a + blur
-    return replace(problem, prior=prior), disks, np.where(cut, np.inf, GROWTH_RATIO * a + blur)
 
 
 class _Assembly:

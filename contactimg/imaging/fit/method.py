@@ -1,6 +1,6 @@
 """The method "disk": a blurred disk for each contact, with what all share from the frame itself.
 
-In turn: disks are assembled at a first contrast (`assemble`), halo and remaining background are removed
+In turn: disks are assembled at a first contrast (`assemble`), the halo is removed
 (`residual_light`), contrast and blur are settled (`shared_optics`), and the edge that all contacts share is
 looked for: a plain one, one learned from the frame (`edge_profile`), or that of an air film (`film_choice`).
 """
@@ -29,7 +29,7 @@ from contactimg.imaging.fit.edge_profile import LearnedEdge, learn_edge
 from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement, with_plain_edges
 from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
-from contactimg.imaging.fit.residual_light import remove_background, remove_halo
+from contactimg.imaging.fit.residual_light import remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.shared_optics import (
     FEWEST_WIDE_DISKS,
@@ -40,7 +40,6 @@ from contactimg.imaging.fit.shared_optics import (
     settle_optics,
 )
 from contactimg.imaging.foreground import Foreground
-from contactimg.imaging.pixels.blocks import BlockMeans
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import FilmSetting, film_table
 from contactimg.imaging.profile.optics import Halo, KnownEdge
@@ -196,21 +195,16 @@ class _Frame:
         With a film, whose fringes look like one, no halo is looked for.
         """
         known, free = self.foreground.prior_optics, self.free_blur and not has_film
-        found = assemble_disks(problem, blur=blur, free_blur=free, shape=self.shape)
+        found = assemble_disks(problem, blur=blur, free_blur=free, shapes=self.shape)
         fit, dropped, edited, halo = found.fit, found.dropped, None, None
         problem = allow_for_coarse_rims(found.problem, fit, share=0.5)
         if self.edits and not len(fit.disks):
             fit, edited = fit_edited(problem, fit, self.edits)
         if not len(fit.disks):
             return FrameFit(problem, fit, dropped, found.smallest, found.limited, edited=edited)
-        means = BlockMeans(problem.image, fit.model)
         if not has_film:
-            problem, fit, halo, vanished = remove_halo(
-                problem, fit, means, prior_optics=known, free_blur=free
-            )
+            problem, fit, halo, vanished = remove_halo(problem, fit, prior_optics=known, free_blur=free)
             dropped = np.vstack([dropped, vanished])
-            means = means if halo is None else BlockMeans(problem.image, fit.model)
-        problem, fit = remove_background(problem, fit, means, free_blur=free)
         if self.edits and edited is None:
             fit, edited = fit_edited(problem, fit, self.edits)
         steps = FEW_STEPS if found.limited else OPTICS_STEPS

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
@@ -115,9 +114,6 @@ class FitProblem:
         That the grey levels can show.
     shown_contrast : float
         Largest contrast of contacts that show theirs.
-    removed_background : ndarray, shape (4, 4)
-        Polynomial subtracted from the image so far, as the coefficients of an
-        `contactimg.imaging.background.illumination.Illumination`.
     """
 
     image: NDArray[np.float32]
@@ -132,7 +128,6 @@ class FitProblem:
     corner: tuple[int, int] = (0, 0)
     largest_contrast: float = float("inf")
     shown_contrast: float = float("inf")
-    removed_background: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
 
     @classmethod
     def of(cls, foreground: Foreground, *, binning: int) -> "FitProblem":
@@ -192,13 +187,6 @@ class FitProblem:
     def with_contrast(self, contrast: float) -> "FitProblem":
         """The problem with a loose prior about another contrast."""
         return replace(self, prior=ContrastPrior.loose(contrast, self.prior.odd))
-
-    def without_background(self, coefficients: NDArray[np.float64]) -> "FitProblem":
-        """The problem with a slow polynomial subtracted from the image."""
-        if not coefficients.any():
-            return self
-        image = Illumination(coefficients, self.background, 0.0).subtract_from(self.image)
-        return replace(self, image=image, removed_background=self.removed_background + coefficients)
 
     def brightness_at(self, disks: NDArray) -> NDArray[np.float64]:
         """Relative illumination at the centres of disks."""

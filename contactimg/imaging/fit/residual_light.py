@@ -1,7 +1,7 @@
-"""Removes halo and remaining illumination from the image, each in turn with the fit.
+"""Removes the halo of the point spread function from the image, in turn with the fit.
 
-Both can be measured only away from contacts, and only the fit shows where contacts end. As long as either is
-in the image, the fit takes part of it for edge, contrast or blur; hence the turns.
+It can be measured only away from contacts, and only the fit shows where contacts end. As long as it is in the
+image, the fit takes part of it for edge, contrast or blur; hence the turns.
 
 The halo is a second, wide part of the point spread function. With the frame M seen through the core alone and
 the halo's Gaussian G, the frame is ``D = (1-f) M + f G*M``. Beyond the reach of the core only the halo is
@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.compiled import njit
-from contactimg.imaging.background.illumination import Illumination, fit_illumination
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, find_insignificant, fit_disks
-from contactimg.imaging.fit.problem import CONTRAST, FitProblem
-from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
-from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
+from contactimg.imaging.fit.problem import FitProblem
+from contactimg.imaging.pixels.blocks import BlockMeans, block_means
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 
 CORE_END_FRACTION = 5e-4
@@ -39,36 +37,16 @@ LARGEST_HALO_FRACTION = 0.6
 """Largest halo, of the light. By hand: more would be the point spread function itself."""
 LEAST_HALO_FRACTION = 0.01
 """Halo below which none is assumed, of the light. Accuracy."""
-FLAT_FRACTION = 3e-3
-"""Remaining illumination that ends the iteration. Accuracy."""
-GAP_BLOCK_PX = 2
-"""Side of the blocks then. By hand."""
-GAP_SHARE = 0.05
-"""Share of the blocks used then, those with the least light of contacts. By hand."""
 GIVEN_HALO_ROUNDS = 3
 """Rounds for a halo that is given. By hand."""
 HALO_ROUNDS = 5
 """Rounds of halo and fit at most. By hand: each leaves about a fifth of the error."""
 HALO_SETTLED_FRACTION = 2e-3
 """Change of the halo that ends the iteration, of the light. Accuracy."""
-ILLUMINATION_ROUNDS = 8
-"""Rounds of illumination and fit at most. Accuracy."""
-LARGEST_BACKGROUND_FRACTION = 0.5
-"""Largest remaining illumination that is removed. By hand: more would remove contacts."""
-LARGEST_GAP_FRACTION = 0.2
-"""Light of contacts above which no block is used. By hand."""
-LEAST_SCATTER_FRACTION = 1e-3
-"""Smallest scatter of the blocks. Accuracy: below `FLAT_FRACTION`; an image without noise has none."""
-LEAST_UNTOUCHED_SHARE = 0.05
-"""Share of such blocks below which gaps between contacts are used instead. By hand."""
-LONGEST_SECANT_RATIO = 4.0
-"""Longest secant step over the remaining illumination. By hand."""
-UNTOUCHED_FRACTION = 1e-4
-"""Light of contacts below which a block is background. Accuracy."""
 
 
 def remove_halo(
-    problem: FitProblem, fit: FittedDisks, means: BlockMeans, *, prior_optics: SharedOptics, free_blur: bool
+    problem: FitProblem, fit: FittedDisks, *, prior_optics: SharedOptics, free_blur: bool
 ) -> tuple[FitProblem, FittedDisks, Halo | None, NDArray[np.float64]]:
     """Remove the wide part of the point spread function from the image, in turn with the fit.
 
@@ -80,8 +58,6 @@ def remove_halo(
     problem : FitProblem
     fit : FittedDisks
         Of this problem.
-    means : BlockMeans
-        Of its image and of the model image.
     prior_optics : SharedOptics
     free_blur : bool
 
@@ -101,6 +77,7 @@ def remove_halo(
     for turn in range(HALO_ROUNDS):
         halo = prior_optics.halo
         if not given:
+            means = BlockMeans(problem.image, fit.model)
             halo = estimate_halo(means, contrast=problem.contrast, contacts=len(fit.disks))
         if halo is None or (
             abs(halo.fraction - fraction) < HALO_SETTLED_FRACTION and turn >= given * GIVEN_HALO_ROUNDS
@@ -112,7 +89,6 @@ def remove_halo(
         insignificant &= not insignificant.all()
         dropped.append(fit.disks[insignificant, :3])
         fit = _refit(replace(problem, image=image), fit, ~insignificant, free_blur=free_blur)
-        means = BlockMeans(problem.image, fit.model)
     return replace(problem, image=image), fit, removed, np.vstack(dropped)
 
 
@@ -121,79 +97,6 @@ def _refit(problem: FitProblem, fit: FittedDisks, kept: NDArray[np.bool_], *, fr
     control = FitControl(free_blur, robust=False, iterations=4)
     start = ModelImage.over(fit.model, int(np.count_nonzero(kept)))
     return fit_disks(problem, fit.disks[kept], blur=fit.blur, control=control, start=start)
-
-
-def remove_background(
-    problem: FitProblem, fit: FittedDisks, means: BlockMeans, *, free_blur: bool
-) -> tuple[FitProblem, FittedDisks]:
-    """Remove what is left of the illumination from the image; in a crowd, in turn with the fit.
-
-    When the illumination was estimated, the faint surroundings of contacts still counted as background.
-
-    Parameters
-    ----------
-    problem : FitProblem
-    fit : FittedDisks
-        Of this problem.
-    means : BlockMeans
-        Of its image and of the model image.
-    free_blur : bool
-
-    Returns
-    -------
-    problem : FitProblem
-        Without it, with the contrast above the new background.
-    fit : FittedDisks
-        Of that problem.
-    """
-    removed, last = 0.0, np.inf
-    # small background blocks are the sign of a crowd; elsewhere the remainder is small and one turn suffices
-    crowded = side_of(problem.background.shape, problem.image.shape) < BLOCK
-    for _ in range(ILLUMINATION_ROUNDS):
-        illumination = _remaining_illumination(problem, fit, means)
-        if illumination is None:
-            break
-        rest = float(illumination.coefficients[0, 0])
-        # the fit takes part of the remainder for contrast and blur: a secant step accounts for that
-        factor = 1.0
-        if removed and last != rest:
-            factor = float(np.clip(removed / (last - rest), 1.0, LONGEST_SECANT_RATIO))
-        removed, last = factor * rest, rest
-        if removed > LARGEST_BACKGROUND_FRACTION * problem.contrast:
-            break
-        problem = problem.without_background(factor * illumination.coefficients)
-        if not crowded or abs(removed) < FLAT_FRACTION * problem.contrast:
-            break
-        problem = problem.with_contrast(problem.contrast - removed)
-        fit = _refit(problem, fit, np.ones(len(fit.disks), np.bool_), free_blur=free_blur)
-        means = BlockMeans(problem.image, fit.model)
-    return problem, fit
-
-
-def _remaining_illumination(problem: FitProblem, fit: FittedDisks, means: BlockMeans) -> Illumination | None:
-    """Slow field of the residual where there is next to no contact; None if that is nowhere."""
-    highest = float(np.max(fit.disks[:, CONTRAST], initial=1e-6))
-    side, limit = BLOCK, UNTOUCHED_FRACTION * highest
-    image, model = means(side)
-    light = np.abs(model)
-    if np.mean(light < limit) < LEAST_UNTOUCHED_SHARE:
-        side = GAP_BLOCK_PX
-        image, model = means(side)
-        light = np.abs(model)
-        limit = max(limit, 1.01 * quantile(light, GAP_SHARE))
-        if limit > LARGEST_GAP_FRACTION * highest:
-            return None
-    dark = light < limit
-    if problem.valid is not None:
-        dark &= block_means(problem.valid, side=side) == 1.0
-    if not dark.any():
-        return None
-    blocks = np.where(dark, image - model, np.float32(np.nan))
-    spread = MAD_TO_STD * median(np.abs(blocks[dark]))
-    least = LEAST_SCATTER_FRACTION * problem.contrast
-    return fit_illumination(
-        blocks, problem.image.shape, level=0.0, scatter=max(spread, least), least_scatter=least
-    )
 
 
 def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo | None:
