@@ -5,7 +5,7 @@ directly. Contrast and radius are told apart by the excess kurtosis ``-u^2`` alo
 ``u = (a^2/4)/(s^2 + a^2/4)``: the likelihood of the contrast is a long, curved valley, in which Newton steps
 lose their way and a covariance is too small on the side of small radii. The contrast is therefore stepped
 from the brightest light to the largest contrast possible, with disks and blur fitted at each: the profile of
-the likelihood gives the contrast, and an interval that need not be symmetric.
+the likelihood gives the probability of each of them.
 """
 
 from dataclasses import dataclass, replace
@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import Akima1DInterpolator
 
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
@@ -29,9 +28,8 @@ COARSE_STEPS, FINE_STEPS = 7, 4
 """Contrasts that are tried over the whole range, and then in each half step about the best. Accuracy."""
 FINE_ROUNDS = 5  # of halving that at most; accuracy: to 1/200 of the range
 REACH_BLUR_WIDTHS = 2.0  # beyond the disks of the start, of the pixels that are compared; accuracy
-NODES = 400  # of the integrals; accuracy
-FEWEST_TRIED = 4  # contrasts that make a curve; theory: of third order
-EDGE = 0.02  # ln contrast from an end of its range within which the range cuts an interval; accuracy
+CENTRAL = (0.1587, 0.8413)  # shares of the probability at the ends of an interval of one standard deviation
+FEWEST_TRIED = 4  # contrasts that the pixels do not exclude, at least; accuracy
 SMOOTH_RISE = 4.0  # of chi-square between neighbours, below which no contrast between them is tried; accuracy
 SCATTER_SIGMA = 5.0
 """Standard deviations by which a contrast may exceed the limit of their mean. False-alarm rate: 6e-7."""
@@ -113,8 +111,8 @@ def profile_contrast(
     Returns
     -------
     ContrastProfile
-        At the maximum of the likelihood. The uncertainty of the radii is the farther end of the interval of
-        one standard deviation, in which the kurtosis counts.
+        At the maximum of the likelihood. The uncertainty of the radii is the farther end of the interval that
+        holds the middle 68 % of the probability.
     """
     height = np.median(fit.disks[:, CONTRAST] * -np.expm1(-0.5 * (fit.disks[:, RADIUS] / fit.blur) ** 2))
     largest = max(problem.largest_contrast, float(height))
@@ -134,7 +132,6 @@ def profile_contrast(
         new = [x for x in places if low < x <= high and np.abs(known - x).min() > 0.1 * step]
         found += tries.sweep(np.array(new), best.fit)
         step *= 2.0 / FINE_STEPS
-    found.sort(key=lambda each: each.log_contrast)
     return _conclude(tries, found, (low, high), kurtosis_std)
 
 
@@ -218,71 +215,35 @@ class _Tries:
 def _conclude(
     tries: _Tries, found: list[_Tried], limits: tuple[float, float], kurtosis_std: float
 ) -> ContrastProfile:
-    """The fit at the most probable contrast, and its uncertainties."""
-    best = min(found, key=lambda each: each.chi_square)
-    if len(found) < FEWEST_TRIED:
-        last = max(found, key=lambda each: each.log_contrast)
-        interval, slope = np.array(limits), 0.0
-        sides = np.exp(0.5 * (last.log_contrast - interval)) - 1.0
-    else:
-        curve = _Curve.through(found)
-        at = curve.lowest_beside(best)
-        last = tries.at(float(curve.x[at]), best.fit)
-        if last.chi_square > best.chi_square:
-            last, at = best, int(np.argmin(np.abs(curve.x - best.log_contrast)))
-        inside = curve.within_one_std(at, kurtosis_std)
-        interval, slope = curve.x[inside], float(np.polyfit(curve.x[inside], curve.blur[inside], 1)[0])
-        sides = curve.radius[inside] / curve.radius[at] - 1.0
-    low, high = np.abs(interval[[0, -1]] - last.log_contrast)
-    cut = interval[0] <= limits[0] + EDGE or interval[-1] >= limits[1] - EDGE
-    log_std = float(max(low, high) if cut else np.hypot(low, high) / np.sqrt(2.0))
-    relative = max(float(np.abs(sides[[0, -1]]).max()), PLATEAU_STD_FRACTION / 4.0)
+    """The fit at the most probable contrast, and the uncertainties by the probability of all that were tried.
+
+    A contrast is excluded by the pixels and, if the point spread function is a Gaussian, by the kurtosis: the
+    variances of these two reasons add.
+    """
+    found = sorted(found, key=lambda each: each.log_contrast)
+    k = min(range(len(found)), key=lambda i: found[i].chi_square)
+    if 0 < k < len(found) - 1:
+        x, chi_square = np.array([[each.log_contrast, each.chi_square] for each in found[k - 1 : k + 2]]).T
+        curved, tilted, _ = np.polyfit(x - x[1], chi_square, 2)
+        lowest = float(np.clip(x[1] - 0.5 * tilted / curved if curved > 0 else x[1], x[0], x[2]))
+        found[k] = min(found[k], tries.at(lowest, found[k].fit), key=lambda each: each.chi_square)
+    best = found[k]
+    columns = [
+        [each.log_contrast, each.chi_square, each.kurtosis, each.radius, each.fit.blur] for each in found
+    ]
+    x, chi_square, kurtosis, radius, blur = np.array(columns).T
+    decrease, difference = np.maximum(chi_square - best.chi_square, 0.0), (kurtosis - best.kurtosis) ** 2
+    allowed = difference + decrease * kurtosis_std**2
+    excess = np.divide(decrease * difference, allowed, out=np.zeros(len(x)), where=allowed > 0)
+    ends = np.clip(np.concatenate([limits[:1], 0.5 * (x[1:] + x[:-1]), limits[1:]]), *limits)
+    weight = np.exp(-0.5 * excess) * np.maximum(np.diff(ends), 1e-9)
+    weight /= weight.sum()
+    sides = np.interp(CENTRAL, np.append(0.0, np.cumsum(weight)), ends)
+    relative = np.abs(np.interp(sides, x, radius) / best.radius - 1.0).max()
+    off = x - weight @ x
     return ContrastProfile(
-        tries.with_contrast(last.log_contrast), last.fit, max(log_std, PLATEAU_STD_FRACTION / 2.0), slope,
-        -relative * last.fit.disks[:, RADIUS],
+        tries.with_contrast(best.log_contrast), best.fit,
+        max(float(np.sqrt(np.mean((sides - best.log_contrast) ** 2))), PLATEAU_STD_FRACTION / 2.0),
+        float(weight @ (off * blur) / max(weight @ off**2, 1e-12)),
+        -max(float(relative), PLATEAU_STD_FRACTION / 4.0) * best.fit.disks[:, RADIUS],
     )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class _Curve:
-    """Chi-square, kurtosis, radius and blur over the logarithm x of the contrast, and where it was tried."""
-
-    x: Values
-    chi_square: Values
-    kurtosis: Values
-    radius: Values
-    blur: Values
-    tried: Values
-
-    @classmethod
-    def through(cls, found: list[_Tried]) -> "_Curve":
-        """Smooth through what was tried."""
-        logs = np.array([each.log_contrast for each in found])
-        columns = np.array([[each.chi_square, each.kurtosis, each.radius, each.fit.blur] for each in found])
-        x = np.linspace(logs[0], logs[-1], NODES)
-        chi_square, kurtosis, radius, blur = Akima1DInterpolator(logs, columns, method="makima")(x).T
-        return cls(x, chi_square, kurtosis, radius, blur, tried=logs)
-
-    def lowest_beside(self, best: _Tried) -> int:
-        """Index of the lowest chi-square between the neighbours of the best contrast tried.
-
-        Farther away, where fits may have gone astray, the curve dips between them.
-        """
-        k = int(np.searchsorted(self.tried, best.log_contrast))
-        low, high = self.tried[max(k - 1, 0)], self.tried[min(k + 1, len(self.tried) - 1)]
-        return int(np.argmin(np.where((self.x >= low) & (self.x <= high), self.chi_square, np.inf)))
-
-    def within_one_std(self, at: int, kurtosis_std: float) -> NDArray[np.bool_]:
-        """The contrasts that are not excluded by one standard deviation, about that at the index ``at``.
-
-        It is excluded by pixels and, if the point spread function is a Gaussian, by the kurtosis: the
-        variances of these two reasons add.
-        """
-        decrease = np.maximum(self.chi_square - self.chi_square[at], 0.0)
-        difference = (self.kurtosis - self.kurtosis[at]) ** 2
-        allowed = difference + decrease * kurtosis_std**2
-        excluded = np.divide(decrease * difference, allowed, out=np.zeros(NODES), where=allowed > 0) > 1.0
-        far = np.flatnonzero(excluded)
-        first = int(far[far < at].max(initial=-1)) + 1
-        last = int(far[far > at].min(initial=NODES)) - 1
-        return (np.arange(NODES) >= min(first, at - 1)) & (np.arange(NODES) <= max(last, at + 1))

@@ -221,8 +221,16 @@ def test_however_many_small_contacts_show_no_more_than_the_point_spread_function
     """Light and width of a small spot do not tell contrast from radius; only a known kurtosis does."""
     image, reference, _ = blurred_points(2.0, 80.0, 1.5)
     many = measure_image(image, reference, polarity="bright")
-    q = 2.0**2 / (4.0 * (1.5**2 + PIXEL_VARIANCE))
-    expected = shared_optics.KURTOSIS_STD * (1.0 + 1.0 / q) ** 2 / 2.0  # 0.17
+    # at equal light and variance the kurtosis is u^2, u = (a^2/4)/(s^2 + a^2/4): the middle 68 % of the contrasts
+    # between the brightest light and ten times that, by the kurtosis alone
+    blur_variance = 1.5**2 + PIXEL_VARIANCE
+    lowest = np.log(-np.expm1(-0.5 * 2.0**2 / blur_variance))
+    change = np.linspace(lowest, lowest + np.log(10.0), 4001)
+    kurtosis = (np.exp(-change) / (blur_variance + 1.0)) ** 2
+    off = (kurtosis - (blur_variance + 1.0) ** -2) / shared_optics.KURTOSIS_STD
+    share = np.cumsum(np.exp(-0.5 * off**2))
+    ends = np.interp([0.1587, 0.8413], share / share[-1], change)
+    expected = np.sqrt(np.mean(ends**2))  # 0.28
     assert many.own_optics.contrast_relative_std == pytest.approx(expected, rel=0.2)
     assert not many.resolved
     assert "too small to show their brightness" in many.message
