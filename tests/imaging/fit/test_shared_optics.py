@@ -221,8 +221,8 @@ def test_however_many_small_contacts_show_no_more_than_the_point_spread_function
     """Light and width of a small spot do not tell contrast from radius; only a known kurtosis does."""
     image, reference, _ = blurred_points(2.0, 80.0, 1.5)
     many = measure_image(image, reference, polarity="bright")
-    # at equal light and variance the kurtosis is u^2, u = (a^2/4)/(s^2 + a^2/4): the middle 68 % of the contrasts
-    # between the brightest light and ten times that, by the kurtosis alone
+    # at equal light and variance the kurtosis is u^2, u = (a^2/4)/(s^2 + a^2/4): the middle 68 % of the
+    # contrasts between the brightest light and ten times that, by the kurtosis alone
     blur_variance = 1.5**2 + PIXEL_VARIANCE
     lowest = np.log(-np.expm1(-0.5 * 2.0**2 / blur_variance))
     change = np.linspace(lowest, lowest + np.log(10.0), 4001)
