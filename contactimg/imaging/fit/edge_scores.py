@@ -201,7 +201,7 @@ def isolated_disks(disks: Values, shape: tuple[int, int], *, blur: float) -> NDA
     return evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], MOST_CONTACTS)
 
 
-def evenly(chosen: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+def evenly(chosen: NDArray, most: int) -> NDArray:
     """A number of contacts, at most ``most``, evenly spaced."""
     if len(chosen) <= most:
         return chosen

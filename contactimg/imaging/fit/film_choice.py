@@ -27,12 +27,14 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.imaging.fit.edge_scores import (
+    FEW_CONTACTS,
     FILM,
     NEIGHBOUR_BLUR_WIDTHS,
     SHARED,
     Edge,
     EdgeScores,
     Placement,
+    evenly,
     isolated_disks,
     parameters_of,
 )
@@ -70,9 +72,9 @@ LARGEST_LOG_ODDS = 50.0
 MODEL_ERROR = 3e-4
 """Error of the height of an edge, of the contrast, that all rims share. By hand: pixels that are not points
 make 1e-4 at a blur of 1.4 px, and no lens has a Gaussian point spread function."""
-MOST_STEPS = 25
+MOST_STEPS = 20
 """Newton steps of the rims at most. Accuracy."""
-SETTLED_SIGMA = 0.05
+SETTLED_SIGMA = 0.2
 """Step of what the rims share, in its uncertainty, at which they have settled. Accuracy."""
 LONGEST_BLUR_STEP = 0.2
 """Relative. Accuracy."""
@@ -234,10 +236,11 @@ class FilmTrial:
         fit, problem = self.joint.fit, replace(self.problem, prior=self.joint.prior)
         isolated = isolated_disks(fit.disks, problem.image.shape, blur=fit.blur)
         cut = touches(problem.saturated, 1, fit.disks, fit.disks[:, RADIUS])
-        disks = fit.disks[isolated[~cut[isolated]]]
+        every_rim = fit.disks[isolated[~cut[isolated]]]
+        disks = evenly(every_rim, FEW_CONTACTS)  # until they have settled, for time
         shared = np.union1d([0, 1], parameters_of(families))
         templates = [*(int(k) - 1 for k in shared[1:]), *([FILM] if free else [])]
-        every, at = np.arange(1 + len(templates)), shared[2:] - SHARED
+        every, at, last = np.arange(1 + len(templates)), shared[2:] - SHARED, np.zeros(1 + len(templates))
         covariance = own_covariance = np.diag([1.0, fit.blur**2, *np.ones(len(every) - 2)])
         for _ in range(MOST_STEPS):
             scores = EdgeScores.of(problem, disks, edge, self.placement, templates)
@@ -255,13 +258,15 @@ class FilmTrial:
             score[parameters] = -edge.shape[at] / PRIOR_STD[at] ** 2
             information[parameters, parameters] = 1.0 / PRIOR_STD[at] ** 2
             step = scores.step(every, (score, information))
-            delta, covariance = step.delta.copy(), step.covariance
+            back = last @ np.linalg.solve(step.covariance, step.delta) < 0.0
+            delta, covariance = step.delta * (0.5 if back else 1.0), step.covariance
             most = min(problem.largest_contrast, problem.shown_contrast)
             longest = LONGEST_BLUR_STEP * edge.blur
             beyond = max(delta[0] - np.log(most / problem.prior.mean), 0.0)
             delta -= beyond * covariance[:, 0] / covariance[0, 0]  # the others follow a contrast at its limit
             delta[1] = max(float(np.clip(delta[1], -longest, longest)), PIXEL_VARIANCE**0.5 - edge.blur)
             delta[2:] = np.clip(delta[2:], -1.0, 1.0)
+            last = delta
             own, disks = scores.own_step + scores.own_response @ delta, disks.copy()
             radius, contrast = disks[:, RADIUS], disks[:, CONTRAST]
             disks[:, RADIUS] = np.clip(radius + own[:, 1], 0.6 * radius, 1.5 * radius)
@@ -273,7 +278,9 @@ class FilmTrial:
             edge = replace(edge, blur=edge.blur + float(delta[1]), shape=shape, light=light)
             far = float(np.max(np.abs(own[:, 1]) / scores.radius_std))
             if delta @ np.linalg.solve(covariance, delta) < SETTLED_SIGMA**2 and far < 0.5:
-                break
+                if len(every_rim) <= FEW_CONTACTS:
+                    break
+                disks, every_rim = every_rim, every_rim[:0]
         pixels = 2.0 * np.pi * float(disks[:, RADIUS].sum()) * 2.0 * NEIGHBOUR_BLUR_WIDTHS * edge.blur
         common_sigma = MODEL_ERROR * problem.prior.mean / problem.pixel_noise * np.sqrt(pixels)
         return Rims(edge, covariance, own_covariance, len(disks), float(common_sigma))
