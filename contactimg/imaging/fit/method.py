@@ -1,8 +1,9 @@
 """The method "disk": a blurred disk for each contact, with what all share from the frame itself.
 
-In turn: disks are assembled at a first contrast (`assemble`), the halo is removed
-(`residual_light`), contrast and blur are settled (`shared_optics`), and the edge that all contacts share is
-looked for: a plain one, one learned from the frame (`edge_profile`), or that of an air film (`film_choice`).
+In turn: disks are assembled at a first contrast (`assemble`), halo and, in a crowd, remaining background are
+removed (`residual_light`), contrast and blur are settled (`shared_optics`), and the edge that all contacts
+share is looked for: a plain one, one learned from the frame (`edge_profile`), or that of an air film
+(`film_choice`).
 """
 
 from collections.abc import Sequence
@@ -29,7 +30,7 @@ from contactimg.imaging.fit.edge_profile import LearnedEdge, learn_edge
 from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement, with_plain_edges
 from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
-from contactimg.imaging.fit.residual_light import remove_halo
+from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.shared_optics import (
     FEWEST_WIDE_DISKS,
@@ -205,6 +206,7 @@ class _Frame:
         if not has_film:
             problem, fit, halo, vanished = remove_halo(problem, fit, prior_optics=known, free_blur=free)
             dropped = np.vstack([dropped, vanished])
+        problem, fit = remove_background(problem, fit, free_blur=free)
         if self.edits and edited is None:
             fit, edited = fit_edited(problem, fit, self.edits)
         steps = FEW_STEPS if found.limited else OPTICS_STEPS

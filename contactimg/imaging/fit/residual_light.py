@@ -1,7 +1,7 @@
-"""Removes the halo of the point spread function from the image, in turn with the fit.
+"""Removes the halo, and in a crowd what is left of the illumination, from the image in turn with the fit.
 
-It can be measured only away from contacts, and only the fit shows where contacts end. As long as it is in the
-image, the fit takes part of it for edge, contrast or blur; hence the turns.
+Both can be measured only away from contacts, and only the fit shows where contacts end. As long as either is
+in the image, the fit takes part of it for edge, contrast or blur; hence the turns.
 
 The halo is a second, wide part of the point spread function. With the frame M seen through the core alone and
 the halo's Gaussian G, the frame is ``D = (1-f) M + f G*M``. Beyond the reach of the core only the halo is
@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.compiled import njit
+from contactimg.imaging.background.illumination import Illumination, fit_illumination
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, find_insignificant, fit_disks
-from contactimg.imaging.fit.problem import FitProblem
-from contactimg.imaging.pixels.blocks import BlockMeans, block_means
+from contactimg.imaging.fit.problem import CONTRAST, FitProblem
+from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
+from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 
 CORE_END_FRACTION = 5e-4
@@ -43,6 +45,22 @@ HALO_ROUNDS = 5
 """Rounds of halo and fit at most. By hand: each leaves about a fifth of the error."""
 HALO_SETTLED_FRACTION = 2e-3
 """Change of the halo that ends the iteration, of the light. Accuracy."""
+FLAT_FRACTION = 3e-3
+"""Remaining illumination that ends the iteration. Accuracy."""
+GAP_BLOCK_PX = 2
+"""Side of the blocks between contacts of a crowd. By hand."""
+GAP_SHARE = 0.05
+"""Share of the blocks used there, those with the least light of contacts. By hand."""
+ILLUMINATION_ROUNDS = 8
+"""Rounds of illumination and fit at most. Accuracy."""
+LARGEST_BACKGROUND_FRACTION = 0.5
+"""Largest remaining illumination that is removed. By hand: more would remove contacts."""
+LARGEST_GAP_FRACTION = 0.2
+"""Light of contacts above which no block is used. By hand."""
+LEAST_SCATTER_FRACTION = 1e-3
+"""Smallest scatter of the blocks. Accuracy: below `FLAT_FRACTION`; an image without noise has none."""
+LONGEST_SECANT_RATIO = 4.0
+"""Longest secant step over the remaining illumination. By hand."""
 
 
 def remove_halo(
@@ -97,6 +115,69 @@ def _refit(problem: FitProblem, fit: FittedDisks, kept: NDArray[np.bool_], *, fr
     control = FitControl(free_blur, robust=False, iterations=4)
     start = ModelImage.over(fit.model, int(np.count_nonzero(kept)))
     return fit_disks(problem, fit.disks[kept], blur=fit.blur, control=control, start=start)
+
+
+def remove_background(
+    problem: FitProblem, fit: FittedDisks, *, free_blur: bool
+) -> tuple[FitProblem, FittedDisks]:
+    """Remove what is left of the illumination from the image of a crowd, in turn with the fit.
+
+    Parameters
+    ----------
+    problem : FitProblem
+    fit : FittedDisks
+        Of this problem.
+    free_blur : bool
+
+    Returns
+    -------
+    problem : FitProblem
+        Without it, with the contrast above the new background.
+    fit : FittedDisks
+        Of that problem.
+    """
+    removed, last = 0.0, np.inf
+    # small background blocks are the sign of a crowd; elsewhere nothing worth it is left
+    if side_of(problem.background.shape, problem.image.shape) >= BLOCK:
+        return problem, fit
+    for _ in range(ILLUMINATION_ROUNDS):
+        illumination = _remaining_illumination(problem, fit)
+        if illumination is None:
+            break
+        rest = float(illumination.coefficients[0, 0])
+        # the fit takes part of the remainder for contrast and blur: a secant step accounts for that
+        factor = 1.0
+        if removed and last != rest:
+            factor = float(np.clip(removed / (last - rest), 1.0, LONGEST_SECANT_RATIO))
+        removed, last = factor * rest, rest
+        if removed > LARGEST_BACKGROUND_FRACTION * problem.contrast:
+            break
+        left = replace(illumination, coefficients=factor * illumination.coefficients)
+        problem = replace(problem, image=left.subtract_from(problem.image))
+        if abs(removed) < FLAT_FRACTION * problem.contrast:
+            break
+        problem = problem.with_contrast(problem.contrast - removed)
+        fit = _refit(problem, fit, np.ones(len(fit.disks), np.bool_), free_blur=free_blur)
+    return problem, fit
+
+
+def _remaining_illumination(problem: FitProblem, fit: FittedDisks) -> Illumination | None:
+    """Slow field of the residual in the gaps with the least light of contacts; None if there are none."""
+    image, light = (block_means(part, side=GAP_BLOCK_PX) for part in (problem.image, np.abs(fit.model)))
+    limit = 1.01 * quantile(light, GAP_SHARE)
+    if limit > LARGEST_GAP_FRACTION * float(np.max(fit.disks[:, CONTRAST], initial=1e-6)):
+        return None
+    dark = light <= limit
+    if problem.valid is not None:
+        dark &= block_means(problem.valid, side=GAP_BLOCK_PX) == 1.0
+    if not dark.any():
+        return None
+    blocks = np.where(dark, image - block_means(fit.model, side=GAP_BLOCK_PX), np.float32(np.nan))
+    spread = MAD_TO_STD * median(np.abs(blocks[dark]))
+    least = LEAST_SCATTER_FRACTION * problem.contrast
+    return fit_illumination(
+        blocks, problem.image.shape, level=0.0, scatter=max(spread, least), least_scatter=least
+    )
 
 
 def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo | None:
