@@ -125,12 +125,7 @@ def test_groups_are_resolved(name):
     assert (found["flags"].to_numpy()[pairs[:, 1]][pairs[:, 0] < len(rows)] & int(Flag.MERGED)).all()
 
 
-MERGED = "behind a blur of 2 px two pairs of contacts below the blur are taken for one each"
-
-
-@pytest.mark.parametrize(
-    "sigma", [1.4, pytest.param(2.0, marks=pytest.mark.xfail(reason=MERGED, strict=True))]
-)
+@pytest.mark.parametrize("sigma", [1.4, 2.0])
 def test_small_close_contacts_are_two(sigma):
     # at gaps below the blur the two have one maximum
     rows = [(40, 40, 1.8), (40 + 1.8 + 1.6 + 0.7, 40, 1.6), (90, 60, 5.8), (90 - 5.3, 60 - 6.2, 1.6)]

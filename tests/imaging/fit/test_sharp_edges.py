@@ -90,9 +90,15 @@ def test_sharp_disks_in_any_levels(frame):
 
 
 @pytest.mark.parametrize(
-    ("diameter", "blur", "noise"), [(15, 0.0, 3.0), (15, 0.6, 0.0), (15, 1.0, 0.0), (5, 2.0, 0.0)]
+    ("diameter", "blur", "noise", "relative"),
+    [
+        (15, 0.0, 3.0, 0.005),
+        (15, 0.6, 0.0, 0.005),
+        (15, 1.0, 0.0, 0.005),
+        (5, 2.0, 0.0, 0.01),  # no contact shows its contrast: the stated uncertainty is 16 %
+    ],
 )
-def test_coarse_pixels_are_no_edge_to_learn(diameter, blur, noise, rng):
+def test_coarse_pixels_are_no_edge_to_learn(diameter, blur, noise, relative, rng):
     """Enough disks to learn an edge from: what their pixels miss is not the camera's response, nor a dome."""
     dark, truth = binary(diameter)
     dark = np.tile(dark, (2, 2))
@@ -100,7 +106,7 @@ def test_coarse_pixels_are_no_edge_to_learn(diameter, blur, noise, rng):
     light = cv2.GaussianBlur(dark, (0, 0), blur) if blur else dark
     found = measure_image(levels(255 - 255 * light + rng.normal(0, noise, dark.shape)), polarity="dark")
     error, pull = errors(found.disks, truth)
-    assert abs(error.mean()) < 0.005 * truth[:, 2].mean()
+    assert abs(error.mean()) < relative * truth[:, 2].mean()
     assert np.abs(pull).max() < 3 or found.status != "ok"
     assert "nonlinear" not in found.message
 
