@@ -65,7 +65,7 @@ def mechanisms():
         "flicker": [("background.even_out", "_without_flicker", lambda difference, *_a: difference)],
         "colour mosaic": [("measure", "mosaic_gains", lambda *_a: None)],
         "regions without light": [("measure", "find_unlit", lambda *_a: None)],
-        "dark spots": [("evidence.status", "count_dark_spots", lambda *_a: 0)],
+        "dark spots": [("evidence.status", "dark_spots", lambda *_a: np.zeros(0))],
     }
     for reason in ("REFERENCE_DUST", "INVISIBLE", "SCRATCH", "NOISE"):
         table[f"rule: {reason.lower().replace('_', ' ')}"] = [("evidence.rules", "RULES", no_rule(reason))]

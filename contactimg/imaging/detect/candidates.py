@@ -35,6 +35,8 @@ CORE_FRACTION = 0.75
 WIDE_PX2 = 30.0
 """Area above half height of a region that shows its plateau: a radius of two blur widths of 1.5 px. Theory:
 1 - exp(-2) = 86 % of it at the centre."""
+SPECK_PX2 = 10.0
+"""Area above half height of a speck. By hand: dust of 2 px behind a blur of 1 px."""
 DARK_FRACTION = 0.2
 """Level below the background, of the contrast, from which a spot is dark. By hand."""
 ODD_RATIO = 1.3
@@ -153,8 +155,8 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
     return spots
 
 
-def count_dark_spots(image: NDArray[np.float32], contrast: float, noise: float, valid: Mask) -> int:
-    """Number of spots, wide enough to show their level, that are darker than the background.
+def dark_spots(image: NDArray[np.float32], contrast: float, noise: float, valid: Mask) -> NDArray[np.float64]:
+    """Areas (px^2) of the spots, larger than specks, that are darker than the background.
 
     ``image`` is a difference image, ``contrast`` is that of the contacts, which are positive, ``noise`` that
     of a background pixel.
@@ -162,7 +164,7 @@ def count_dark_spots(image: NDArray[np.float32], contrast: float, noise: float, 
     coarse = -_coarse(image, valid, 2)
     floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, noise / 2.0), DARK_FRACTION * contrast)
     _, _, half_area = _with_plateaus(coarse, *label_runs(coarse, floor))
-    return int(np.count_nonzero(4.0 * half_area > WIDE_PX2))
+    return 4.0 * half_area[4.0 * half_area > SPECK_PX2]
 
 
 def find_candidates(

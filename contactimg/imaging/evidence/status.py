@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.detect.candidates import count_dark_spots, measure_contrast
+from contactimg.imaging.detect.candidates import dark_spots, measure_contrast
 from contactimg.imaging.evidence.background_left import BackgroundLeft
 from contactimg.imaging.evidence.rules import Columns
 from contactimg.imaging.fit.edge_profile import describe_edge
@@ -30,6 +30,9 @@ UNEXPLAINED_SHARE = 0.05
 DARK_SHARE = 0.004
 """Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it
 make 0.013."""
+FEWEST_DARK, DARK_AREA = 2, 0.02
+"""Spots of the other sign, and their area over that of the contacts, above which they may be contacts. By
+hand: dust that has moved makes 0.007-0.025."""
 UNSURROUNDED_SHARE = 0.5
 """Share of contacts without background around them above which the frame shows too little. By hand."""
 LEAST_SIDE_PX = 8
@@ -232,14 +235,14 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             "dirt look the same"
         )
         yield Status.FALSE_CANDIDATES, text
-    dark = count_dark_spots(
+    dark = dark_spots(
         foreground.image, foreground.contrast.plateau, foreground.noise, foreground.frame_pair.valid
     )
-    if dark >= FEWEST_FALSE and dark > FALSE_SHARE * (dark + seen.count):
+    if len(dark) >= FEWEST_DARK and dark.sum() > DARK_AREA * np.sum(seen.contacts["area_px2"]):
         against = "darker" if foreground.sign > 0 else "brighter"
         text = (
-            f"{dark} spots are {against} than the background, {seen.count} are contacts: measure those with "
-            "the other polarity, or see whether the reference shows them"
+            f"{len(dark)} spots are {against} than the background, {seen.count} are contacts: measure those "
+            "with the other polarity, or see whether the reference shows them"
         )
         yield Status.UNRESOLVED, text
 

@@ -25,6 +25,7 @@ from contactimg.imaging.fit.disks import (
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
+from contactimg.imaging.pixels.blocks import block_means
 from contactimg.timings import stage
 
 MOST_DISKS_PER_PX2 = 1.0 / 40.0
@@ -177,9 +178,11 @@ class _Assembly:
     def add_wide_residuals(self) -> None:
         """Add candidates from what the disks leave of the image: contacts that others hid or outshone."""
         problem, fit = self.problem, self.fit
-        rest = problem.image - fit.model
+        rest, least = problem.image - fit.model, LEAST_RIM_PEAK * problem.contrast
+        if float(block_means(rest, side=4).max()) < 0.5 * least:  # half of a square lies in any wide disk
+            return
         found = find_candidates(rest, problem.contrast, problem.pixel_noise, problem.valid, blur=fit.blur)
-        wide = (found.places[:, 2] > 2.0 * fit.blur) & (found.plateau > LEAST_RIM_PEAK * problem.contrast)
+        wide = (found.places[:, 2] > 2.0 * fit.blur) & (found.plateau > least)
         if not wide.any():
             return
         places, plateau = found.places[wide], found.plateau[wide]

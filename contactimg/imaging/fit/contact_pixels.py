@@ -23,7 +23,7 @@ OTHER_SHARE = 0.05  # light of other disks, of the contrast, up to which a pixel
 COUNT_BLUR_WIDTHS = 3.0  # beyond the rim, up to which pixels above half height are counted
 
 COLUMNS = (
-    "core_n", "core_mean", "ring_n", "ring_mean", "ring_square", "rim_n", "rim_chi", "light",
+    "core_n", "core_mean", "ring_n", "ring_mean", "rim_n", "rim_chi", "light",
     "count", "x", "y", "xx", "xy", "yy", "expected", "inside_seen", "core_chi", "border",
 )  # fmt: skip
 _COLUMN = {name: k for k, name in enumerate(COLUMNS)}
@@ -37,8 +37,8 @@ class ContactPixels:
     ----------
     plateau : ndarray
         Mean of the pixels well inside the rim; NaN for contacts too small.
-    ring, ring_std : ndarray
-        Mean of the surroundings, and the scatter of their pixels; NaN where none is seen.
+    ring : ndarray
+        Mean of the surroundings; NaN where none is seen.
     rim_chi_square, core_chi_square : ndarray
         Mean squared residual over its variance, about the rim and inside it.
     light : ndarray
@@ -57,7 +57,6 @@ class ContactPixels:
 
     plateau: NDArray[np.float64]
     ring: NDArray[np.float64]
-    ring_std: NDArray[np.float64]
     rim_chi_square: NDArray[np.float64]
     core_chi_square: NDArray[np.float64]
     light: NDArray[np.float64]
@@ -121,7 +120,6 @@ def _summarise(out: NDArray, disks: NDArray) -> ContactPixels:
     q = {name: out[:, k] for name, k in _COLUMN.items()}
     plateau = q["core_mean"] / q["core_n"]
     ring = q["ring_mean"] / q["ring_n"]
-    ring_std = np.sqrt(np.maximum(q["ring_square"] / q["ring_n"] - ring**2, 0.0))
     x, y = q["x"] / q["count"], q["y"] / q["count"]
     # a pixel is a square: its own moment is 1/12
     xx, yy, xy = q["xx"] / q["count"] - x**2, q["yy"] / q["count"] - y**2, q["xy"] / q["count"] - x * y
@@ -131,7 +129,6 @@ def _summarise(out: NDArray, disks: NDArray) -> ContactPixels:
     return ContactPixels(
         plateau=np.where(few, np.nan, plateau),
         ring=np.where(q["ring_n"] < 5, np.nan, ring),
-        ring_std=np.where(q["ring_n"] < 5, np.nan, ring_std),
         rim_chi_square=q["rim_chi"] / np.maximum(q["rim_n"] - 3.0, 1.0),
         core_chi_square=np.where(few, np.nan, q["core_chi"] / np.maximum(q["core_n"], 1)),
         light=q["light"],
@@ -187,11 +184,11 @@ def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
                     )
                     n = right - left
                     middle = 0.5 * (left + right - 1) - x
-                    q[9] += n * middle
-                    q[10] += n * dy
-                    q[11] += n * middle * middle + n * (n * n - 1.0) / 12.0
-                    q[12] += n * middle * dy
-                    q[13] += n * dy * dy
+                    q[8] += n * middle
+                    q[9] += n * dy
+                    q[10] += n * middle * middle + n * (n * n - 1.0) / 12.0
+                    q[11] += n * middle * dy
+                    q[12] += n * dy * dy
             edge_row = row == 0 or row == rows - 1
             for column in range(first, end):
                 if left <= column < right or (masked and valid[row, column] == 0):
@@ -214,31 +211,30 @@ def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
                     increase = growth * max(modelled, np.float32(0.0)) + rim * p * (np.float32(1.0) - p)
                     z = min(rest * rest * plain / (np.float32(1.0) + increase), 100.0)
                     if r < a:
-                        q[15] += 1.0
+                        q[14] += 1.0
                     if r < core:
                         q[0] += 1.0
                         q[1] += value
-                        q[16] += z
+                        q[15] += z
                     if r > low:
-                        q[5] += 1.0
-                        q[6] += z
+                        q[4] += 1.0
+                        q[5] += z
                 if ring_low < r < ring_high and others < other_most:
                     q[2] += 1.0
                     q[3] += value
-                    q[4] += value * value
                 if r < counted and others < other_half:
-                    q[7] += value
+                    q[6] += value
                     if own > level:
-                        q[14] += 1.0
+                        q[13] += 1.0
                     if value > level:
-                        q[8] += 1.0
-                        q[9] += dx
-                        q[10] += dy
-                        q[11] += dx * dx
-                        q[12] += dx * dy
-                        q[13] += dy * dy
+                        q[7] += 1.0
+                        q[8] += dx
+                        q[9] += dy
+                        q[10] += dx * dx
+                        q[11] += dx * dy
+                        q[12] += dy * dy
                         if edge_row or column == 0 or column == columns - 1:
-                            q[17] += 1.0
+                            q[16] += 1.0
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
@@ -256,11 +252,11 @@ def _add_inside(line, modelled, height, level, plain, growth, q):
     n = float(len(line))
     q[0] += n
     q[1] += total
-    q[7] += total
-    q[8] += above
-    q[14] += expected if height > level else zero
-    q[15] += n
-    q[16] += chi
+    q[6] += total
+    q[7] += above
+    q[13] += expected if height > level else zero
+    q[14] += n
+    q[15] += chi
 
 
 @njit(cache=True, error_model="numpy")

@@ -92,8 +92,6 @@ class JointFit:
     fit : FittedDisks
     contrast, spread : float
         Common contrast, and spread of the contrasts about it, grey levels.
-    wide_contrast : float
-        Contrast that the wide contacts show; NaN if there are none.
     covariance : ndarray, shape (2, 2)
         Of (ln contrast, blur in px of the fit, pixel included), prior knowledge included.
     own_covariance : ndarray, shape (2, 2)
@@ -111,7 +109,6 @@ class JointFit:
     fit: FittedDisks
     contrast: float
     spread: float
-    wide_contrast: float
     covariance: NDArray[np.float64]
     own_covariance: NDArray[np.float64]
     radius_shifts: NDArray[np.float64]
@@ -218,7 +215,7 @@ def settle_optics(
         problem = replace(problem, prior=joint.prior)
     if joint is None or (not few and _is_unseen(problem, joint.fit, optics_prior)):
         start = fit if joint is None else joint.fit
-        return _profiled(problem, start, float(np.median(inflation)), wide_contrast)
+        return _profiled(problem, start, float(np.median(inflation)))
     if joint.contrast > problem.shown_contrast:
         problem = replace(
             problem, prior=problem.prior.at(problem.shown_contrast), largest_contrast=problem.shown_contrast
@@ -274,7 +271,7 @@ def _newton(
     least_information = np.diag(1e-6 / np.array([1.0, fit.blur]) ** 2)
     own_covariance = np.asarray(np.linalg.inv(own + least_information), float)
     return JointFit(
-        fit, contrast, prior.std, wide_contrast, covariance, own_covariance,
+        fit, contrast, prior.std, covariance, own_covariance,
         radius_shifts=scores.radius_response @ np.linalg.cholesky(covariance), prior=prior,
     )  # fmt: skip
 
@@ -286,7 +283,7 @@ def _is_unseen(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> boo
     return free and hides_contrast(fit)
 
 
-def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float, wide_contrast: float) -> JointFit:
+def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float) -> JointFit:
     """The fit at the most probable contrast of small contacts.
 
     Where disks do not fit, one beyond what the frame shows is uncertain at least by how far it lies beyond.
@@ -298,7 +295,7 @@ def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float, wide_cont
     covariance, prior = profile.covariance, profile.problem.prior
     shifts = np.column_stack([profile.radius_shift, np.zeros(len(fit.disks))])
     return JointFit(
-        profile.fit, profile.contrast, prior.std, wide_contrast, covariance, covariance,
+        profile.fit, profile.contrast, prior.std, covariance, covariance,
         radius_shifts=shifts, prior=prior,
     )  # fmt: skip
 
