@@ -121,8 +121,6 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes:
     peaks = peaks[: max(most - len(fit.disks), 0)]
     if len(peaks):
         work.add(_disks_of_peaks(peaks, fit.blur, contrast))
-    if free_blur and not len(disks) and len(work.fit.disks):
-        work.fit_blur()
     if not limited:
         work.improve_covers()
     work.drop_insignificant(final=True)
@@ -222,17 +220,6 @@ class _Assembly:
         self.ellipses = found
         control = FitControl(free_blur=False, robust=False, iterations=3)
         self.fit = fit_disks(self.problem, disks, blur=self.fit.blur, control=control)
-
-    def fit_blur(self) -> None:
-        """Fit the blur too, after a start without wide disks, if that explains far more."""
-        control, fit = FitControl(robust=False, iterations=4), self.fit
-        misfit = float(np.median(fit.chi_square))
-        if misfit < 1.5:
-            return
-        for _ in range(2):
-            fit = fit_disks(self.problem, fit.disks, blur=fit.blur, control=control, largest=self.largest)
-        if float(np.median(fit.chi_square)) < 0.5 * misfit:
-            self.fit = fit
 
     def improve_covers(self) -> None:
         """Replace the disks of groups that fit badly by better covers of the same pixels."""
