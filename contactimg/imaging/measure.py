@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from skimage.measure import find_contours
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.background.find_illumination import BackgroundLevel
@@ -141,8 +140,10 @@ class ImageMeasurement:
     def outlines(self) -> list[tuple[int, list[NDArray[np.float64]]]]:
         """Row of each contact of free shape, and its level lines (x, y) at half height, the outer first."""
         found = []
-        image = self.foreground.image
-        for row in np.flatnonzero(self.disks["shape"] == "free"):
+        image, rows = self.foreground.image, np.flatnonzero(self.disks["shape"] == "free")
+        if len(rows):
+            from skimage.measure import find_contours  # noqa: PLC0415 - slow to import, seldom needed
+        for row in rows:
             x, y, a = (float(self.disks[name].iloc[row]) for name in ("x_px", "y_px", "radius_px"))
             reach = 1.6 * a + OUTLINE_MARGIN_PX
             left, top = max(int(x - reach), 0), max(int(y - reach), 0)
