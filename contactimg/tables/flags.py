@@ -86,6 +86,8 @@ class Reason(enum.StrEnum):
     """The frame itself does not show it: dust that darkens the reference has gone."""
     OUT_OF_SIGHT = "almost all of it lies outside the image or in a hole"
     """Too little of its area is visible to call it a disk."""
+    NO_RIM = "no rim: the brightness hardly falls across its edge"
+    """A wide disk without an edge: uneven illumination."""
     INVISIBLE = "not seen: hardly brighter inside than around it"
     """The mean inside exceeds that of its surroundings by less than a quarter of its contrast (for dark
     contacts: falls short of it)."""

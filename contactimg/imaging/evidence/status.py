@@ -238,7 +238,8 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
     dark = dark_spots(
         foreground.image, foreground.contrast.plateau, foreground.noise, foreground.frame_pair.valid
     )
-    if len(dark) >= FEWEST_DARK and dark.sum() > DARK_AREA * np.sum(seen.contacts["area_px2"]):
+    area = np.pi * float(np.sum(np.asarray(seen.contacts["radius_px"], float) ** 2))
+    if len(dark) >= FEWEST_DARK and dark.sum() > DARK_AREA * area:
         against = "darker" if foreground.sign > 0 else "brighter"
         text = (
             f"{len(dark)} spots are {against} than the background, {seen.count} are contacts: measure those "
