@@ -1,12 +1,11 @@
 """Commands on a scene alone: `predict`, `simulate`, `effects` and `tradeoff`; `selftest` of the models."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import click
 
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, progress, say
-from contactimg.errors import InputError
 from contactimg.timings import stage
 
 # --- predict
@@ -34,7 +33,6 @@ def predict(
     output: shared.Output = None,
     model: Literal["interacting", "gw", "gt"] = "interacting",
     coupling: Literal["auto", "none", "asymptotic", "hertz", "full"] = "auto",
-    patterns: shared.Count | None = None,
     annulus_mm: shared.Annulus = 0.25,
     workers: shared.OneWorker = 1,
 ) -> int:
@@ -53,7 +51,6 @@ def predict(
       contactimg predict sample_data/sa_plus --load-N 0.5 --model gt -o averages
       contactimg predict sample_data/sa_plus --load-N 0.5 --tolerance 0.05 -o quick
       contactimg predict sample_data/ra_plus --touching-load -o limit
-      contactimg predict ensemble --load-N 0.05 --patterns 8000 --workers 4 -o average
 
     Parameters
     ----------
@@ -70,9 +67,6 @@ def predict(
     coupling
         Elastic coupling between the asperities. auto: as the plan of the effects decides. Any other level:
         the paper's model with this coupling; other effects only where the scene switches them on.
-    patterns
-        Average over this many random patterns like the one that [asperities] generates. A run that is ended
-        goes on when it is started again.
     """
     with stage("loading"):
         from contactimg.cli.scenes import scene_at
@@ -80,8 +74,6 @@ def predict(
         from contactimg.pipeline import predict as pipeline
         from contactimg.tables import FAILED
 
-    if patterns is not None and model != "interacting":
-        raise InputError(f'model "{model}" is an average over patterns itself; leave out --patterns')
     described, inputs = scene_at(scene, stated)
     relative = stated.get("tolerance", {}).get("relative")
     touching = {}
@@ -92,22 +84,22 @@ def predict(
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
     stages = [displacement / 1e6 for displacement in displacements_um]
     prescribed = pipeline.prescriptions(described, loads, stages)
-    how: dict[str, Any] = {"coupling": coupling, "annulus": annulus_mm * 1e-3}
-    how |= {"relative": relative, "workers": workers}
     with shared.results_in(
         output, described.folder, scene=described, inputs=inputs, main_files=RUN_TABLES
     ) as out:
-        if patterns is None:
-            predictions = pipeline.predict_loads(described, prescribed, model=model, **how)
-        else:
-            with progress("solving patterns", patterns) as advance:
-                how |= {"store": out.part_store(), "advance": advance}
-                predictions = pipeline.predict_ensemble(described, prescribed, patterns=patterns, **how)
+        predictions = pipeline.predict_loads(
+            described,
+            prescribed,
+            model=model,
+            coupling=coupling,
+            annulus=annulus_mm * 1e-3,
+            relative=relative,
+            workers=workers,
+        )
         frames, record = pipeline.write_predictions(predictions, described, out.folder)
         out.record |= record | touching
         level = f", coupling {coupling}" if model == "interacting" else ""
-        many = f", {patterns:,} patterns" if patterns else ""
-        echo_frames(frames, title=f"{scene}, model {model}{level}{many}")
+        echo_frames(frames, title=f"{scene}, model {model}{level}")
         planned = [one for one in predictions if one.plan is not None]
         say(*(pipeline.choice_sentence(one, relative=relative) for one in planned))
     return int((frames["status"] == FAILED).any())

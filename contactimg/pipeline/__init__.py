@@ -6,7 +6,7 @@ measured with), `frame` (measure one frame), `background` (the background that t
 `measured_series` (pose and forces of frames whose tables stay on the disk, written to files a few at a time),
 `series` (measure a series frame by frame), `pictures` (contacts drawn on
 their frames), `calibrate` (the paper's calibrations), `check` (contacts drawn into the frames, and found),
-`predict` (model contacts at given loads, also averaged over random patterns), `simulate` (synthetic
+`predict` (model contacts at given loads), `simulate` (synthetic
 series), `overlay` (measured against predicted contacts), `analyse` (several runs together), `tradeoff`
 (accuracy against computing time), `export` (a run for other programs).
 """

@@ -18,7 +18,7 @@ from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.prediction import Prescribed, load_name
 from contactimg.sample_shape import shaped_asperities
-from contactimg.scene import Asperities, Scene
+from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
 
 logger = logging.getLogger(__name__)
@@ -69,24 +69,8 @@ def scene_asperities(scene: Scene) -> pd.DataFrame | None:
     section = scene.asperities
     if section is None or section.generate is None:
         return read_scene_asperities(scene)
-    return _generate(section, section.generate, np.random.default_rng(section.seed))
-
-
-def generated_asperities(scene: Scene, index: int) -> pd.DataFrame:
-    """Pattern ``index`` of the ensemble to which the generated pattern of a scene belongs.
-
-    It depends on the seed of the scene and on ``index`` alone.
-    """
-    section = scene.asperities
-    if section is None or section.generate is None:
-        raise InputError("an ensemble needs random patterns: state generate in [asperities]")
-    seed = np.random.SeedSequence(section.seed, spawn_key=(index,))
-    return _generate(section, section.generate, np.random.default_rng(seed))
-
-
-def _generate(section: Asperities, kind: str, rng: np.random.Generator) -> pd.DataFrame:
-    """A pattern as the section describes it."""
-    return generate_asperities(kind, side=section.side, coverage=section.coverage, rng=rng)
+    rng = np.random.default_rng(section.seed)
+    return generate_asperities(section.generate, side=section.side, coverage=section.coverage, rng=rng)
 
 
 def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:

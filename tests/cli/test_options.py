@@ -104,7 +104,7 @@ import-rois: --author --frame --no-plausibility -o/--output
 init: --force --lens-radius-mm --no-input --no-plausibility --pixel-size-um --young-modulus-MPa
 overlay: --min-radius-px --no-plausibility -o/--output --workers
 predict: --annulus-mm --cluster --coupling --displacement-um --load-N --model --no-plausibility
-    -o/--output --patterns --tolerance --workers
+    -o/--output --tolerance --workers
 process: --calibration --cluster --format --frames --loads --method --no-plausibility
     --numbers/--no-numbers -o/--output --pictures/--no-pictures --pixel-size-um --polarity --reference
     --scene --shape --threshold --tolerance --workers
