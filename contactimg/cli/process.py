@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import click
 
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_first_run, echo_frames, progress, say
+from contactimg.cli.printing import echo_first_run, echo_frames, echo_table, progress, say
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
@@ -268,13 +268,19 @@ def check(
             plot_check(result.drawn, result.classes), out.folder, "check", caption=caption_of("check")
         )
         out.record["sentence"] = result.sentence
-        say("    radius, px  drawn  found  bias, px  rms, px  1 std  2 std")
-        for row in result.classes.to_dict("records"):
-            share, one, two = (100 * row[name] for name in ("completeness", "within_1_std", "within_2_std"))
-            say(
-                f"  {row['low_px']:5.2f} -{row['high_px']:5.2f} {row['drawn']:6d} {share:5.0f}% "
-                f"{row['bias_px']:+9.3f} {row['rms_px']:8.3f} {one:5.0f}% {two:5.0f}%"
-            )
+        columns = {
+            "low_px": ":.2f",
+            "high_px": ":.2f",
+            "drawn": "",
+            "completeness": ":.0%",
+            "bias_px": ":+.3f",
+        }
+        columns |= {"rms_px": ":.3f", "within_1_std": ":.0%", "within_2_std": ":.0%"}
+        rows = [
+            {name: f"{{{form}}}".format(row[name]) for name, form in columns.items()}
+            for row in result.classes.to_dict("records")
+        ]
+        echo_table(f"{folder}, contacts drawn", rows, left=0)
         say(result.sentence)
         say(*(f"{row.frame}: not checked, {row.message}" for row in result.failed.itertuples()))
     return 1 if len(result.failed) else 0

@@ -28,8 +28,8 @@ CAPTIONS = {
     "plateau": "Total contact area of each frame against threshold, with the plateau shaded. The dotted "
     f"curve shows how fast the total area falls; on the plateau it is slowest. {NO_BARS}",
     "check": "Contacts of known radius drawn into the frames and measured again. Above the share that is "
-    f"found, below measured minus true radius of each (dots) and their mean by radius. {BARS} of share "
-    "and mean.",
+    "found, below measured minus true radius of each (dots), their mean by radius, and as bars their root "
+    "mean square.",
     "tradeoff": "Relative error against computing time of the settings of each choice. The star is the "
     f"fastest one below the tolerance. {NO_BARS}",
 }
