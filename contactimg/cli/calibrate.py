@@ -227,23 +227,7 @@ def _echo(result: "Calibrated", *, title: str) -> None:
             factor, unit = display_unit(entry["value"], entry["unit"])
             numbers = f"{entry['value'] * factor:.6g} ± {entry['std'] * factor:.2g}"
             say(f"  {name:26} {numbers} {unit}".rstrip())
-    _echo_uncertainties(result)
     say(*(f"  {note}" for note in result.notes))
-
-
-def _echo_uncertainties(result: "Calibrated") -> None:
-    """Print what each source of error does to the result, where the calibration knows."""
-    if "uncertainties.csv" not in result.tables:
-        return
-    _, table = result.tables["uncertainties.csv"]
-    say(f"  {'what may be off':38} {'by':>12}   {'E':>8} {'w':>8}")
-    for row in table.to_dict("records"):
-        size = (
-            f"{row['size']:.2g} {row['unit']}" if row["unit"] in ("N", "m") else f"{100 * row['size']:.2g} %"
-        )
-        size = "" if row["unit"] == "std" else size
-        changes = " ".join(f"{100 * row[name]:+7.2f}%" for name in ("young_modulus", "work_of_adhesion"))
-        say(f"  {row['source']:38} {size:>12}   {changes} {row['state']}")
 
 
 def _with_modulus(stated: shared.Stated, jkr: str | None) -> shared.Stated:

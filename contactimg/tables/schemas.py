@@ -527,19 +527,6 @@ CIRCLES = Schema(
     "Contact circles of a smooth sphere from `calibrate jkr`, one row per frame.",
 )
 
-UNCERTAINTIES = Schema(
-    "uncertainties",
-    {
-        "source": ("str", "what may be off"),
-        "size": ("float64", "its standard uncertainty, or the error that is assumed, in `unit`"),
-        "unit": ("str", "unit of size"),
-        "young_modulus": ("float64", "relative change of Young's modulus by it"),
-        "work_of_adhesion": ("float64", "relative change of the work of adhesion by it"),
-        "state": ("str", "allowed for or fitted (both in the stated uncertainties), or not included"),
-    },
-    "What each source of error does to the result of `calibrate jkr`, one row per source.",
-)
-
 THRESHOLD_CURVE = Schema(
     "curve",
     {
