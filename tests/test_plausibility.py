@@ -55,7 +55,10 @@ def test_the_sound_scene_and_all_samples_are_plausible(asperities):
         ({"indenter": {"radius_m": 128.8}}, "radius_m = 129 .* was it given in mm"),
         ({"indenter": {"apex_m": [1.0, 1.0]}}, r"apex_m \(1, 1\) from the asperities .* was it given in mm"),
         ({"indenter": {"apex_m": [1000.0, 1000.0]}}, r"apex_m .* was it given in µm"),
-        ({"camera": {"centre_m": [-0.01, 0.001]}}, r"centre_m \(-0.01, 0.001\) from the asperities .* another sign"),
+        (
+            {"camera": {"centre_m": [-0.01, 0.001]}},
+            r"centre_m \(-0.01, 0.001\) from the asperities .* another sign",
+        ),
         ({"camera": {"pixel_size_m": 6.0}}, "pixel_size_m = 6 .* in µm"),
         ({"camera": {"pixel_size_m": 0.006}}, "pixel_size_m = 0.006 "),
         ({"simulate": {"loads_N": [5.0, 20.0, 50.0]}}, "diagonal of the sample .* mN or grams"),

@@ -31,7 +31,7 @@ def asperities(
 
     MAP is a matrix of heights (.npy, or text with one line a row), a TIFF of one channel, or a file of an
     instrument (with the extra `maps`). NaN and empty cells are holes. Writes asperities.csv, which
-    [asperities] file in a scene and `analyse --topography` read; x and y count from the centre of the map.
+    [asperities] file in a scene reads; x and y count from the centre of the map.
 
     Exit codes: 0 done, 2 nothing done.
 

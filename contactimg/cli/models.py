@@ -194,9 +194,8 @@ def effects(
 
     Prints for each effect of the mechanics, the optics and the sensor: the number that decides, whether it is
     computed, the relative change of the output if it were left out, and the computing time with it over that
-    without it; then the times of the plan and of solutions as planned and with everything on. All effects
-    that are left out change the output together by less than the tolerance. Effects that the section
-    [effects] of the scene switches "on" or "off" stay so, unless --auto.
+    without it. All effects that are left out change the output together by less than the tolerance. Effects
+    that the section [effects] of the scene switches "on" or "off" stay so, unless --auto.
 
     Writes nothing, unless -o names a folder: then effects.csv and provenance.json.
 
@@ -217,7 +216,7 @@ def effects(
     with stage("loading"):
         from contactimg.cli.scenes import scene_at
         from contactimg.files import write_table
-        from contactimg.pipeline.effects import computing_times, plan_effects
+        from contactimg.pipeline.effects import plan_effects
         from contactimg.scene import Effects
         from contactimg.tables import EFFECTS
 
@@ -226,7 +225,6 @@ def effects(
         described = described.model_copy(update={"effects": Effects()})
     plan = plan_effects(described, load=load)
     echo_plan(plan, title=f"{scene} at {plan.load:g} N: {plan.output} to {100 * plan.relative:g} %")
-    say(computing_times(described, plan))
     if folder is not None:
         with shared.results_in(folder, described.folder, scene=described, inputs=inputs) as out:
             write_table(plan.table(), EFFECTS, out.folder / "effects.csv")
@@ -234,7 +232,7 @@ def effects(
 
 # --- tradeoff
 
-Knob = Literal["image", "model", "solver", "sums", "rings", "patterns", "supersampling"]
+Knob = Literal["image", "model", "solver", "rings", "patterns", "supersampling"]
 
 
 @shared.command()
@@ -256,10 +254,9 @@ def tradeoff(
     """Measure how much computing time accuracy costs for SCENE, a scene.toml or the folder that holds one.
 
     Each choice is run with several settings, in turn, and the results are compared with a converged one. The
-    choices are: image (method that measures a frame), model (contact model), solver (its tolerance), sums
-    (accuracy of sums over many contacts), rings (of the Greenwood-Tripp model), patterns (number of random
-    surfaces that are averaged), supersampling (of rendered frames). The result that must be accurate is
-    "output" in the section [tolerance] of the scene.
+    choices are: image (method that measures a frame), model (contact model), solver (its tolerance), rings
+    (of the Greenwood-Tripp model), patterns (number of random surfaces that are averaged), supersampling (of
+    rendered frames). The result that must be accurate is "output" in the section [tolerance] of the scene.
 
     Writes tradeoff.csv (one row per setting: error and time), tradeoff.png (.svg, .pdf) and provenance.json.
 

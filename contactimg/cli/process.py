@@ -47,7 +47,6 @@ def process(
     output: shared.Output = None,
     calibration: shared.Existing | None = None,
     pictures: Annotated[bool, "--pictures/--no-pictures"] = True,
-    numbers: Annotated[bool, "--numbers/--no-numbers"] = False,
     table_format: Annotated[Literal["csv", "parquet"], "--format"] = "csv",
     workers: shared.Workers = None,
 ) -> int:
@@ -79,8 +78,6 @@ def process(
         Take modulus, threshold and edge from this calibration.json (or its folder) of `calibrate`.
     pictures
         Draw the contacts on each frame, in the folder overlays.
-    numbers
-        Write the label of each contact beside it on the pictures.
     table_format
         Format of the tables. parquet: smaller and faster for long series; needs pyarrow.
     """
@@ -126,9 +123,7 @@ def process(
             if pictures:
                 overlays = out.folder / "overlays"
                 with progress("drawing overlays", count) as advance:
-                    draw_overlays(
-                        series, experiment, overlays, workers=workers, numbers=numbers, advance=advance
-                    )
+                    draw_overlays(series, experiment, overlays, workers=workers, advance=advance)
             counts = {str(action): int(n) for action, n in experiment.edits["action"].value_counts().items()}
             out.record |= facts | ({"edits": counts} if counts else {})
             method = described.measure.method if relative is None else f"chosen for {100 * relative:g} %"

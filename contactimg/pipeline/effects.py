@@ -1,17 +1,9 @@
-"""Which effects a scene calls for, and what they cost in time."""
+"""Which effects a scene calls for."""
 
-from time import thread_time
-
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS
 from contactimg.effects.plan import Plan, make_plan
-from contactimg.errors import ContactimgError, finite_number
+from contactimg.errors import finite_number
 from contactimg.pipeline.inputs import largest_load, need_asperities, refuse_profile
-from contactimg.prediction import make_mechanical_plan, predict_contacts
 from contactimg.scene import Scene
-from contactimg.tradeoff.measure import time_text
-
-MAX_REPEATED_S = 10.0
-"""Time of a plan of the mechanics up to which it is made again, without compilation. Chosen by hand."""
 
 
 def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
@@ -54,30 +46,4 @@ def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
     refuse_profile(scene, "`effects`")
     asperities = need_asperities(scene, "planning the effects")
     chosen = largest_load(scene) if load is None else finite_number(load, "load", "N")
-    began = thread_time()
-    plan = make_mechanical_plan(scene, asperities, load=chosen)
-    if scene.simulate is None and thread_time() - began > MAX_REPEATED_S:
-        return plan
-    return make_plan(scene, asperities, load=chosen)  # whose times are those of compiled code
-
-
-def computing_times(scene: Scene, plan: Plan) -> str:
-    """A sentence: times of the plan and of solutions as planned and with every effect of the mechanics."""
-    asperities = need_asperities(scene, "planning the effects")
-    elastic = scene.need("elastic", "planning the effects")
-    able = {"adhesion": elastic.work_of_adhesion > 0, "layer": elastic.thickness is not None}
-    switches = {name: "on" if able.get(name, True) else "off" for name in MECHANICAL_EFFECTS}
-    everything = scene.with_effects(switches)
-    seconds = [plan.seconds]
-    for solved in (plan.apply(scene), everything):
-        began = thread_time()
-        try:
-            predict_contacts(solved, asperities, load=plan.load)
-        except ContactimgError:
-            return f"time of the plan: {time_text(plan.seconds)}"
-        seconds.append(thread_time() - began)
-    planned, solved_so, complete = map(time_text, seconds)
-    return (
-        f"times: plan {planned}, prediction as planned {solved_so}, with everything on {complete}; "
-        '"time" is that with the effect over that without it'
-    )
+    return make_plan(scene, asperities, load=chosen)

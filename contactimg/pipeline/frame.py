@@ -3,6 +3,7 @@
 import logging
 import warnings
 from dataclasses import dataclass, field, replace
+from functools import partial
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
@@ -11,13 +12,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from contactimg.effects.optics import measuring
 from contactimg.errors import FrameWarning, InputError
 from contactimg.files import read_part
 from contactimg.forces import common_radius
 from contactimg.frame import Frame
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.film_choice import FilmVerdict
-from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
+from contactimg.imaging.measure import LINEARITY, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.optics.render_settings import lamp
@@ -401,9 +403,10 @@ def measure_scene_frame(
     """
     scene, film, choice = options.scene, options.film, None
     if options.relative is not None and optics is None:
-        scale = full_scale(frame, scene)
+        measure = partial(measuring(scene, frame.full_scale), film=film)
+        output = scene.tolerance.output
         measurement, choice = measure_cheapest(
-            frame.image, reference, scene=scene, relative=options.relative, full_scale=scale, film=film
+            frame.image, reference, measure=measure, relative=options.relative, output=output
         )
     else:
         measurement = measure_prepared(frame, reference, scene, film=film, optics=optics, edits=edits)
@@ -434,43 +437,17 @@ def measure_prepared(
     optics: SharedOptics | None = None,
     edits: Edits = (),
 ) -> ImageMeasurement:
-    """Measure a frame with the method, the polarity, the full scale and the corrections of its scene.
+    """Measure a frame as its scene says (`contactimg.effects.optics.measuring`).
 
-    Every command measures frames this way: a number calibrated on frames applies only to frames that were
-    prepared alike. With ``count_at`` the pixels above this fraction of the contrast are counted, with
+    With ``count_at`` the pixels above this fraction of the contrast are counted, with
     ``optics`` disks are fitted, whatever the scene's method. The other parameters are those of
     `contactimg.imaging.measure.measure_image`.
     """
-    measure, counted = scene.measure, count_at is not None
-    return measure_image(
-        frame.image,
-        reference,
-        method="threshold" if counted else measure.method if optics is None else "disk",
-        polarity=scene.images.polarity,
-        threshold=count_at if counted else measure.threshold,
-        threshold_std=measure.threshold_std,
-        full_scale=full_scale(frame, scene),
-        blur_px=None if counted else measure.blur_px,
-        optics=(optics or SharedOptics()).with_edge(measure.edge_shift_px, measure.edge_shift_std_px),
-        film=film,
-        shape=measure.shape,
-        absent=scene.effects.switched_off(*CORRECTIONS),
-        linearity=scene.camera.linearity if scene.camera else LINEARITY,
-        edits=edits,
-    )
-
-
-def full_scale(frame: Frame, scene: Scene) -> float | None:
-    """Grey level of saturation: that of the frame, infinite with ``[effects] saturation = "off"``.
-
-    Examples
-    --------
-    >>> from contactimg.scene import scene_from_dict
-    >>> frame = Frame(np.zeros((3, 4), np.uint8), full_scale=255)
-    >>> full_scale(frame, scene_from_dict({"effects": {"saturation": "off"}}))
-    inf
-    """
-    return np.inf if scene.effects.saturation == "off" else frame.full_scale
+    other: dict[str, Any] = {} if optics is None else {"method": "disk"}
+    if count_at is not None:
+        other = {"method": "threshold", "threshold": count_at, "blur_px": None}
+    measure = measuring(scene, frame.full_scale, optics)
+    return measure(frame.image, reference, film=film, edits=edits, **other)
 
 
 def frame_row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:

@@ -24,10 +24,6 @@ REPETITION_SECONDS = {False: 15.0, True: 60.0}
 FIRST_PAGE = ("image", "model")
 """Choices of the first figure; the others have one of their own."""
 
-BOUNDARY_SECONDS = {0.02: 30.0, 0.2: 158.0, 0.5: 460.0}
-"""Load of each boundary-element solution of SA+, N -> its computing time on one core, s. Measured with ASPHER
-0.1.3 on a grid of 1 um (`tests/data/README.md`)."""
-
 
 def measure_tradeoff(
     scene: Scene,
@@ -46,9 +42,9 @@ def measure_tradeoff(
     load : float, optional, N
         By default the largest of the scene.
     knobs : str or sequence of str
-        Of ``image`` (measurement of a frame), ``model`` (contact model), ``solver`` (its tolerance), ``sums``
-        (accuracy of coupling sums over many contacts), ``rings`` (of Greenwood-Tripp), ``patterns`` (of an
-        ensemble), ``supersampling`` (of rendered frames); all that apply if none is named.
+        Of ``image`` (measurement of a frame), ``model`` (contact model), ``solver`` (its tolerance),
+        ``rings`` (of Greenwood-Tripp), ``patterns`` (of an ensemble), ``supersampling`` (of rendered frames);
+        all that apply if none is named.
     fine : bool
         Whether slow settings are included.
     advance : callable, optional
@@ -112,10 +108,7 @@ def prepare_tradeoff(
     asperities = scene_asperities(scene)
     if asperities is not None:
         refuse_own_caps(asperities, "tradeoff")
-    stored = None
-    if load > 0:
-        stored = min(BOUNDARY_SECONDS.items(), key=lambda one: abs(np.log(one[0] / load)))
-    case = Case(scene, asperities, load, stored=stored, measured=_own_frame(scene, load), fine=fine)
+    case = Case(scene, asperities, load, measured=_own_frame(scene, load), fine=fine)
     return applicable_knobs(case, knobs)
 
 

@@ -2,9 +2,10 @@
 
     python tests/crash/kill_cluster.py --rounds 3 --seed 7
 
-A scheduler and two workers on this machine take the work of `process`. A worker, the command or the scheduler is killed at a random time. A run that lost a worker must give the files of
-`--workers 1`; the others must end within a minute, by themselves or because they were killed, and give these
-files when they are started again. Exit code 1 if a case fails.
+A scheduler and two workers on this machine take the work of `process`. A worker, the command or the scheduler
+is killed at a random time. A run that lost a worker must give the files of `--workers 1`; the others must end
+within a minute, by themselves or because they were killed, and give these files when they are started again.
+Exit code 1 if a case fails.
 """
 
 import argparse
@@ -24,7 +25,6 @@ from small_series import SCENE
 from stored_results import stored_results
 
 from contactimg.cli import main
-from contactimg.files import write_scene
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict

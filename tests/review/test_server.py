@@ -21,9 +21,9 @@ import pytest
 from review_runs import process
 
 from contactimg.cli import main
+from contactimg.effects import optics
 from contactimg.errors import InputError
 from contactimg.files import read_edits, read_scene
-from contactimg.pipeline import frame
 from contactimg.review import ReviewServer, Session
 from contactimg.review.jobs import Jobs
 
@@ -281,14 +281,14 @@ def test_the_frame_that_is_looked_at_is_shown_first(client, session):
 
 def test_frames_without_new_edits_are_not_measured_again(client, session, monkeypatch):
     names = {source.read().image.tobytes(): source.name for source in session.open().frames}
-    measured, measure_image = set(), frame.measure_image
+    measured, measure_image = set(), optics.measure_image
 
     def recorded(image, *arguments, **options):
         if np.isnan(options["optics"].contrast):  # not the second time, with the contrast of the series
             measured.add(names[image.tobytes()])
         return measure_image(image, *arguments, **options)
 
-    monkeypatch.setattr(frame, "measure_image", recorded)
+    monkeypatch.setattr(optics, "measure_image", recorded)
     for rows in ([], [edit(frame="frame_1.tif", x=5.0, y=5.0)], [edit(x=6.0, y=6.0)]):
         client.post("edits/insert", {"rows": rows})
         measured.clear()

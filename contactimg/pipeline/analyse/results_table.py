@@ -12,7 +12,6 @@ from contactimg.analysis.contacts_against_pressure import QUANTITIES
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress
 from contactimg.analysis.power_laws import BrokenLaw, PowerLaw
-from contactimg.analysis.topography import Topography, describe_topography
 from contactimg.files import write_figures, write_table
 from contactimg.pipeline.analyse.analysis import Analysis
 from contactimg.plots import (
@@ -21,7 +20,6 @@ from contactimg.plots import (
     plot_friction,
     plot_pressure_law,
     plot_profile,
-    plot_topography,
 )
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE, RESULTS, RUN_MODELS
 
@@ -119,47 +117,6 @@ def _friction_rows(analysis: Analysis) -> Iterator[Row]:
         yield _row("shear_stress_velocity_exponent", "measured", law.exponent, "1", note, **fit)
 
 
-def topography_rows(topography: Topography) -> pd.DataFrame:
-    """The numbers of a table of asperities.
-
-    Parameters
-    ----------
-    topography : Topography
-
-    Returns
-    -------
-    DataFrame
-        Columns of `contactimg.tables.RESULTS`; the contact angle in degrees, and only if height grows with
-        radius.
-    """
-    fit = {"confidence": topography.confidence, "n_points": topography.n_points}
-
-    def row(quantity: str, found: Estimate | float, unit: str, note: str = "") -> Row:
-        return _row(quantity, "measured", found, unit, note, **fit)
-
-    rows = [
-        row("height_over_radius", topography.slope, "1", "h/R through the origin"),
-        row("rank_correlation", topography.correlation, "1", "Spearman, h and R"),
-        row("rank_correlation_p_value", topography.p_value, "1"),
-    ]
-    if topography.one_angle:
-        angle = topography.contact_angle
-        degrees = Estimate(*np.degrees([angle.value, angle.std, angle.low, angle.high]).tolist())
-        rows.append(row("contact_angle", degrees, "deg", "theta of h = R (1 - cos theta)"))
-    for name in ("height", "radius"):
-        mean, std = (getattr(topography, f"{name}_{kind}") for kind in ("mean", "std"))
-        error = Estimate(mean, std / np.sqrt(topography.n_points), np.nan, np.nan)
-        rows += [row(f"{name}_mean", error, "m"), row(f"{name}_std", std, "m")]
-        note = "probability that normal values deviate as much from a normal law (Shapiro, Wilk)"
-        rows.append(row(f"{name}_normality_p_value", getattr(topography, f"{name}_normality"), "1", note))
-    return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))
-
-
-def write_results(results: pd.DataFrame, folder: Path) -> None:
-    """Write results.csv."""
-    write_table(results, RESULTS, folder / "results.csv")
-
-
 def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate | None) -> pd.DataFrame:
     """Write the tables of an analysis and its figures.
 
@@ -174,7 +131,7 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
     Returns
     -------
     DataFrame
-        The numbers of the analysis, for `write_results`.
+        The numbers of the analysis, results.csv.
     """
     tables = [
         (analysis.area, AREA),
@@ -197,14 +154,9 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
         _save(ax, folder, quantity)
     if analysis.shear_stress is not None:
         _save(plot_friction(analysis.friction, analysis.shear_stress, smooth_stress), folder, "friction")
-    return result_rows(analysis)
-
-
-def write_topography(table: pd.DataFrame, folder: Path, *, confidence: float) -> pd.DataFrame:
-    """Draw a table of asperities and return its numbers, for `write_results`."""
-    topography = describe_topography(table, confidence=confidence)
-    _save(plot_topography(table, topography), folder, "topography")
-    return topography_rows(topography)
+    results = result_rows(analysis)
+    write_table(results, RESULTS, folder / "results.csv")
+    return results
 
 
 def _save(ax: Axes, folder: Path, name: str) -> None:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from small_series import break_measurement, copy_of
 
-import contactimg.pipeline.frame as frame_module
+import contactimg.effects.optics as optics_module
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.files import (
@@ -232,7 +232,7 @@ def test_circles_are_measured_on_frames_prepared_as_process_does(sharp_frames, t
 @pytest.mark.parametrize("measure", [measure_circles, measure_thresholds, measure_parts])
 def test_full_scale_is_that_of_the_scene_in_every_command(measure, monkeypatch, tmp_path):
     seen = []
-    monkeypatch.setattr(frame_module, "measure_image", lambda *_, **options: seen.append(options) or 1 / 0)
+    monkeypatch.setattr(optics_module, "measure_image", lambda *_, **options: seen.append(options) or 1 / 0)
     write_frame(Frame(np.zeros((20, 30), np.uint8)), tmp_path / "frame_1.tif")
     base = {"camera": {"pixel_size_m": 6e-6}, "indenter": {"radius_m": 0.1, "apex_m": [0.0, 0.0]}}
     for switch, full_scale in (("auto", 255), ("off", np.inf)):
