@@ -154,22 +154,22 @@ def simulate(
     smooth = described.asperities is None
     asperities = None if smooth else need_asperities(described, "simulating frames")
     count = 1 + len(described.need("simulate", "simulating frames").loads)
-    planned = plan_simulation(described, asperities, optics=optics)
+    planned, plans = plan_simulation(described, asperities, optics=optics)
     main_files = ["truth.csv", "scene.toml"]
     with shared.results_in(
         output, described.folder, scene=described, inputs=inputs, main_files=main_files
     ) as out:
-        out.record["plans"] = {load_name(plan.load): plan.record for plan in planned.plans}
-        out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in planned.plans}
-        switches = planned.scene.effects.switches()
+        out.record["plans"] = {load_name(plan.load): plan.record for plan in plans}
+        out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in plans}
+        switches = planned.effects.switches()
         out.record["effects"] = switches
         with progress("making frames", count) as advance:
-            write_simulation(planned.scene, asperities, out.folder, workers=workers, advance=advance)
+            write_simulation(planned, asperities, out.folder, workers=workers, advance=advance)
         shown, left_out = ([one for one, switch in switches.items() if switch == on] for on in ("on", "off"))
         sensor = {"shot_noise", "read_noise", "quantisation"} <= set(left_out)
         ideal = "; the frames are floating-point numbers without noise" if sensor else ""
         said = f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}{ideal}"
-        say(*(plan.sentence() for plan in planned.plans), said)
+        say(*(plan.sentence() for plan in plans), said)
         say(f"{count - 1} frames and the true contacts")
 
 
@@ -216,7 +216,7 @@ def effects(
     with stage("loading"):
         from contactimg.cli.scenes import scene_at
         from contactimg.files import write_table
-        from contactimg.pipeline.effects import plan_effects
+        from contactimg.pipeline.predict import plan_effects
         from contactimg.scene import Effects
         from contactimg.tables import EFFECTS
 

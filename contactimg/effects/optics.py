@@ -61,6 +61,10 @@ MARGIN_PX = 30.0
 FILM_CONTRAST_FACTOR = 2.0
 """The film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
 
+SHARP_BLUR_PX = 1e-3
+"""Blur of a frame that is known to have none: small against the width of the pixel. Chosen: any value well
+below 0.3 px, the standard deviation of a pixel, gives the same edge."""
+
 NO_FILM = "no film:"
 
 SEED = 20150203
@@ -72,9 +76,14 @@ def measuring(
     """`contactimg.imaging.measure.measure_image` as a scene says: method, polarity, optics and corrections.
 
     Every command measures frames this way: a number calibrated on frames applies only to frames that were
-    measured alike. ``full_scale`` is that of a frame (grey levels), ``optics`` what others tell of it.
+    measured alike. Under "auto" a correction is on; an effect that is "off" is not corrected: shift, dust,
+    saturated pixels, blur (the fit then assumes a sharp edge). Vignetting, drift of the light, noise,
+    quantisation and rough edges are always measured or divided out.
+
+    ``full_scale`` is that of a frame (grey levels), ``optics`` what other frames tell of it.
     """
     measure, own = scene.measure, optics or SharedOptics()
+    sharp = SHARP_BLUR_PX if scene.effects.blur == "off" else None
     return partial(
         measure_image,
         method=measure.method,
@@ -82,7 +91,7 @@ def measuring(
         threshold=measure.threshold,
         threshold_std=measure.threshold_std,
         full_scale=np.inf if scene.effects.saturation == "off" else full_scale,
-        blur_px=measure.blur_px,
+        blur_px=sharp if measure.blur_px is None else measure.blur_px,
         optics=own.with_edge(measure.edge_shift_px, measure.edge_shift_std_px),
         shape=measure.shape,
         absent=scene.effects.switched_off(*CORRECTIONS),

@@ -126,7 +126,7 @@ def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
     each = drawn.assign(error=error, square=error**2, one=apart.le(1), two=apart.le(2))
     found = each["found"] == 1
     each[["one", "two"]] = each[["one", "two"]].astype(float).where(found)
-    classes = each.groupby(pd.cut(radius, edges, labels=False))
+    classes = each.groupby(np.searchsorted(edges, radius) - 1)
     table = classes[["found", "error", "square", "one", "two"]].mean()
     names = {"found": "completeness", "error": "bias_px", "one": "within_1_std", "two": "within_2_std"}
     low, high = edges[table.index], edges[table.index + 1]

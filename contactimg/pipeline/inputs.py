@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.mechanics import OF_CAPS_ONLY
+from contactimg.effects.mechanics import OF_CAPS_ONLY, refuse_profile
 from contactimg.errors import InputError
 from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
 from contactimg.frame import Frame
@@ -81,15 +81,6 @@ def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:
     return asperities
 
 
-def refuse_profile(scene: Scene, purpose: str) -> None:
-    """Refuse asperities of a stated profile for what compares models of caps."""
-    if scene.asperities is not None and scene.asperities.profiled:
-        raise InputError(
-            f"[asperities] states a profile, and {purpose} takes caps; leave out profile_exponent, "
-            "profile_width_m, profile_drop_m and profile_points_m"
-        )
-
-
 def scene_of_defined_laws(scene: Scene, sites: pd.DataFrame | None) -> Scene:
     """The scene without the laws of a contact that are not defined for its asperities.
 
@@ -114,10 +105,8 @@ def scene_of_defined_laws(scene: Scene, sites: pd.DataFrame | None) -> Scene:
             f"[effects] {ordered[0]} is not defined for asperities {words}; switch it off, or describe "
             "them as spherical caps of one modulus"
         )
-    if words == PROFILED and scene.measure.hertz == "ellipse":
-        raise InputError(
-            '[measure] hertz = "ellipse" is defined for caps, not for a stated profile; take "equal_area"'
-        )
+    if scene.measure.hertz == "ellipse":
+        refuse_profile(scene, '[measure] hertz = "ellipse"')
     logger.warning(left_out_for(words))
     return scene.with_effects(dict.fromkeys(OF_CAPS_ONLY, "off"))
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from contactimg.effects.mechanics import refuse_profile
 from contactimg.errors import InputError, finite_number
 from contactimg.files import open_experiment, write_figures, write_table
-from contactimg.pipeline.inputs import largest_load, read_reference, refuse_profile, scene_asperities
+from contactimg.pipeline.inputs import largest_load, read_reference, scene_asperities
 from contactimg.plots import caption_of
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene

@@ -359,26 +359,16 @@ def _draw_pattern(case: Case, rng: np.random.Generator) -> tuple[pd.DataFrame, f
 def lacks(case: Case, kind: str) -> str:
     """What a scene lacks for "mechanics", "averages", "rendering" or "frames"; empty for nothing."""
     scene, section = case.scene, case.scene.asperities
-    if kind == "averages":  # statistical models need no table
-        if scene.indenter is None or scene.elastic is None or section is None:
-            return "needs [indenter], [elastic] and [asperities]"
-        if case.asperities is None and (section.height_law is None or section.radius is None):
-            return "needs a table of asperities, or the parameters of a height law"
-        return "" if case.load > 0 else "needs a load above 0"
     if kind == "frames":
         missing = lacks(case, "rendering") if case.measured is None else ""
         return f"{missing} or frames of its own" if missing else ""
-    camera: dict[str, object] = {"[camera]": scene.camera, "[simulate]": scene.simulate}
-    solved: dict[str, object] = {
-        "[indenter]": scene.indenter,
-        "[elastic]": scene.elastic,
-        "[asperities] with a file or a generator": case.asperities,
-    }
-    for joint, sections in ((" and ", camera if kind == "rendering" else {}), (", ", solved)):
-        missing = joint.join(name for name, part in sections.items() if part is None)
-        if missing:
-            return f"needs {missing}"
-    return "" if case.load > 0 else "needs a load above 0"
+    sections = [*(("camera", "simulate") if kind == "rendering" else ()), "indenter", "elastic", "asperities"]
+    missing = ", ".join(f"[{name}]" for name in sections if getattr(scene, name) is None)
+    if not missing and case.asperities is None:
+        stated = section is not None and section.height_law is not None and section.radius is not None
+        if not (kind == "averages" and stated):  # statistical models need no table
+            missing = "[asperities] with a file or a generator"
+    return f"needs {missing}" if missing else "" if case.load > 0 else "needs a load above 0"
 
 
 KNOBS: dict[str, tuple[str, Callable[[Case], Iterator[Setting]], str]] = {

@@ -91,9 +91,7 @@ def jkr():
 
 
 def slopes():
-    return plot_slopes(
-        THRESHOLDS, 2.8 - 2.5 * THRESHOLDS, 0 * THRESHOLDS + 0.1, found=0.72, areas=1e-6 - 1e-7 * THRESHOLDS
-    )
+    return plot_slopes(THRESHOLDS, 2.8 - 2.5 * THRESHOLDS, 0 * THRESHOLDS + 0.1, found=0.72)
 
 
 def forces():
@@ -103,9 +101,7 @@ def forces():
 def plateau():
     curves = np.linspace(1e-7, 1e-6, 6) * np.exp(-THRESHOLDS)[:, None]
     names = [f"P = {1e3 * load:g} mN" for load in LOAD]
-    return plot_plateau(
-        THRESHOLDS, curves, low=0.3, high=0.6, names=names, fall_rates=1 + (THRESHOLDS - 0.5) ** 2
-    )
+    return plot_plateau(THRESHOLDS, curves, low=0.3, high=0.6, names=names)
 
 
 def tradeoff():

@@ -285,7 +285,7 @@ def run_threshold(
     record |= {"slope": slope.record("1"), "line": slope.value}
     areas = series.areas.sum(axis=1)
     figures = {
-        "slope_threshold": plot_slopes(series.thresholds, values, stds, found=threshold, areas=areas),
+        "slope_threshold": plot_slopes(series.thresholds, values, stds, found=threshold),
         "forces": plot_forces(load, forces, slope=slope),
     }
     curve = {"threshold": series.thresholds, "slope": values, "slope_std": stds, "area_m2": areas}
@@ -398,7 +398,6 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
             str(frame) if np.isnan(load) else f"P = {plain_number(1e3 * load)} mN"
             for frame, load in zip(table["frame"], table["load_N"], strict=True)
         ],
-        fall_rates=rate,
     )
     columns = [name for name in FORCE_SUMS.columns if name in table]
     tables = {"curve.csv": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas.csv": (FORCE_SUMS, table[columns])}

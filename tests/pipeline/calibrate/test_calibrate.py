@@ -130,6 +130,7 @@ def test_jkr_finds_what_the_scene_hides(smooth_frames, jkr_result):
 
 def test_options_take_the_place_of_keys_as_in_process(sharp_frames, tmp_path):
     folder = copy_of(sharp_frames, tmp_path / "frames")
+    frames = ("--frames", "frame_[145].tif", "--quiet", "--workers", 1)
     with_scene(folder, images={"reference": "reference.tif", "frames": "frame_*.tif", "loads": "loads.csv"})
     (folder / "reference.tif").rename(folder / "light.tif")
     (folder / "loads.csv").rename(tmp_path / "forces.csv")
@@ -140,13 +141,11 @@ def test_options_take_the_place_of_keys_as_in_process(sharp_frames, tmp_path):
         folder / "light.tif",
         "--loads",
         tmp_path / "forces.csv",
-        "--frames",
-        "frame_*.tif",
     )
-    options = (*options, "--pixel-size-um", pixel_um, "--polarity", "bright", "--quiet", "--workers", 1)
+    options = (*options, "--pixel-size-um", pixel_um, "--polarity", "bright", *frames)
     write_scene({name: scene[name] for name in ("indenter", "effects")}, folder / "scene.toml")
     assert run("calibrate", "jkr", folder, "-o", tmp_path / "out", *options) == 0
-    assert run("calibrate", "jkr", sharp_frames, "-o", tmp_path / "as_ever", "--quiet", "--workers", 1) == 0
+    assert run("calibrate", "jkr", sharp_frames, "-o", tmp_path / "as_ever", *frames) == 0
     given, stated = (read_calibration(tmp_path / name)["young_modulus"] for name in ("out", "as_ever"))
     assert given["value"] == pytest.approx(stated["value"], rel=1e-12)
 
