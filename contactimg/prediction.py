@@ -147,9 +147,11 @@ def predict_contacts(
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
-    solution, field = solve_around(
-        scene, asperities, load=load, level=level, tolerance=tolerance, history=history
-    )
+    field = surrounding_field(scene, asperities, load, coupled=level != "none")
+    how: dict[str, Any] = {"tolerance": tolerance, "history": history, "surroundings": field}
+    solution = solve_scene(scene, asperities, load=load, coupling=level, **how)
+    if solution.base_gap.beyond_models:
+        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
     contacts = solution.contacts(name)
     hertz_forces = hertz.load(
@@ -175,37 +177,6 @@ def predict_contacts(
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
     return Prediction(contacts, _frames(name, borne, **row), profile, plan)
-
-
-def solve_around(
-    scene: Scene,
-    asperities: pd.DataFrame,
-    *,
-    load: Prescribed,
-    level: str,
-    tolerance: float | None = None,
-    history: Sequence[Prescribed] = (),
-) -> tuple[InteractingSolution, MeanField | None]:
-    """Solve a scene whose switches are set, with the mean field around the table if that is asked for.
-
-    Raises
-    ------
-    ModelRangeError
-        As for `predict_contacts`.
-    """
-    field = surrounding_field(scene, asperities, load, coupled=level != "none")
-    solution = solve_scene(
-        scene,
-        asperities,
-        load=load,
-        coupling=level,
-        tolerance=tolerance,
-        history=history,
-        surroundings=field,
-    )
-    if solution.base_gap.beyond_models:
-        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
-    return solution, field
 
 
 def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: Prescribed) -> Plan:

@@ -9,7 +9,6 @@ import click
 
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_results, progress, say
-from contactimg.timings import stage
 
 
 @shared.command()
@@ -78,12 +77,15 @@ def analyse(
     smooth
         Output folder of `process` for a smooth lens; its shear stress is the one to compare with.
     """
-    with stage("loading"):
-        from contactimg.files import PROVENANCE_FILE, main_tables
-        from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places, smooth_shear_stress
-        from contactimg.pipeline.analyse.places import count_solutions, differences, open_place, read_centre
-        from contactimg.pipeline.analyse.results_table import write_analysis
-        from contactimg.prediction import COMPARED_MODELS
+    from contactimg.files import PROVENANCE_FILE, main_tables
+    from contactimg.pipeline.analyse.analysis import (
+        AnalysisOptions,
+        analyse_places,
+        smooth_shear_stress,
+        write_analysis,
+    )
+    from contactimg.pipeline.analyse.places import count_solutions, differences, open_place, read_centre
+    from contactimg.prediction import COMPARED_MODELS
 
     settings = AnalysisOptions(
         annulus=annulus_mm * 1e-3,

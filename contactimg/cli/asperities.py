@@ -8,7 +8,6 @@ import click
 from contactimg.cli import options as shared
 from contactimg.cli.printing import say
 from contactimg.errors import InputError
-from contactimg.timings import stage
 
 if TYPE_CHECKING:
     from contactimg.summits import FoundSummits
@@ -53,11 +52,10 @@ def asperities(
     depth
         How far down the sphere is fitted, as a share of the height of the summit.
     """
-    with stage("loading"):
-        from contactimg.files import write_table
-        from contactimg.files.height_maps import METRES, read_height_map
-        from contactimg.summits import SummitSearch, find_summits
-        from contactimg.tables import SUMMITS
+    from contactimg.files import write_table
+    from contactimg.files.height_maps import METRES, read_height_map
+    from contactimg.summits import SummitSearch, find_summits
+    from contactimg.tables import SUMMITS
 
     pixel = None if pixel_size_um is None else pixel_size_um * 1e-6
     unit = None if height_unit is None else METRES[height_unit]

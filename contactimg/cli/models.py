@@ -68,11 +68,10 @@ def predict(
         Elastic coupling between the asperities. auto: as the plan of the effects decides. Any other level:
         the paper's model with this coupling; other effects only where the scene switches them on.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_at
-        from contactimg.files import RUN_TABLES
-        from contactimg.pipeline import predict as pipeline
-        from contactimg.tables import FAILED
+    from contactimg.cli.scenes import scene_at
+    from contactimg.files import RUN_TABLES
+    from contactimg.pipeline import predict as pipeline
+    from contactimg.tables import FAILED
 
     described, inputs = scene_at(scene, stated)
     relative = stated.get("tolerance", {}).get("relative")
@@ -144,11 +143,10 @@ def simulate(
         Render an effect of optics or sensor only if leaving it out would change a requested output by more
         than allowed, instead of all that [simulate] states.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_at
-        from contactimg.pipeline.inputs import need_asperities
-        from contactimg.pipeline.simulate import plan_simulation, write_simulation
-        from contactimg.prediction import load_name
+    from contactimg.cli.scenes import scene_at
+    from contactimg.pipeline.inputs import need_asperities
+    from contactimg.pipeline.simulate import plan_simulation, write_simulation
+    from contactimg.prediction import load_name
 
     described, inputs = scene_at(scene, {})
     smooth = described.asperities is None
@@ -213,12 +211,11 @@ def effects(
     folder
         Folder for effects.csv; without it nothing is written.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_at
-        from contactimg.files import write_table
-        from contactimg.pipeline.predict import plan_effects
-        from contactimg.scene import Effects
-        from contactimg.tables import EFFECTS
+    from contactimg.cli.scenes import scene_at
+    from contactimg.files import write_table
+    from contactimg.pipeline.predict import plan_effects
+    from contactimg.scene import Effects
+    from contactimg.tables import EFFECTS
 
     described, inputs = scene_at(scene, stated)
     if auto:
@@ -274,10 +271,9 @@ def tradeoff(
     fine
         Measure slow settings too (takes minutes).
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_at
-        from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff, write_tradeoff
-        from contactimg.tradeoff.measure import run_knobs
+    from contactimg.cli.scenes import scene_at
+    from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff, write_tradeoff
+    from contactimg.tradeoff.measure import run_knobs
 
     described, inputs = scene_at(scene, stated)
     chosen, left_out = prepare_tradeoff(described, load=load, knobs=knobs, fine=fine)
@@ -317,8 +313,7 @@ def selftest() -> int:
     Example:
       contactimg selftest
     """
-    with stage("loading"):
-        from contactimg.hard_cases import CASES, run_cases
+    from contactimg.hard_cases import CASES, run_cases
 
     with progress("solving", len(CASES)) as advance:
         table = run_cases(CASES, advance)

@@ -10,7 +10,6 @@ import click
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_first_run, echo_frames, echo_table, progress, say
 from contactimg.errors import InputError
-from contactimg.timings import stage
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,15 +82,14 @@ def process(
     """
     if "relative" in stated.get("tolerance", {}) and "method" in stated.get("measure", {}):
         raise click.UsageError("--tolerance chooses the method, --method names it; give only one of the two.")
-    with stage("loading"):
-        from contactimg import files
-        from contactimg.cli.scenes import describe_use, scene_of_folder
-        from contactimg.pipeline.measured_series import write_run
-        from contactimg.pipeline.pictures import draw_overlays
-        from contactimg.pipeline.series import measure_parts
-        from contactimg.plausibility import doubts_about_run, warn_of
-        from contactimg.pose.apex import STATED
-        from contactimg.tables import NO_RESULT, Status
+    from contactimg import files
+    from contactimg.cli.scenes import describe_use, scene_of_folder
+    from contactimg.pipeline.measured_series import write_run
+    from contactimg.pipeline.pictures import draw_overlays
+    from contactimg.pipeline.series import measure_parts
+    from contactimg.plausibility import doubts_about_run, warn_of
+    from contactimg.pose.apex import STATED
+    from contactimg.tables import NO_RESULT, Status
 
     def measure(folder: str, output: str | Path | None) -> int:
         """Measure the frames of one folder; return the exit code."""
@@ -238,13 +236,12 @@ def check(
     seed
         Of the random radii and places.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_of_folder
-        from contactimg.files import open_experiment, write_figures, write_table
-        from contactimg.pipeline.check import check_experiment
-        from contactimg.plots import caption_of
-        from contactimg.plots.check import plot_check
-        from contactimg.tables import CHECK, DRAWN
+    from contactimg.cli.scenes import scene_of_folder
+    from contactimg.files import open_experiment, write_figures, write_table
+    from contactimg.pipeline.check import check_experiment
+    from contactimg.plots import caption_of
+    from contactimg.plots.check import plot_check
+    from contactimg.tables import CHECK, DRAWN
 
     experiment = open_experiment(scene_of_folder(folder, stated, scene_file=scene))
     echo_first_run()

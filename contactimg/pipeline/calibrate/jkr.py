@@ -22,7 +22,6 @@ from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_open
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
-from contactimg.optics.wide_edge import film_opening
 from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
@@ -348,7 +347,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     for column in ("branch", "fitted_N", "residual_N", "used"):
         table.loc[chosen, column] = calibration.points[column].to_numpy()
     notes = calibration_notes(calibration, table, scene)
-    record = _jkr_record(calibration, series, scene) | {"notes": notes}
+    record = _jkr_record(calibration, series) | {"notes": notes}
     failed = bool((table["status"] == Status.FAILED).any())
     tables: dict[str, tuple[Schema, pd.DataFrame]] = {"circles.csv": (CIRCLES, table)}
     return Calibrated(record, tables, {"jkr": _jkr_figure(calibration)}, notes, failed=failed)
@@ -370,12 +369,8 @@ def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
     )
 
 
-def _contact_modulus(calibration: JkrCalibration) -> float:
-    return calibration.young_modulus.value / (1 - calibration.sphere.poisson_ratio**2)
-
-
-def _jkr_record(calibration: JkrCalibration, series: CircleSeries, scene: Scene) -> dict[str, Any]:
-    """What ``calibration.json`` says of a JKR fit: results, quality, what was fixed, assumed and fitted."""
+def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, Any]:
+    """What ``calibration.json`` says of a JKR fit: results, quality, what was fixed and fitted."""
     centre, sphere, table = mean_centre(series.table), calibration.sphere, series.table
     fitted = ["young_modulus", "work_of_adhesion", "centre_x", "centre_y"]
     record: dict[str, Any] = {
@@ -393,10 +388,6 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries, scene: Scene)
             "radius_std_median_m": float(table["radius_std_m"].median()),
             "film_opening_images_sqrt_m": series.opening,
             "film_opening_doubt": series.doubt,
-            "film_opening_fit_sqrt_m": film_opening(
-                contact_modulus=_contact_modulus(calibration),
-                work_of_adhesion=max(calibration.work_of_adhesion.value, 0.0),
-            ),
             "contact_moves_with_sample": centre.moves_with_sample,
             "departure": calibration.departure,
             "departure_rival": calibration.rival,
@@ -405,11 +396,6 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries, scene: Scene)
         "fixed": {
             "sphere_radius_m": sphere.radius,
             "poisson_ratio": sphere.poisson_ratio,
-        },
-        "assumed": {
-            "load_zero_std_N": calibration.load_cell.zero_std,
-            "load_gain_std": calibration.load_cell.gain_std,
-            "stated": scene.load.zero_std is not None and scene.load.gain_std is not None,
         },
     }
     if sphere.thickness is not None:
@@ -422,10 +408,6 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries, scene: Scene)
         fitted.append("drift")
     if calibration.work_of_adhesion_unloading is not None:
         record["work_of_adhesion_unloading"] = calibration.work_of_adhesion_unloading.record("J/m^2")
-    blur = table["blur_px"].dropna().to_numpy(float)
-    if len(blur) > 1:  # of the edges of the reference contact
-        spread = float(np.std(blur, ddof=1) / np.sqrt(len(blur)))
-        record["edge_blur"] = CoverageEstimate.of_normal(float(np.mean(blur)), spread).record("px")
     if calibration.edge is not None and calibration.edge.settled:
         record["edge_shift"] = calibration.edge.shift.record("px")
         fitted.append("edge_shift")
@@ -440,7 +422,8 @@ def _jkr_figure(calibration: JkrCalibration) -> Axes:
     }
     measured = calibration.points["load_N"]
     loads = np.linspace(max(measured.min(), jkr.pull_off_load(**sphere)), measured.max(), CURVE_POINTS)
-    radius = jkr.radius(loads, contact_modulus=_contact_modulus(calibration), **sphere)
+    modulus = calibration.young_modulus.value / (1 - calibration.sphere.poisson_ratio**2)
+    radius = jkr.radius(loads, contact_modulus=modulus, **sphere)
     fitted = [
         f"E = {number_with_interval(calibration.young_modulus, factor=1e-6)} MPa",
         f"w = {number_with_interval(calibration.work_of_adhesion, factor=1e3)} mJ/m²",

@@ -13,10 +13,9 @@ from small_series import copy_of
 from contactimg import tables
 from contactimg.cli import main
 from contactimg.files import read_scene, write_scene
-from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places
+from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places, result_rows
 from contactimg.pipeline.analyse.places import differences, open_place
 from contactimg.pipeline.analyse.places import read_centre as read_centre_of
-from contactimg.pipeline.analyse.results_table import result_rows
 
 QUICK = ["--no-pictures", "--quiet", "--workers", "1"]
 
