@@ -246,7 +246,6 @@ def tradeoff(
     output: shared.Output = None,
     load: shared.Load = None,
     knobs: Annotated[tuple[Knob, ...], "--knob"] = (),
-    fine: bool = False,
 ) -> None:
     """Measure how much computing time accuracy costs for SCENE, a scene.toml or the folder that holds one.
 
@@ -268,22 +267,20 @@ def tradeoff(
     ----------
     knobs
         Measure only this choice; repeat the option for more.  [default: all that apply to the scene]
-    fine
-        Measure slow settings too (takes minutes).
     """
     from contactimg.cli.scenes import scene_at
     from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff, write_tradeoff
     from contactimg.tradeoff.measure import run_knobs
 
     described, inputs = scene_at(scene, stated)
-    chosen, left_out = prepare_tradeoff(described, load=load, knobs=knobs, fine=fine)
+    chosen, left_out = prepare_tradeoff(described, load=load, knobs=knobs)
     with shared.results_in(output, described.folder, scene=described, inputs=inputs) as out:
         count = sum(len(knob.settings) for knob in chosen)
         with progress("measuring settings", count) as advance, stage("settings"):
             result = run_knobs(
                 chosen,
                 relative=described.tolerance.relative,
-                seconds=REPETITION_SECONDS[fine],
+                seconds=REPETITION_SECONDS,
                 left_out=left_out,
                 advance=advance,
             )

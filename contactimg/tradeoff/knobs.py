@@ -42,7 +42,7 @@ LEVELS = {
 TOLERANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 CONVERGED_RESIDUAL = 1e-13
 RINGS, MANY_RINGS = (10, 20, 50, 100, 200, 400), 800
-PATTERNS, MORE_PATTERNS = (1, 2, 4, 8, 16, 32), (64, 128, 256)
+PATTERNS = (1, 2, 4, 8, 16, 32)
 DEPTHS, CONVERGED_DEPTH = (1, 2, 3, 4, 8), 16
 
 SAMPLING_NOISE_LEVELS = 1.0
@@ -112,16 +112,12 @@ class OwnFrame:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene at a load (N, NaN without one).
-
-    ``fine``: whether slow settings are measured as well.
-    """
+    """A scene at a load (N, NaN without one)."""
 
     scene: Scene
     asperities: pd.DataFrame | None = None
     load: float = math.nan
     measured: OwnFrame | None = None
-    fine: bool = False
 
     @property
     def output(self) -> str:
@@ -302,8 +298,7 @@ def ring_settings(case: Case) -> Iterator[Setting]:
 
 def pattern_settings(case: Case) -> Iterator[Setting]:
     """The number of random patterns that are averaged."""
-    counts = (*PATTERNS, *MORE_PATTERNS) if case.fine else PATTERNS
-    most = counts[-1]
+    most = PATTERNS[-1]
     indenter = case.scene.need("indenter", "averages")
 
     def one(index: int) -> Average:
@@ -331,7 +326,7 @@ def pattern_settings(case: Case) -> Iterator[Setting]:
     def error(answer: list[Average]) -> float:
         return scatter() / math.sqrt(len(answer))
 
-    for count in counts:
+    for count in PATTERNS:
         yield Setting(
             f"{count} pattern" + "s" * (count > 1),
             partial(run, count),

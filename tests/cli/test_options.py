@@ -111,7 +111,7 @@ process: --calibration --cluster --format --frames --loads --method --no-plausib
 report: --max-pictures -o/--output --with
 review: --no-browser --origin --port --workers
 simulate: --cluster --no-plausibility -o/--output --plan --workers
-tradeoff: --fine --knob --load-N --no-plausibility -o/--output --tolerance
+tradeoff: --knob --load-N --no-plausibility -o/--output --tolerance
 """
 """Names that users script against, beside --quiet, --verbose and --timings, which every command has."""
 

@@ -364,17 +364,6 @@ def test_no_threshold_brackets_one(threshold_result, tmp_path, capsys):
     assert "no threshold between 0.05 and 0.95 gives slope 1" in refusal(capsys, *words)
 
 
-def test_disk_slope_is_a_check(small_series, tmp_path, capsys):
-    folder = copy_of(small_series, tmp_path / "frames")
-    with_scene(folder, images={"frames": "frame_3.tif"})
-    assert run("calibrate", "threshold", folder, "-o", tmp_path / "out") == 0
-    assert "is a check, no threshold changes it" in capsys.readouterr().out
-    record = read_calibration(tmp_path / "out")
-    assert record["method"] == "disk"
-    # disks of 1 px radius and more, 20 electrons a level: the sum of forces is good to a few per cent
-    assert record["slope"]["value"] == pytest.approx(1.0, abs=0.05)
-
-
 def test_plateau(small_series, tmp_path):
     folder = copy_of(small_series, tmp_path / "frames")
     (folder / "loads.csv").unlink()
