@@ -263,10 +263,10 @@ def test_every_switch_is_explicit_and_orders_are_obeyed():
 
 def test_a_smooth_contact_shows_all_that_the_scene_states():
     scene = small_scene()
-    planned = plan_simulation(scene, None)
-    assert planned.plans == ()
-    assert planned.scene == explicit_switches(scene)
-    assert planned.scene.effects.read_noise == "on"
+    planned, plans = plan_simulation(scene, None)
+    assert plans == ()
+    assert planned == explicit_switches(scene)
+    assert planned.effects.read_noise == "on"
 
 
 def test_an_effect_without_its_parameter_stops_before_the_first_frame(tmp_path, capsys):

@@ -112,7 +112,7 @@ def test_what_compares_models_of_caps_refuses_a_stated_profile(small_series, com
 
 def test_what_is_not_defined_for_a_profile_is_refused(asperities):
     film = scene_from_dict(SCENE | {"effects": {"film": "on"}})
-    with pytest.raises(InputError, match="the air film is rendered around caps"):
+    with pytest.raises(InputError, match='film = "on" takes caps'):
         next(simulate_series(film, asperities))
     sites = contact_sites(asperities, film)
     with pytest.raises(InputError, match=r"states a profile, and .* takes caps"):
