@@ -22,12 +22,12 @@ MARKS: tuple[tuple[int, dict[str, str], str], ...] = (
 """Value of the column ``pareto``, marker style, meaning."""
 
 # Layout, chosen by eye
-PANEL_INCHES = (5.2, 3.4)  # width and height of a panel with its key
+PANEL_INCHES = (4.6, 3.4)  # width and height of a panel with its key
 PANEL_COLUMNS = 2
-LABEL_FONT = 7.2  # pt, 6 pt on a page of 170 mm
-LABEL_CHARACTERS, SENTENCE_CHARACTERS = 24, 66  # in a line of the key and of a title
+LABEL_FONT = 8.3  # pt, 6 pt on a page of 170 mm
+LABEL_CHARACTERS, SENTENCE_CHARACTERS = 20, 60  # in a line of the key and of a title
 NUMBER_PT = 4.0  # from a point to its number
-PLAIN_DECADES = 2.5  # time axes shorter than this are labelled at 1, 2 and 5, longer ones at powers of ten
+SHORTEST_DECADES = 0.8  # of the time axis, whose labels then stand at 1, 2 and 5
 
 
 def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | None = None) -> Axes:
@@ -79,9 +79,14 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     if key:
         beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
         ax.legend(handles=key, fontsize=LABEL_FONT, **beside)
-    if len(x) and np.ptp(np.log10(x)) < PLAIN_DECADES:
-        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        ax.xaxis.set_major_formatter("{x:g}")
+    if len(x):
+        ends = np.log10([x.min(), x.max()])
+        half = 0.6 * max(float(np.ptp(ends)), SHORTEST_DECADES)
+        ax.margins(y=0.15)
+        ax.set_xlim(*10.0 ** (ends.mean() + np.array([-half, half])))
+        if half < SHORTEST_DECADES:
+            ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            ax.xaxis.set_major_formatter("{x:g}")
     ax.xaxis.set_minor_formatter(NullFormatter())
     return ax
 

@@ -40,12 +40,13 @@ def outputs(small_series, tmp_path_factory):
     source.pop("tolerance", None)
     write_scene(source, series / "scene.toml")
     loads = [word for load in LOADS for word in ("--load-N", str(load))]
+    with_both = ["--with", str(top / "overlay"), "--with", str(top / "analysis")]
     for words in (
         ["predict", str(series), *loads, "-o", str(top / "predicted")],
         ["process", str(series), "-o", str(run), "--no-pictures"],
         ["overlay", str(run), "-o", str(top / "overlay")],
         ["analyse", str(run), "-o", str(top / "analysis")],
-        ["report", str(run), "--with", str(top / "overlay"), "-o", str(top / "page.html")],
+        ["report", str(run), *with_both, "-o", str(top / "page.html")],
     ):
         assert main([*words, "--quiet"]) == 0
     return top
