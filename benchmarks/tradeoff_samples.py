@@ -1,6 +1,6 @@
 """What accuracy costs on the sample scenes: the figures and tables of docs/tradeoff.md.
 
-python benchmarks/tradeoff_samples.py [--fine]
+python benchmarks/tradeoff_samples.py
 
 Times are processor times of one core, by turns in this process. Boundary elements run if ContactMechanics is
 installed.
@@ -10,7 +10,6 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"
 
-import sys
 import time
 from pathlib import Path
 
@@ -46,14 +45,14 @@ def put_table(name, lines):
     page.write_text(before + begin + "\n".join(lines) + "\n" + after[after.index(end) :], encoding="utf-8")
 
 
-def measure(name, *, fine):
+def measure(name):
     """Measure all knobs of a sample scene; write its figures and its table."""
     scene = read_scene(ROOT / "sample_data" / SCENES[name])
-    knobs, _ = prepare_tradeoff(scene, fine=fine)
+    knobs, _ = prepare_tradeoff(scene)
     found = run_knobs(
         knobs,
         relative=scene.tolerance.relative,
-        seconds=2 * REPETITION_SECONDS[fine],
+        seconds=2 * REPETITION_SECONDS,
         clock=time.process_time,
     )
     first = found.table["knob"].isin(FIRST_PAGE)
@@ -81,7 +80,7 @@ def rows(table):
 def main():
     cv2.setNumThreads(1)
     for name in SCENES:
-        measure(name, fine="--fine" in sys.argv)
+        measure(name)
 
 
 if __name__ == "__main__":

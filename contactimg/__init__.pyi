@@ -71,8 +71,8 @@ from .pipeline.analyse.analysis import analyse_places as analyse_places
 from .pipeline.analyse.places import open_place as open_place
 from .pipeline.calibrate.jkr import measure_circles as measure_circles
 from .pipeline.calibrate.thresholds import measure_thresholds as measure_thresholds
-from .pipeline.effects import plan_effects as plan_effects
 from .pipeline.frame import measure_frame as measure_frame
+from .pipeline.predict import plan_effects as plan_effects
 from .pipeline.series import Run as Run
 from .pipeline.series import measure_series as measure_series
 from .pipeline.simulate import write_simulation as write_simulation

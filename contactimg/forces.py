@@ -143,21 +143,6 @@ def assign_forces(
     >>> assign_forces(table, 1e-4, contact_modulus=4e6)["force_N"].tolist()
     [0.00144]
     """
-    how = {"modulus_relative_std": modulus_relative_std, "work_of_adhesion": work_of_adhesion}
-    return _assign(contacts, sphere_radius, law, contact_modulus, elliptic=elliptic, **how)[0]
-
-
-def _assign(
-    contacts: pd.DataFrame,
-    sphere_radius: ArrayLike,
-    law: ForceLaw | AxisymmetricProfile,
-    contact_modulus: float,
-    *,
-    modulus_relative_std: float,
-    work_of_adhesion: float,
-    elliptic: bool,
-) -> tuple[pd.DataFrame, NDArray[np.float64]]:
-    """The contacts with forces as of `assign_forces`, and ``d ln p/d ln a`` of each."""
     a = contacts["radius_m"].to_numpy(float)
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
     pressed = hertzian = pressing_force(a, R, contact_modulus=contact_modulus)
@@ -166,13 +151,10 @@ def _assign(
     if elliptic:
         pressed = pressed * _elliptic_ratio(contacts)
     pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
-    force, exponent = pressed - pulled, force_exponents(a, R, law=law)
-    slope = exponent * pressed - ADHESION_EXPONENT * pulled
+    slope = force_exponents(a, R, law=law) * pressed - ADHESION_EXPONENT * pulled
     std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
-    flags = _flags_beyond_hertz(contacts, R)
-    filled = contacts.assign(force_N=force, force_std_N=std, force_hertz_N=hertzian, flags=flags)
-    share = pulled / force
-    return filled, exponent * (1 + share) - ADHESION_EXPONENT * share
+    forces = {"force_N": pressed - pulled, "force_std_N": std, "force_hertz_N": hertzian}
+    return contacts.assign(**forces, flags=_flags_beyond_hertz(contacts, R))
 
 
 def _flags_beyond_hertz(contacts: pd.DataFrame, radius: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -418,16 +400,24 @@ def local_forces(
         Composite summits of the asperities.
     """
     elastic = scene.need("elastic", "local forces")
-    law: ForceLaw | AxisymmetricProfile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
-    contacts, exponent = _assign(
+    sphere: ForceLaw = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
+    law, modulus = pressed_profile(scene) or sphere, elastic.contact_modulus
+    adhesion = elastic.work_of_adhesion if scene.effects.adhesion == "on" else 0.0
+    radii = sphere_radii(contacts, scene, sites)
+    contacts = assign_forces(
         contacts,
-        sphere_radii(contacts, scene, sites),
-        pressed_profile(scene) or law,
-        elastic.contact_modulus,
+        radii,
+        contact_modulus=modulus,
         modulus_relative_std=elastic.young_modulus_std / elastic.young_modulus,
-        work_of_adhesion=elastic.work_of_adhesion if scene.effects.adhesion == "on" else 0.0,
+        law=law,
+        work_of_adhesion=adhesion,
         elliptic=scene.measure.hertz == "ellipse",
     )
+    a = contacts["radius_m"].to_numpy(float)
+    share = (
+        adhesive_pull(a, contact_modulus=modulus, work_of_adhesion=adhesion) / contacts["force_N"].to_numpy()
+    )
+    exponent = force_exponents(a, radii, law=law) * (1 + share) - ADHESION_EXPONENT * share
     shapes = _shapes(sites)
     if shapes is not None:
         strain = _of_asperities(contacts, shapes.strain_radius, np.full(len(contacts), np.nan))

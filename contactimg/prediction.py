@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy.special import ellipe
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
 from contactimg.effects.local_law import law_name
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, solve_scene
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, refuse_profile, solve_scene
 from contactimg.effects.output_change import ANNULUS
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
@@ -147,9 +147,11 @@ def predict_contacts(
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
-    solution, field = solve_around(
-        scene, asperities, load=load, level=level, tolerance=tolerance, history=history
-    )
+    field = surrounding_field(scene, asperities, load, coupled=level != "none")
+    how: dict[str, Any] = {"tolerance": tolerance, "history": history, "surroundings": field}
+    solution = solve_scene(scene, asperities, load=load, coupling=level, **how)
+    if solution.base_gap.beyond_models:
+        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
     contacts = solution.contacts(name)
     hertz_forces = hertz.load(
@@ -175,37 +177,6 @@ def predict_contacts(
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
     return Prediction(contacts, _frames(name, borne, **row), profile, plan)
-
-
-def solve_around(
-    scene: Scene,
-    asperities: pd.DataFrame,
-    *,
-    load: Prescribed,
-    level: str,
-    tolerance: float | None = None,
-    history: Sequence[Prescribed] = (),
-) -> tuple[InteractingSolution, MeanField | None]:
-    """Solve a scene whose switches are set, with the mean field around the table if that is asked for.
-
-    Raises
-    ------
-    ModelRangeError
-        As for `predict_contacts`.
-    """
-    field = surrounding_field(scene, asperities, load, coupled=level != "none")
-    solution = solve_scene(
-        scene,
-        asperities,
-        load=load,
-        coupling=level,
-        tolerance=tolerance,
-        history=history,
-        surroundings=field,
-    )
-    if solution.base_gap.beyond_models:
-        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
-    return solution, field
 
 
 def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: Prescribed) -> Plan:
@@ -440,8 +411,7 @@ def solve_average(
     """
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     section: Asperities = scene.need("asperities", "a statistical model")
-    if section.profiled:
-        raise InputError(f'model "{model}" takes caps, no stated profile; take the model "interacting"')
+    refuse_profile(scene, f'model "{model}"')
     if asperities is not None:
         refuse_own_caps(asperities, f'model "{model}"')
     radius = _mean_radius(section, asperities)
@@ -540,9 +510,9 @@ def _height_law(section: Asperities, asperities: pd.DataFrame | None) -> HeightL
     return UniformHeights(first, second) if uniform else GaussianHeights(first, second)
 
 
-TRIAL_RATIO, MOST_TRIALS, LEAST_TRIAL = 4.0, 80, 1e-9
-"""Ratio of two loads in the search for touching planes, largest number of trials, and the load, over that of
-the first trial, below which the planes touch before the asperities do."""
+TRIAL_RATIO, LEAST_TRIAL, LARGEST_TRIAL = 4.0, 1e-9, 1e24
+"""Ratio of two loads in the search for touching planes; the loads, over that of the first trial, below which
+the planes touch before the asperities do, and beyond which nobody looks."""
 
 
 def find_touching_load(
@@ -575,45 +545,40 @@ def find_touching_load(
     ModelRangeError
         If the model ends before the planes touch, with the smallest gap at the last load that it describes.
     """
+    reasons: dict[float, str] = {}
 
+    @cache
     def gap(load: float) -> float:
-        if model == "interacting":
-            table = _table(asperities, "a table")
-            row = predict_contacts(scene, table, load=load, coupling=coupling).frames
-        else:
-            row = predict_average(scene, asperities, load=load, model=model).frames
+        try:
+            if model == "interacting":
+                table = _table(asperities, "a table")
+                row = predict_contacts(scene, table, load=load, coupling=coupling).frames
+            else:
+                row = predict_average(scene, asperities, load=load, model=model).frames
+        except (ModelRangeError, ConvergenceError) as error:
+            reasons[load] = str(error)
+            return -np.inf
         found = float(row["min_gap_m"].iloc[0])
         if np.isnan(found):
             raise InputError("the asperities cover all of the base: no planes are left that could touch")
         return found
 
     size = _mean_radius(scene.asperities or Asperities(), asperities)
-    first = trial = 1e-2 * scene.need("elastic", PURPOSE).contact_modulus * size**2
-    low, high, least, end = 0.0, np.inf, np.nan, ""
-    for _ in range(MOST_TRIALS):
-        try:
-            found, reason = gap(trial), ""
-        except (ModelRangeError, ConvergenceError) as error:
-            found, reason = -np.inf, str(error)
-        if found > 0:
-            low, least = trial, found
-        else:
-            high, end = trial, reason
-        if low > 0 and high < np.inf:
-            if not end:
-                return float(brentq(gap, low, high, rtol=relative))
-            if high < (1 + relative) * low:
-                break
-            trial = float(np.sqrt(low * high))
-        elif trial >= LEAST_TRIAL * first:
-            trial = trial * TRIAL_RATIO if high == np.inf else trial / TRIAL_RATIO
-        elif not end:
-            return 0.0
-        else:
-            break
+    first = low = high = 1e-2 * scene.need("elastic", PURPOSE).contact_modulus * size**2
+    while gap(high) > 0 and high < LARGEST_TRIAL * first:
+        low, high = high, TRIAL_RATIO * high
+    while gap(low) <= 0 and low > LEAST_TRIAL * first:
+        low, high = low / TRIAL_RATIO, low
+    while gap(low) > 0 and high in reasons and high > (1 + relative) * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if gap(middle) > 0 else (low, middle)
+    if gap(low) > 0 and high not in reasons:
+        return float(brentq(gap, low, high, rtol=relative))
+    if low not in reasons and gap(low) <= 0:
+        return 0.0
     raise ModelRangeError(
-        f"the model ends before the planes touch: at {low:.4g} N the smallest gap is {least * 1e6:.3g} um; "
-        f"beyond, {end}"
+        f"the model ends before the planes touch: at {low:.4g} N the smallest gap is {gap(low) * 1e6:.3g} "
+        f"um; beyond, {reasons.get(high) or reasons.get(low)}"
     )
 
 

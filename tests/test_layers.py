@@ -64,7 +64,6 @@ INNER_ROOMS = {
     "pipeline": [
         "inputs",
         "parallel",
-        "effects",
         "frame",
         "background",
         "measured_series",

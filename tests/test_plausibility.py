@@ -47,19 +47,22 @@ def test_the_sound_scene_and_all_samples_are_plausible(asperities):
 @pytest.mark.parametrize(
     ("sections", "said"),
     [
-        ({"elastic": {"young_modulus_Pa": 3.0}}, "young_modulus_Pa = 3 Pa .* was it given in MPa or GPa"),
-        ({"elastic": {"young_modulus_Pa": 0.003}}, "young_modulus_Pa = 0.003 Pa .* 1000 .*MPa or GPa"),
+        ({"elastic": {"young_modulus_Pa": 3.0}}, "young_modulus_Pa = 3 .* was it given in kPa or MPa or GPa"),
+        ({"elastic": {"young_modulus_Pa": 0.003}}, "young_modulus_Pa = 0.003 .* 1000 .*MPa or GPa"),
         ({"elastic": {"poisson_ratio": 0.0005}}, r"poisson_ratio = 0\.0005 is outside .* 0\.2 \.\.\. 0\.5"),
-        ({"elastic": {"thickness_m": 15.0}}, "thickness_m = 15 m .* mm"),
+        ({"elastic": {"thickness_m": 15.0}}, "thickness_m = 15 .* mm"),
         ({"elastic": {"work_of_adhesion_J_m2": 30.0}}, "work_of_adhesion_J_m2 = 30 .* mJ"),
-        ({"indenter": {"radius_m": 128.8}}, "radius_m = 128.8 m .* was it given in mm"),
-        ({"indenter": {"apex_m": [1.0, 1.0]}}, r"apex_m = \(1, 1\) lies outside .* was it given in mm"),
-        ({"indenter": {"apex_m": [1000.0, 1000.0]}}, r"apex_m = .* was it given in µm"),
-        ({"camera": {"centre_m": [-0.01, 0.001]}}, r"centre_m = \(-0.01, 0.001\) lies outside"),
-        ({"camera": {"pixel_size_m": 6.0}}, "pixel_size_m = 6 m .* µm or mm"),
-        ({"camera": {"pixel_size_m": 0.006}}, "pixel_size_m = 0.006 m"),
-        ({"simulate": {"loads_N": [5.0, 20.0, 50.0]}}, "wider than the sample .* another unit"),
-        ({"indenter": {"radius_m": 0.0001}}, "of its radius, beyond 0.5 no model holds"),
+        ({"indenter": {"radius_m": 128.8}}, "radius_m = 129 .* was it given in mm"),
+        ({"indenter": {"apex_m": [1.0, 1.0]}}, r"apex_m \(1, 1\) from the asperities .* was it given in mm"),
+        ({"indenter": {"apex_m": [1000.0, 1000.0]}}, r"apex_m .* was it given in µm"),
+        (
+            {"camera": {"centre_m": [-0.01, 0.001]}},
+            r"centre_m \(-0.01, 0.001\) from the asperities .* another sign",
+        ),
+        ({"camera": {"pixel_size_m": 6.0}}, "pixel_size_m = 6 .* in µm"),
+        ({"camera": {"pixel_size_m": 0.006}}, "pixel_size_m = 0.006 "),
+        ({"simulate": {"loads_N": [5.0, 20.0, 50.0]}}, "diagonal of the sample .* mN or grams"),
+        ({"indenter": {"radius_m": 0.0001}}, "over its radius .* 0.5; is the load in mN"),
     ],
 )
 def test_a_slip_in_a_scene_is_named_with_its_likely_unit(asperities, sections, said):
@@ -72,15 +75,14 @@ def test_a_slip_in_a_scene_is_named_with_its_likely_unit(asperities, sections, s
     [
         (
             lambda t: t.rename(columns={"height_m": "radius_m", "radius_m": "height_m"}),
-            "are the columns swapped",
+            "are columns swapped",
         ),
-        (lambda t: t.rename(columns={"height_m": "x_m", "x_m": "height_m"}), "are the columns swapped"),
+        (lambda t: t.rename(columns={"height_m": "x_m", "x_m": "height_m"}), "are columns swapped"),
         (lambda t: t.assign(radius_m=1e3 * t["radius_m"]), "median of radius_m .* mm"),
-        (lambda t: t.assign(x_m=1e-3 * t["x_m"], y_m=1e-3 * t["y_m"]), "are x_m and y_m in metres"),
-        (lambda t: t.assign(height_m=1e3 * t["height_m"].abs()), "taller .* different units"),
-        (lambda t: t.assign(y_m=-t["y_m"]), "lies outside the asperities"),
-        (lambda t: t.assign(y_m=t["y_m"].where(t.index != 5, -0.0015)), "row 5, y_m = -0.0015 .* sign right"),
-        (lambda t: t.assign(x_m=1e3 * t["x_m"], y_m=1e3 * t["y_m"]), "times their radius .* in metres"),
+        (lambda t: t.assign(x_m=1e-3 * t["x_m"], y_m=1e-3 * t["y_m"]), "are x_m, y_m and radius_m in metres"),
+        (lambda t: t.assign(height_m=1e3 * t["height_m"].abs()), "height_m over radius_m .* different units"),
+        (lambda t: t.assign(y_m=-t["y_m"]), "from the asperities .* another sign"),
+        (lambda t: t.assign(x_m=1e3 * t["x_m"], y_m=1e3 * t["y_m"]), "over their distance .* in metres"),
     ],
 )
 def test_a_slip_in_the_asperity_table_is_named(asperities, change, said):
@@ -92,9 +94,9 @@ def test_a_slip_in_the_asperity_table_is_named(asperities, change, said):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ((3.0, 0.03, 0.01), "fitted young_modulus = 3 Pa .* loads in N"),
-        ((3e6, 40.0, 0.01), "fitted work_of_adhesion = 40 J/m.2 .* loads in N"),
-        ((3e6, 0.03, 1.3), "largest contact radius is 1.3 of the radius"),
+        ((3.0, 0.03, 0.01), "fitted young_modulus = 3 .* loads in N"),
+        ((3e6, 40.0, 0.01), "fitted work_of_adhesion = 40 .* loads in N"),
+        ((3e6, 0.03, 1.3), "largest contact radius over that of the sphere = 1.3"),
     ],
 )
 def test_a_slip_in_the_result_of_a_calibration(values, said):
@@ -111,12 +113,12 @@ def test_a_slip_in_the_result_of_a_calibration(values, said):
 
 @pytest.mark.parametrize("slope", [1e-3, 0.1, 10.0, 100.0])
 def test_forces_far_from_the_load_are_doubted(slope):
-    with pytest.raises(InputError, match=f"add up to {slope:.3g} times the load .* are loads in N"):
+    with pytest.raises(InputError, match=f"forces over the load, .* = {slope:.3g} .* are loads in N"):
         settle(doubts_about_forces(slope=slope, young_modulus=3e6), "the calibration")
     assert not list(doubts_about_forces(slope=0.2, young_modulus=3e6))
 
 
-@pytest.mark.parametrize(("kind", "factor"), [("modulus", 1e3), ("modulus", 1e-3), ("threshold", 1e-3)])
+@pytest.mark.parametrize(("kind", "factor"), [("modulus", 1e3), ("threshold", 1e-3)])
 def test_loads_in_another_unit_are_refused_by_the_calibrations(kind, factor, small_series, tmp_path, capfd):
     folder = copy_of(small_series, tmp_path / "series")
     table = pd.read_csv(folder / "loads.csv")[-1:]
@@ -126,7 +128,7 @@ def test_loads_in_another_unit_are_refused_by_the_calibrations(kind, factor, sma
     words = ["calibrate", kind, str(folder), "-o", str(tmp_path / "out"), "--workers", "1", "--quiet"]
     assert main([*words, *(["--threshold", "0.5"] if kind == "modulus" else [])]) == 2
     said = capfd.readouterr().err
-    assert "wider than the sample" in said or "times the load" in said or "beyond 0.5 no model holds" in said
+    assert "is outside the plausible range" in said
     assert not (tmp_path / "out" / "calibration.json").exists()
 
 
@@ -165,6 +167,6 @@ def test_commands_refuse_a_slip_unless_told_not_to(tmp_path, capfd):
     )
     for command in (["predict", "--load-N", "1e-9"], ["simulate"], ["effects"], ["tradeoff"]):
         assert main([command[0], str(tmp_path), *command[1:]]) == 2
-        assert "was it given in MPa or GPa" in capfd.readouterr().err
+        assert "was it given in kPa or MPa or GPa" in capfd.readouterr().err
     assert main(["predict", str(tmp_path), "--load-N", "1e-9", "--no-plausibility", "--quiet"]) == 0
-    assert "young_modulus_Pa = 3 Pa" in capfd.readouterr().err
+    assert "young_modulus_Pa = 3 is outside" in capfd.readouterr().err

@@ -11,7 +11,7 @@ an F test says that the frames need it. The noise of the loads, a constant part 
 load, has the size of the residuals.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -56,6 +56,13 @@ DRAWS = 20000
 SLOPE_STEP = 1e-4
 """Relative step of the radius for the slope of the law."""
 
+LAYER_RATIOS = (0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5)
+"""Largest contact radius over the thicknesses that are tried. Chosen: the loads cannot tell a thicker one."""
+
+LAYER_FALSE_ALARM_RATE = 0.05
+"""Probability that a layer is suggested where there is none. Chosen: a hint costs a look at the sample; with
+1 % five loads would need one that they fit a hundred times better."""
+
 SPARE_LOADS = 2
 """Loads beyond the number of unknowns that a shift of the edge needs: one more than a fit without a test."""
 
@@ -98,9 +105,7 @@ class JkrSeries:
     load, radius, radius_std : ndarray, shape (n,), N and m
     zero_std : float, N
         Standard uncertainty of the zero of the loads; 0 for one that is not fitted.
-    thickness : float or None, m
-        Of the elastic layer.
-    poisson_ratio : float
+    sphere : SmoothSphere
     branches : ndarray, shape (n, k)
         One column a work of adhesion: 1 where it acts.
     extra : ndarray, shape (n, m)
@@ -111,8 +116,7 @@ class JkrSeries:
     radius: Values
     radius_std: Values
     zero_std: float
-    thickness: float | None
-    poisson_ratio: float
+    sphere: SmoothSphere
     branches: Values
     extra: Values
 
@@ -133,8 +137,9 @@ class JkrSeries:
     def terms(self, radius: Values) -> Values:
         """Load per unit of K/R, sqrt(6 pi) S, the extra parameters and the zero, shape (n, k)."""
         pressing, adhesive = np.ones((2, len(radius)))
-        if self.thickness is not None:
-            pressing, adhesive = layer_factors(radius / self.thickness, poisson_ratio=self.poisson_ratio)
+        layer = self.sphere.thickness
+        if layer is not None:
+            pressing, adhesive = layer_factors(radius / layer, poisson_ratio=self.sphere.poisson_ratio)
         adhesion = -(adhesive * radius**1.5)[:, None] * self.branches
         zero = np.ones((len(radius), int(self.zero_std > 0)))
         return np.column_stack([pressing * radius**3, adhesion, self.extra, zero])
@@ -267,10 +272,15 @@ class JkrCalibration:
         Root mean square of the loads' residuals, corrected for the fitted numbers.
     points : DataFrame
         One row a frame: load_N, radius_m, branch, fitted_N, residual_N, used.
-    problem : JkrProblem
-        What was fitted, for `contactimg.calibration.jkr_uncertainties`.
+    sphere : SmoothSphere
+    load_cell : LoadCell
     edge : EdgeShift or None
         How far the edge seems to lie outside the true one; None where it was not looked for.
+    zero_asked : float or None, N
+        Zero that the loads ask for although none is stated.
+    layer_asked : (float, float) or None
+        Thickness (m) of a layer that they ask for although none is stated, and by how much it changes the
+        modulus, relative.
     """
 
     young_modulus: CoverageEstimate
@@ -284,8 +294,19 @@ class JkrCalibration:
     drift: CoverageEstimate | None
     load_noise: float
     points: pd.DataFrame = field(repr=False)
-    problem: "JkrProblem" = field(repr=False)
-    edge: EdgeShift | None = field(default=None, repr=False)
+    sphere: SmoothSphere
+    load_cell: LoadCell
+    edge: EdgeShift | None = None
+    zero_asked: float | None = None
+    layer_asked: tuple[float, float] | None = None
+
+    def widened(self, other: "JkrCalibration", doubt: float) -> "JkrCalibration":
+        """The calibration with the uncertainty that another of probability ``doubt`` adds."""
+        wider = {}
+        for name in ("young_modulus", "work_of_adhesion", "work_of_adhesion_unloading"):
+            one, two = getattr(self, name), getattr(other, name) or other.work_of_adhesion
+            wider[name] = one and one.widened(np.sqrt(doubt) * abs(two.value - one.value))
+        return replace(self, **wider)
 
 
 def calibrate_jkr(
@@ -359,7 +380,7 @@ def calibrate_jkr(
     _check_growth(plain.load, plain.radius)
     branch = classify_branches(plain.load)
     used = _without_outliers(plain)
-    series, departure, rival, doubt = _with_departure(plain, branch, used)
+    (departure, series, _), *rivals = _departures(plain, branch, used)
     edge = None
     if pixel_size is not None:
         shifted = series.with_column(-pixel_size * series.slope(series.part(used).fit().parameters))
@@ -368,71 +389,50 @@ def calibrate_jkr(
             values = np.append(fit.parameters[column], _draws(fit)[:, column])
             edge = EdgeShift(_from_draws(values), is_asked_for(series.part(used), shifted.part(used)))
             series = shifted if edge.seen else series
-    fit = series.part(used).fit()
-    estimates = _estimates(series, fit, sphere, cell.gain_std, drifts=departure in (ZERO_DRIFT, GAIN_DRIFT))
-    if rival is not None:
-        estimates = estimates.widened(solve_series(rival[1], used, sphere), doubt)
+    found = _solved(series, used, branch, cell, departure)
+    here = series.part(used)
+    found, layer = replace(found, edge=edge, zero_asked=_zero_asked(here)), _layer_asked(here)
+    if layer is not None:
+        layered = replace(series, sphere=replace(sphere, thickness=layer))
+        other = _solved(layered, used, branch, cell, departure).young_modulus.value
+        found = replace(found, layer_asked=(layer, other / found.young_modulus.value - 1))
+    for name, rival, doubt in rivals:
+        found = replace(found.widened(_solved(rival, used, branch, cell, name), doubt), rival=name)
+    return found
+
+
+def _solved(
+    series: JkrSeries, used: Mask, branch: NDArray[np.str_], cell: LoadCell, departure: str
+) -> JkrCalibration:
+    """The physical quantities from the draws of the fit of a series."""
+    fit, sphere = series.part(used).fit(), series.sphere
+    draws = np.vstack([fit.parameters, _draws(fit)])  # the first row is the estimate itself
+    gain, bend = np.random.default_rng(1).standard_normal((2, len(draws)))
+    gain, bend = np.append(0.0, cell.gain_std * gain[1:]), np.append(0.0, sphere.radius_std * bend[1:])
+    K = draws[:, 0] * sphere.radius
+    E = 0.75 * (1 - sphere.poisson_ratio**2) * K
+    w = np.maximum(draws[:, 1 : series.physical], 0.0) ** 2 / (6 * np.pi * K[:, None])
+    E, w = E * (1 + gain) * (1 + bend), w * ((1 + gain) * (1 - bend))[:, None]
+    zero = draws[:, -1] if series.zero_std else np.zeros(2)
+    varies = np.ptp(E) > 0 and np.ptp(w[:, 0]) > 0
     fitted = series.terms(series.radius) @ fit.parameters
     rest = series.load - fitted
     columns = {"load_N": series.load, "radius_m": series.radius, "branch": branch, "fitted_N": fitted}
     return JkrCalibration(
-        young_modulus=estimates.modulus,
-        work_of_adhesion=estimates.work[0],
-        work_of_adhesion_unloading=estimates.work[1] if len(estimates.work) > 1 else None,
-        correlation=estimates.correlation,
-        load_zero=estimates.load_zero,
-        load_zero_seen=estimates.zero_seen,
+        young_modulus=_from_draws(E),
+        work_of_adhesion=_from_draws(w[:, 0]),
+        work_of_adhesion_unloading=_from_draws(w[:, 1]) if w.shape[1] > 1 else None,
+        correlation=float(stats.spearmanr(E, w[:, 0]).statistic) if varies else 0.0,
+        load_zero=_from_draws(zero) if series.zero_std else None,
+        load_zero_seen=bool(min((zero <= 0).mean(), (zero >= 0).mean()) < FALSE_ALARM_RATE / 2),
         departure=departure,
-        rival="" if rival is None else rival[0],
-        drift=estimates.drift,
+        rival="",
+        drift=_from_draws(draws[:, series.physical]) if departure in (ZERO_DRIFT, GAIN_DRIFT) else None,
         load_noise=float(np.sqrt(np.sum(rest[used] ** 2) / max(int(used.sum()) - len(fit.parameters), 1))),
         points=pd.DataFrame(columns | {"residual_N": rest, "used": used}),
-        problem=JkrProblem(series, used, sphere, cell, rival, doubt),
-        edge=edge,
+        sphere=sphere,
+        load_cell=cell,
     )
-
-
-Candidate = tuple[str, JkrSeries]
-
-
-@dataclass(frozen=True, eq=False)
-class JkrProblem:
-    """Record of the fit: fitted parameters, frames, sphere, load cell, and the rival with its probability."""
-
-    series: JkrSeries
-    used: Mask
-    sphere: SmoothSphere
-    cell: LoadCell
-    rival: Candidate | None
-    doubt: float
-
-
-@dataclass(frozen=True)
-class JkrEstimates:
-    """Modulus (Pa), works of adhesion of the branches (J/m^2), zero of the loads (N) and drift."""
-
-    modulus: CoverageEstimate
-    work: tuple[CoverageEstimate, ...]
-    load_zero: CoverageEstimate | None
-    zero_seen: bool
-    drift: CoverageEstimate | None
-    correlation: float
-
-    def widened(self, other: "JkrEstimates", doubt: float) -> "JkrEstimates":
-        """The estimates with the uncertainty that a rival of probability ``doubt`` adds."""
-
-        def wide(estimate: CoverageEstimate, rival: CoverageEstimate) -> CoverageEstimate:
-            return estimate.widened(np.sqrt(doubt) * abs(rival.value - estimate.value))
-
-        work = tuple(wide(one, other.work[min(k, len(other.work) - 1)]) for k, one in enumerate(self.work))
-        return replace(self, modulus=wide(self.modulus, other.modulus), work=work)
-
-    def change_to(self, other: "JkrEstimates") -> tuple[float, float]:
-        """Relative changes of modulus and adhesion."""
-        return (
-            other.modulus.value / self.modulus.value - 1,
-            other.work[0].value / max(self.work[0].value, np.finfo(float).tiny) - 1,
-        )
 
 
 def _series(
@@ -447,14 +447,7 @@ def _series(
         np.isfinite(P).all() and np.all(np.isfinite(a) & (a > 0)) and np.all(np.isfinite(std) & (std >= 0))
     ):
         raise InputError("loads must be finite, radii positive and their uncertainties not negative")
-    layer = sphere.thickness, sphere.poisson_ratio
-    return JkrSeries(P, a, std, cell.zero_std, *layer, np.ones((P.size, 1)), np.ones((P.size, 0)))
-
-
-def solve_series(series: JkrSeries, used: Mask, sphere: SmoothSphere) -> JkrEstimates:
-    """The estimates of a series, without what its gain and its sphere add."""
-    fit = series.part(used).fit()
-    return _estimates(series, fit, replace(sphere, radius_std=0.0), 0.0, drifts=False)
+    return JkrSeries(P, a, std, cell.zero_std, sphere, np.ones((P.size, 1)), np.ones((P.size, 0)))
 
 
 def _draws(fit: LinearFit) -> Values:
@@ -466,29 +459,6 @@ def _draws(fit: LinearFit) -> Values:
     freedom = max(fit.freedom, 1)
     draws = fit.parameters + normal * np.sqrt(freedom / rng.chisquare(freedom, DRAWS))[:, None]
     return draws[draws[:, 0] > 0]
-
-
-def _estimates(
-    series: JkrSeries, fit: LinearFit, sphere: SmoothSphere, gain_std: float, *, drifts: bool
-) -> JkrEstimates:
-    """The physical quantities from the draws of a fit."""
-    draws = np.vstack([fit.parameters, _draws(fit)])  # the first row is the estimate itself
-    gain, bend = np.random.default_rng(1).standard_normal((2, len(draws)))
-    gain, bend = np.append(0.0, gain_std * gain[1:]), np.append(0.0, sphere.radius_std * bend[1:])
-    K = draws[:, 0] * sphere.radius
-    E = 0.75 * (1 - sphere.poisson_ratio**2) * K
-    w = np.maximum(draws[:, 1 : series.physical], 0.0) ** 2 / (6 * np.pi * K[:, None])
-    E, w = E * (1 + gain) * (1 + bend), w * ((1 + gain) * (1 - bend))[:, None]
-    zero = draws[:, -1] if series.zero_std else np.zeros(2)
-    varies = np.ptp(E) > 0 and np.ptp(w[:, 0]) > 0
-    return JkrEstimates(
-        _from_draws(E),
-        tuple(_from_draws(column) for column in w.T),
-        _from_draws(zero) if series.zero_std else None,
-        bool(min((zero <= 0).mean(), (zero >= 0).mean()) < FALSE_ALARM_RATE / 2),
-        _from_draws(draws[:, series.physical]) if drifts else None,
-        float(stats.spearmanr(E, w[:, 0]).statistic) if varies else 0.0,
-    )
 
 
 def _from_draws(values: Values) -> CoverageEstimate:
@@ -511,40 +481,55 @@ def is_asked_for(
     return bool(stats.f.sf(gain, 1, freedom) < false_alarm_rate)
 
 
-def _with_departure(
+def _zero_asked(series: JkrSeries) -> float | None:
+    """The zero of the loads (N) that the frames ask for, by an F test at 1 %, although none is stated."""
+    free = replace(series, zero_std=1.0)
+    asked = not series.zero_std and is_asked_for(series, free)
+    return float(free.fit(prior=False).parameters[-1]) if asked else None
+
+
+def _layer_asked(series: JkrSeries) -> float | None:
+    """The thickness (m) of the layer that explains the frames where a half-space does not."""
+    if series.sphere.thickness is not None:
+        return None
+    thick = [float(series.radius.max()) / ratio for ratio in LAYER_RATIOS]
+    layers = [replace(series, sphere=replace(series.sphere, thickness=one)) for one in thick]
+    best = min(layers, key=lambda one: one.misfit())
+    asked = is_asked_for(series, best, more=1, false_alarm_rate=LAYER_FALSE_ALARM_RATE)
+    return best.sphere.thickness if asked else None
+
+
+def _departures(
     series: JkrSeries, branch: NDArray[np.str_], used: Mask
-) -> tuple[JkrSeries, str, Candidate | None, float]:
-    """The series with what its frames show, the name of that, the next best, and its probability."""
-    here, found = series.part(used), _departures(series, branch, used)
-    asked = [(name, one) for name, one in found if is_asked_for(here, one.part(used))]
-    asked.sort(key=lambda one: one[1].part(used).misfit())
-    if not asked:
-        return series, "", None, 0.0
-    (name, best), others = asked[0], asked[1:]
-    if not others:
-        return best, name, None, 0.0
-    misfits = [max(one.part(used).misfit(), EXACT) for one in (best, others[0][1])]
-    odds = float((misfits[0] / misfits[1]) ** (used.sum() / 2))  # likelihoods maximised over the noise
-    doubt = odds / (1 + odds)
-    return best, name, others[0] if doubt > NEGLIGIBLE_DOUBT else None, doubt
+) -> Sequence[tuple[str, JkrSeries, float]]:
+    """What the order of the loads shows: the likeliest departure, and the next if it is not unlikely.
 
-
-def ramp(count: int) -> Values:
-    """Time of each frame, from -1/2 to 1/2: a drift is its change over the series."""
-    return np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(count)
-
-
-def _departures(series: JkrSeries, branch: NDArray[np.str_], used: Mask) -> Iterator[Candidate]:
-    """Candidate departures that the order of the loads can show: loads that return to where they were."""
+    Each has its name, the series with it and its probability; loads that do not return to where they were
+    show none.
+    """
     apart = np.column_stack([branch == "loading", branch == "unloading"]).astype(float)
-    counts = apart[used].sum(axis=0)
+    counts, steps = apart[used].sum(axis=0), np.diff(series.load[used])
+    candidates: dict[str, JkrSeries] = {}
     if counts.min() >= 2 and counts.sum() == used.sum():
-        yield HYSTERESIS, replace(series, branches=apart)
-    steps = np.diff(series.load[used])
+        candidates[HYSTERESIS] = replace(series, branches=apart)
     if (steps > 0).any() and (steps < 0).any():
-        time = ramp(len(series.load))
-        yield ZERO_DRIFT, series.with_column(time)
-        yield GAIN_DRIFT, series.with_column(time * series.load)
+        time = np.linspace(-0.5, 0.5, len(series.load))  # a drift is its change over the series
+        candidates |= {
+            ZERO_DRIFT: series.with_column(time),
+            GAIN_DRIFT: series.with_column(time * series.load),
+        }
+    here = series.part(used)
+    asked = [
+        (max(one.part(used).misfit(), EXACT), name, one)
+        for name, one in candidates.items()
+        if is_asked_for(here, one.part(used))
+    ]
+    # likelihoods maximised over the noise
+    first, *others = sorted(asked, key=lambda one: one[0])[:2] or [(1.0, "", series)]
+    odds = (first[0] / others[0][0]) ** (used.sum() / 2) if others else 0.0
+    doubt = float(odds / (1 + odds))
+    found = [(first[1], first[2], 1 - doubt), *((name, one, doubt) for _, name, one in others)]
+    return found[: 1 + (doubt > NEGLIGIBLE_DOUBT)]
 
 
 def _without_outliers(series: JkrSeries) -> Mask:

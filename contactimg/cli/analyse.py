@@ -9,14 +9,13 @@ import click
 
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_results, progress, say
-from contactimg.timings import stage
 
 
 @shared.command()
 @shared.no_plausibility
 @shared.cluster
 def analyse(
-    runs: Annotated[tuple[shared.ExistingFolder, ...], "RUN [RUN ...]"] = (),
+    runs: Annotated[tuple[shared.ExistingFolder, ...], "RUN [RUN ...]"],
     *,
     output: shared.Output = None,
     calibration: shared.ExistingFile | None = None,
@@ -32,9 +31,6 @@ def analyse(
     confidence: Annotated[float, click.FloatRange(0, 1, min_open=True, max_open=True)] = 0.95,
     models: Annotated[bool, "--models/--no-models"] = True,
     smooth: shared.ExistingFolder | None = None,
-    smooth_stress_MPa: float | None = None,
-    smooth_stress_std_MPa: float = 0.0,
-    topography: shared.ExistingFile | None = None,
     workers: shared.Workers = None,
 ) -> None:
     """Analyse one or several RUNs (output folders of `process` or `predict`) together.
@@ -52,7 +48,6 @@ def analyse(
     Examples:
       contactimg analyse results
       contactimg analyse place_*/contactimg_out --calibration jkr/calibration.json -o analysis
-      contactimg analyse --topography profilometry.csv -o topography
 
     Parameters
     ----------
@@ -81,26 +76,17 @@ def analyse(
         Compare with the contact models, solved for the same surfaces and loads.
     smooth
         Output folder of `process` for a smooth lens; its shear stress is the one to compare with.
-    smooth_stress_MPa
-        Shear stress of a smooth contact, in MPa, instead of --smooth.
-    smooth_stress_std_MPa
-        Standard uncertainty of that stress, in MPa.
-    topography
-        CSV file with measured asperities: columns height_m, radius_m and, if known, height_std_m,
-        radius_std_m. Their statistics are added to the results.
     """
-    with stage("loading"):
-        import pandas as pd
+    from contactimg.files import PROVENANCE_FILE, main_tables
+    from contactimg.pipeline.analyse.analysis import (
+        AnalysisOptions,
+        analyse_places,
+        smooth_shear_stress,
+        write_analysis,
+    )
+    from contactimg.pipeline.analyse.places import count_solutions, differences, open_place, read_centre
+    from contactimg.prediction import COMPARED_MODELS
 
-        from contactimg.analysis.estimates import Estimate
-        from contactimg.files import PROVENANCE_FILE, main_tables, read_topography
-        from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places, smooth_shear_stress
-        from contactimg.pipeline.analyse.places import count_solutions, differences, open_place, read_centre
-        from contactimg.pipeline.analyse.results_table import write_analysis, write_results, write_topography
-        from contactimg.prediction import COMPARED_MODELS
-
-    if not runs and topography is None:
-        raise click.UsageError("Missing argument 'RUN': give the output folder of `contactimg process`.")
     settings = AnalysisOptions(
         annulus=annulus_mm * 1e-3,
         confidence=confidence,
@@ -113,37 +99,22 @@ def analyse(
         min_contacts=min_contacts,
         models=models,
     )
-    if smooth is not None and smooth_stress_MPa is not None:
-        raise click.UsageError("--smooth and --smooth-stress-MPa both give the stress; keep one of the two.")
     if smooth is not None:
         settings = replace(settings, smooth_stress=smooth_shear_stress(open_place(smooth), settings))
-    elif smooth_stress_MPa is not None:
-        stress, std = smooth_stress_MPa * 1e6, smooth_stress_std_MPa * 1e6
-        settings = replace(settings, smooth_stress=Estimate(stress, std, stress, stress))
     centre = None if calibration is None else read_centre(calibration)
     places = [open_place(run, centre_px=centre) for run in runs]
-    caps = None if topography is None else read_topography(topography)
-    tables = [path for run in runs for path in (*main_tables([Path(run)]), Path(run) / PROVENANCE_FILE)]
-    files = [Path(name) for name in (calibration, topography) if name is not None]
-    parent = runs[0] if runs else Path(str(topography)).parent
-    parts, notes = list[pd.DataFrame](), tuple[str, ...]()
+    inputs = [path for run in runs for path in (*main_tables([Path(run)]), Path(run) / PROVENANCE_FILE)]
     with shared.results_in(
         output,
-        parent,
-        inputs=[*tables, *files],
+        runs[0],
+        inputs=[*inputs, *([] if calibration is None else [Path(calibration)])],
         main_files=["results.csv"],
         then="report" if len(runs) == 1 else "",
     ) as out:
-        if places:
-            count = len(COMPARED_MODELS) * count_solutions(places) if settings.models else 0
-            with progress("solving models", count) as advance:
-                analysis = analyse_places(places, settings, workers=workers, advance=advance)
-            parts.append(write_analysis(analysis, out.folder, smooth_stress=settings.smooth_stress))
-            notes = analysis.notes
-        if caps is not None:
-            parts.append(write_topography(caps, out.folder, confidence=settings.confidence))
-        results = pd.concat(parts, ignore_index=True)
-        write_results(results, out.folder)
-        out.record["notes"] = [*differences(places), *notes]
-        echo_results(results, title=", ".join(runs) or str(topography))
-        say(*notes)
+        count = len(COMPARED_MODELS) * count_solutions(places) if models else 0
+        with progress("solving models", count) as advance:
+            analysis = analyse_places(places, settings, workers=workers, advance=advance)
+        results = write_analysis(analysis, out.folder, smooth_stress=settings.smooth_stress)
+        out.record["notes"] = [*differences(places), *analysis.notes]
+        echo_results(results, title=", ".join(runs))
+        say(*analysis.notes)

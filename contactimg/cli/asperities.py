@@ -8,7 +8,6 @@ import click
 from contactimg.cli import options as shared
 from contactimg.cli.printing import say
 from contactimg.errors import InputError
-from contactimg.timings import stage
 
 if TYPE_CHECKING:
     from contactimg.summits import FoundSummits
@@ -31,7 +30,7 @@ def asperities(
 
     MAP is a matrix of heights (.npy, or text with one line a row), a TIFF of one channel, or a file of an
     instrument (with the extra `maps`). NaN and empty cells are holes. Writes asperities.csv, which
-    [asperities] file in a scene and `analyse --topography` read; x and y count from the centre of the map.
+    [asperities] file in a scene reads; x and y count from the centre of the map.
 
     Exit codes: 0 done, 2 nothing done.
 
@@ -53,11 +52,10 @@ def asperities(
     depth
         How far down the sphere is fitted, as a share of the height of the summit.
     """
-    with stage("loading"):
-        from contactimg.files import write_table
-        from contactimg.files.height_maps import METRES, read_height_map
-        from contactimg.summits import SummitSearch, find_summits
-        from contactimg.tables import SUMMITS
+    from contactimg.files import write_table
+    from contactimg.files.height_maps import METRES, read_height_map
+    from contactimg.summits import SummitSearch, find_summits
+    from contactimg.tables import SUMMITS
 
     pixel = None if pixel_size_um is None else pixel_size_um * 1e-6
     unit = None if height_unit is None else METRES[height_unit]

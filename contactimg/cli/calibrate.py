@@ -8,7 +8,6 @@ import click
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_first_run, progress, say
 from contactimg.errors import InputError
-from contactimg.timings import stage
 
 if TYPE_CHECKING:
     from contactimg.calibration.coverage_estimate import CoverageEstimate
@@ -69,8 +68,7 @@ def jkr(folder: shared.ExistingFolder, **common: Any) -> int:
     Example:
       contactimg calibrate jkr sample_data/smooth_jkr -o jkr
     """
-    with stage("loading"):
-        from contactimg.pipeline.calibrate.jkr import run_jkr
+    from contactimg.pipeline.calibrate.jkr import run_jkr
 
     return _calibrate("jkr", folder, run_jkr, pulled=True, **common)
 
@@ -89,9 +87,8 @@ def threshold(folder: shared.ExistingFolder, *, stated: shared.Stated, jkr: Jkr 
     Example:
       contactimg calibrate threshold sample_data/sa_plus --young-modulus-MPa 3 -o threshold
     """
-    with stage("loading"):
-        from contactimg.files import read_calibration
-        from contactimg.pipeline.calibrate.thresholds import run_threshold
+    from contactimg.files import read_calibration
+    from contactimg.pipeline.calibrate.thresholds import run_threshold
 
     record = read_calibration(jkr) if jkr else {}
     return _calibrate(
@@ -135,9 +132,8 @@ def modulus(
     threshold
         Threshold as a fraction of the contrast, from 0 to 1.
     """
-    with stage("loading"):
-        from contactimg.files import read_calibration
-        from contactimg.pipeline.calibrate.thresholds import run_modulus
+    from contactimg.files import read_calibration
+    from contactimg.pipeline.calibrate.thresholds import run_modulus
 
     record = read_calibration(calibration) if calibration else {}
 
@@ -169,8 +165,7 @@ def plateau(folder: shared.ExistingFolder, **common: Any) -> int:
     Example:
       contactimg calibrate plateau sample_data/ra_plus
     """
-    with stage("loading"):
-        from contactimg.pipeline.calibrate.thresholds import run_plateau
+    from contactimg.pipeline.calibrate.thresholds import run_plateau
 
     return _calibrate("plateau", folder, run_plateau, **common)
 
@@ -193,10 +188,9 @@ def _calibrate(
     ``used`` holds the earlier results that it builds on, for the provenance; the calibration ``other_frames``
     must not have used the same ones.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_of_folder
-        from contactimg.files import open_experiment, shares_frames
-        from contactimg.pipeline.calibrate.result import write_calibration
+    from contactimg.cli.scenes import scene_of_folder
+    from contactimg.files import open_experiment, shares_frames
+    from contactimg.pipeline.calibrate.result import write_calibration
 
     experiment = open_experiment(scene_of_folder(folder, stated, scene_file=scene), pulled=pulled)
     echo_first_run()
@@ -227,23 +221,7 @@ def _echo(result: "Calibrated", *, title: str) -> None:
             factor, unit = display_unit(entry["value"], entry["unit"])
             numbers = f"{entry['value'] * factor:.6g} ± {entry['std'] * factor:.2g}"
             say(f"  {name:26} {numbers} {unit}".rstrip())
-    _echo_uncertainties(result)
     say(*(f"  {note}" for note in result.notes))
-
-
-def _echo_uncertainties(result: "Calibrated") -> None:
-    """Print what each source of error does to the result, where the calibration knows."""
-    if "uncertainties.csv" not in result.tables:
-        return
-    _, table = result.tables["uncertainties.csv"]
-    say(f"  {'what may be off':38} {'by':>12}   {'E':>8} {'w':>8}")
-    for row in table.to_dict("records"):
-        size = (
-            f"{row['size']:.2g} {row['unit']}" if row["unit"] in ("N", "m") else f"{100 * row['size']:.2g} %"
-        )
-        size = "" if row["unit"] == "std" else size
-        changes = " ".join(f"{100 * row[name]:+7.2f}%" for name in ("young_modulus", "work_of_adhesion"))
-        say(f"  {row['source']:38} {size:>12}   {changes} {row['state']}")
 
 
 def _with_modulus(stated: shared.Stated, jkr: str | None) -> shared.Stated:

@@ -11,7 +11,6 @@ import click
 from contactimg.cli import options as shared
 from contactimg.cli.printing import say
 from contactimg.errors import InputError
-from contactimg.timings import stage
 
 QUESTIONS = (
     shared.SceneOption("--pixel-size-um", "camera", "pixel_size_m", default=""),
@@ -59,10 +58,9 @@ def init(
     force
         Replace a scene.toml that is there.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import plausible
-        from contactimg.files import SCENE_FILE, open_experiment, write_text
-        from contactimg.scene import scene_from_dict
+    from contactimg.cli.scenes import plausible
+    from contactimg.files import SCENE_FILE, open_experiment, write_text
+    from contactimg.scene import scene_from_dict
 
     path = Path(folder) / SCENE_FILE
     if path.exists() and not force:

@@ -1,12 +1,11 @@
 """Commands on a scene alone: `predict`, `simulate`, `effects` and `tradeoff`; `selftest` of the models."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import click
 
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, progress, say
-from contactimg.errors import InputError
 from contactimg.timings import stage
 
 # --- predict
@@ -34,7 +33,6 @@ def predict(
     output: shared.Output = None,
     model: Literal["interacting", "gw", "gt"] = "interacting",
     coupling: Literal["auto", "none", "asymptotic", "hertz", "full"] = "auto",
-    patterns: shared.Count | None = None,
     annulus_mm: shared.Annulus = 0.25,
     workers: shared.OneWorker = 1,
 ) -> int:
@@ -53,7 +51,6 @@ def predict(
       contactimg predict sample_data/sa_plus --load-N 0.5 --model gt -o averages
       contactimg predict sample_data/sa_plus --load-N 0.5 --tolerance 0.05 -o quick
       contactimg predict sample_data/ra_plus --touching-load -o limit
-      contactimg predict ensemble --load-N 0.05 --patterns 8000 --workers 4 -o average
 
     Parameters
     ----------
@@ -70,18 +67,12 @@ def predict(
     coupling
         Elastic coupling between the asperities. auto: as the plan of the effects decides. Any other level:
         the paper's model with this coupling; other effects only where the scene switches them on.
-    patterns
-        Average over this many random patterns like the one that [asperities] generates. A run that is ended
-        goes on when it is started again.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_at
-        from contactimg.files import RUN_TABLES
-        from contactimg.pipeline import predict as pipeline
-        from contactimg.tables import FAILED
+    from contactimg.cli.scenes import scene_at
+    from contactimg.files import RUN_TABLES
+    from contactimg.pipeline import predict as pipeline
+    from contactimg.tables import FAILED
 
-    if patterns is not None and model != "interacting":
-        raise InputError(f'model "{model}" is an average over patterns itself; leave out --patterns')
     described, inputs = scene_at(scene, stated)
     relative = stated.get("tolerance", {}).get("relative")
     touching = {}
@@ -92,22 +83,22 @@ def predict(
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
     stages = [displacement / 1e6 for displacement in displacements_um]
     prescribed = pipeline.prescriptions(described, loads, stages)
-    how: dict[str, Any] = {"coupling": coupling, "annulus": annulus_mm * 1e-3}
-    how |= {"relative": relative, "workers": workers}
     with shared.results_in(
         output, described.folder, scene=described, inputs=inputs, main_files=RUN_TABLES
     ) as out:
-        if patterns is None:
-            predictions = pipeline.predict_loads(described, prescribed, model=model, **how)
-        else:
-            with progress("solving patterns", patterns) as advance:
-                how |= {"store": out.part_store(), "advance": advance}
-                predictions = pipeline.predict_ensemble(described, prescribed, patterns=patterns, **how)
+        predictions = pipeline.predict_loads(
+            described,
+            prescribed,
+            model=model,
+            coupling=coupling,
+            annulus=annulus_mm * 1e-3,
+            relative=relative,
+            workers=workers,
+        )
         frames, record = pipeline.write_predictions(predictions, described, out.folder)
         out.record |= record | touching
         level = f", coupling {coupling}" if model == "interacting" else ""
-        many = f", {patterns:,} patterns" if patterns else ""
-        echo_frames(frames, title=f"{scene}, model {model}{level}{many}")
+        echo_frames(frames, title=f"{scene}, model {model}{level}")
         planned = [one for one in predictions if one.plan is not None]
         say(*(pipeline.choice_sentence(one, relative=relative) for one in planned))
     return int((frames["status"] == FAILED).any())
@@ -152,32 +143,31 @@ def simulate(
         Render an effect of optics or sensor only if leaving it out would change a requested output by more
         than allowed, instead of all that [simulate] states.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_at
-        from contactimg.pipeline.inputs import need_asperities
-        from contactimg.pipeline.simulate import plan_simulation, write_simulation
-        from contactimg.prediction import load_name
+    from contactimg.cli.scenes import scene_at
+    from contactimg.pipeline.inputs import need_asperities
+    from contactimg.pipeline.simulate import plan_simulation, write_simulation
+    from contactimg.prediction import load_name
 
     described, inputs = scene_at(scene, {})
     smooth = described.asperities is None
     asperities = None if smooth else need_asperities(described, "simulating frames")
     count = 1 + len(described.need("simulate", "simulating frames").loads)
-    planned = plan_simulation(described, asperities, optics=optics)
+    planned, plans = plan_simulation(described, asperities, optics=optics)
     main_files = ["truth.csv", "scene.toml"]
     with shared.results_in(
         output, described.folder, scene=described, inputs=inputs, main_files=main_files
     ) as out:
-        out.record["plans"] = {load_name(plan.load): plan.record for plan in planned.plans}
-        out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in planned.plans}
-        switches = planned.scene.effects.switches()
+        out.record["plans"] = {load_name(plan.load): plan.record for plan in plans}
+        out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in plans}
+        switches = planned.effects.switches()
         out.record["effects"] = switches
         with progress("making frames", count) as advance:
-            write_simulation(planned.scene, asperities, out.folder, workers=workers, advance=advance)
+            write_simulation(planned, asperities, out.folder, workers=workers, advance=advance)
         shown, left_out = ([one for one, switch in switches.items() if switch == on] for on in ("on", "off"))
         sensor = {"shot_noise", "read_noise", "quantisation"} <= set(left_out)
         ideal = "; the frames are floating-point numbers without noise" if sensor else ""
         said = f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}{ideal}"
-        say(*(plan.sentence() for plan in planned.plans), said)
+        say(*(plan.sentence() for plan in plans), said)
         say(f"{count - 1} frames and the true contacts")
 
 
@@ -202,9 +192,8 @@ def effects(
 
     Prints for each effect of the mechanics, the optics and the sensor: the number that decides, whether it is
     computed, the relative change of the output if it were left out, and the computing time with it over that
-    without it; then the times of the plan and of solutions as planned and with everything on. All effects
-    that are left out change the output together by less than the tolerance. Effects that the section
-    [effects] of the scene switches "on" or "off" stay so, unless --auto.
+    without it. All effects that are left out change the output together by less than the tolerance. Effects
+    that the section [effects] of the scene switches "on" or "off" stay so, unless --auto.
 
     Writes nothing, unless -o names a folder: then effects.csv and provenance.json.
 
@@ -222,19 +211,17 @@ def effects(
     folder
         Folder for effects.csv; without it nothing is written.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_at
-        from contactimg.files import write_table
-        from contactimg.pipeline.effects import computing_times, plan_effects
-        from contactimg.scene import Effects
-        from contactimg.tables import EFFECTS
+    from contactimg.cli.scenes import scene_at
+    from contactimg.files import write_table
+    from contactimg.pipeline.predict import plan_effects
+    from contactimg.scene import Effects
+    from contactimg.tables import EFFECTS
 
     described, inputs = scene_at(scene, stated)
     if auto:
         described = described.model_copy(update={"effects": Effects()})
     plan = plan_effects(described, load=load)
     echo_plan(plan, title=f"{scene} at {plan.load:g} N: {plan.output} to {100 * plan.relative:g} %")
-    say(computing_times(described, plan))
     if folder is not None:
         with shared.results_in(folder, described.folder, scene=described, inputs=inputs) as out:
             write_table(plan.table(), EFFECTS, out.folder / "effects.csv")
@@ -242,7 +229,7 @@ def effects(
 
 # --- tradeoff
 
-Knob = Literal["image", "model", "solver", "sums", "rings", "patterns", "supersampling"]
+Knob = Literal["image", "model", "solver", "rings", "patterns", "supersampling"]
 
 
 @shared.command()
@@ -259,15 +246,13 @@ def tradeoff(
     output: shared.Output = None,
     load: shared.Load = None,
     knobs: Annotated[tuple[Knob, ...], "--knob"] = (),
-    fine: bool = False,
 ) -> None:
     """Measure how much computing time accuracy costs for SCENE, a scene.toml or the folder that holds one.
 
     Each choice is run with several settings, in turn, and the results are compared with a converged one. The
-    choices are: image (method that measures a frame), model (contact model), solver (its tolerance), sums
-    (accuracy of sums over many contacts), rings (of the Greenwood-Tripp model), patterns (number of random
-    surfaces that are averaged), supersampling (of rendered frames). The result that must be accurate is
-    "output" in the section [tolerance] of the scene.
+    choices are: image (method that measures a frame), model (contact model), solver (its tolerance), rings
+    (of the Greenwood-Tripp model), patterns (number of random surfaces that are averaged), supersampling (of
+    rendered frames). The result that must be accurate is "output" in the section [tolerance] of the scene.
 
     Writes tradeoff.csv (one row per setting: error and time), tradeoff.png (.svg, .pdf) and provenance.json.
 
@@ -282,23 +267,20 @@ def tradeoff(
     ----------
     knobs
         Measure only this choice; repeat the option for more.  [default: all that apply to the scene]
-    fine
-        Measure slow settings too (takes minutes).
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_at
-        from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff, write_tradeoff
-        from contactimg.tradeoff.measure import run_knobs
+    from contactimg.cli.scenes import scene_at
+    from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff, write_tradeoff
+    from contactimg.tradeoff.measure import run_knobs
 
     described, inputs = scene_at(scene, stated)
-    chosen, left_out = prepare_tradeoff(described, load=load, knobs=knobs, fine=fine)
+    chosen, left_out = prepare_tradeoff(described, load=load, knobs=knobs)
     with shared.results_in(output, described.folder, scene=described, inputs=inputs) as out:
         count = sum(len(knob.settings) for knob in chosen)
         with progress("measuring settings", count) as advance, stage("settings"):
             result = run_knobs(
                 chosen,
                 relative=described.tolerance.relative,
-                seconds=REPETITION_SECONDS[fine],
+                seconds=REPETITION_SECONDS,
                 left_out=left_out,
                 advance=advance,
             )
@@ -328,8 +310,7 @@ def selftest() -> int:
     Example:
       contactimg selftest
     """
-    with stage("loading"):
-        from contactimg.hard_cases import CASES, run_cases
+    from contactimg.hard_cases import CASES, run_cases
 
     with progress("solving", len(CASES)) as advance:
         table = run_cases(CASES, advance)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_
 import click
 
 from contactimg.cli.printing import QUIET, echo_timings, say
-from contactimg.timings import collect, stage
+from contactimg.timings import collect
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -200,8 +200,8 @@ def verbose(_context: click.Context, _value: Any) -> None:
 )
 def no_plausibility(context: click.Context, _value: Any) -> None:
     """Refuse no doubtful value."""
-    with stage("loading"):
-        from contactimg.plausibility import doubts_as_warnings
+    from contactimg.plausibility import doubts_as_warnings
+
     context.with_resource(doubts_as_warnings())
 
 
@@ -213,8 +213,8 @@ def no_plausibility(context: click.Context, _value: Any) -> None:
 )
 def cluster(context: click.Context, address: str) -> None:
     """Let a cluster take the calls."""
-    with stage("loading"):
-        from contactimg.engine.cluster import on_cluster
+    from contactimg.engine.cluster import on_cluster
+
     context.with_resource(on_cluster(address))
 
 
@@ -268,8 +268,7 @@ def results_in(
     then : str
         The command that usually follows, for the run that is written or read.
     """
-    with stage("loading"):
-        from contactimg.files import OutputFolder, provenance
+    from contactimg.files import OutputFolder, provenance
 
     options = options_given() if options is None else options
     record = provenance(command=command_line(), scene=scene, options=options, inputs=inputs)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from contactimg.timings import Timings, stage
+from contactimg.timings import Timings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,11 +42,10 @@ def say(*sentences: str) -> None:
 @contextmanager
 def progress(text: str, total: int) -> Iterator[Callable[[], None]]:
     """Show a progress bar on standard error; call what it yields once per item."""
-    with stage("loading"):
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-        from contactimg.compiled import telling_compilations
+    from contactimg.compiled import telling_compilations
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=is_quiet() or not total) as bar:
@@ -61,9 +60,9 @@ def progress(text: str, total: int) -> Iterator[Callable[[], None]]:
 
 def echo_first_run() -> None:
     """Say on standard error that the first run compiles."""
-    with stage("loading"):
-        import contactimg.imaging.measure  # noqa: F401 - declares its compiled functions
-        from contactimg.compiled import is_stored
+    import contactimg.imaging.measure  # noqa: F401 - declares its compiled functions
+    from contactimg.compiled import is_stored
+
     if not is_quiet() and not is_stored("contactimg.imaging"):
         click.echo("first run: compiling the numerical code, once; this takes about a minute", err=True)
 
@@ -219,10 +218,9 @@ def echo_table(title: str, rows: Sequence[Cells], *, left: int, stderr: bool = F
     """Print a table without its empty columns; the first ``left`` columns are text, the others numbers."""
     if is_quiet() and not stderr:
         return
-    with stage("loading"):
-        from rich import box
-        from rich.console import Console
-        from rich.table import Table
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
 
     table = Table(
         title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import click
 
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_first_run, echo_frames, progress, say
+from contactimg.cli.printing import echo_first_run, echo_frames, echo_table, progress, say
 from contactimg.errors import InputError
-from contactimg.timings import stage
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,7 +46,6 @@ def process(
     output: shared.Output = None,
     calibration: shared.Existing | None = None,
     pictures: Annotated[bool, "--pictures/--no-pictures"] = True,
-    numbers: Annotated[bool, "--numbers/--no-numbers"] = False,
     table_format: Annotated[Literal["csv", "parquet"], "--format"] = "csv",
     workers: shared.Workers = None,
 ) -> int:
@@ -79,22 +77,19 @@ def process(
         Take modulus, threshold and edge from this calibration.json (or its folder) of `calibrate`.
     pictures
         Draw the contacts on each frame, in the folder overlays.
-    numbers
-        Write the label of each contact beside it on the pictures.
     table_format
         Format of the tables. parquet: smaller and faster for long series; needs pyarrow.
     """
     if "relative" in stated.get("tolerance", {}) and "method" in stated.get("measure", {}):
         raise click.UsageError("--tolerance chooses the method, --method names it; give only one of the two.")
-    with stage("loading"):
-        from contactimg import files
-        from contactimg.cli.scenes import describe_use, scene_of_folder
-        from contactimg.pipeline.measured_series import write_run
-        from contactimg.pipeline.pictures import draw_overlays
-        from contactimg.pipeline.series import measure_parts
-        from contactimg.plausibility import doubts_about_run, warn_of
-        from contactimg.pose.apex import STATED
-        from contactimg.tables import NO_RESULT, Status
+    from contactimg import files
+    from contactimg.cli.scenes import describe_use, scene_of_folder
+    from contactimg.pipeline.measured_series import write_run
+    from contactimg.pipeline.pictures import draw_overlays
+    from contactimg.pipeline.series import measure_parts
+    from contactimg.plausibility import doubts_about_run, warn_of
+    from contactimg.pose.apex import STATED
+    from contactimg.tables import NO_RESULT, Status
 
     def measure(folder: str, output: str | Path | None) -> int:
         """Measure the frames of one folder; return the exit code."""
@@ -126,9 +121,7 @@ def process(
             if pictures:
                 overlays = out.folder / "overlays"
                 with progress("drawing overlays", count) as advance:
-                    draw_overlays(
-                        series, experiment, overlays, workers=workers, numbers=numbers, advance=advance
-                    )
+                    draw_overlays(series, experiment, overlays, workers=workers, advance=advance)
             counts = {str(action): int(n) for action, n in experiment.edits["action"].value_counts().items()}
             out.record |= facts | ({"edits": counts} if counts else {})
             method = described.measure.method if relative is None else f"chosen for {100 * relative:g} %"
@@ -243,13 +236,12 @@ def check(
     seed
         Of the random radii and places.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_of_folder
-        from contactimg.files import open_experiment, write_figures, write_table
-        from contactimg.pipeline.check import check_experiment
-        from contactimg.plots import caption_of
-        from contactimg.plots.check import plot_check
-        from contactimg.tables import CHECK, DRAWN
+    from contactimg.cli.scenes import scene_of_folder
+    from contactimg.files import open_experiment, write_figures, write_table
+    from contactimg.pipeline.check import check_experiment
+    from contactimg.plots import caption_of
+    from contactimg.plots.check import plot_check
+    from contactimg.tables import CHECK, DRAWN
 
     experiment = open_experiment(scene_of_folder(folder, stated, scene_file=scene))
     echo_first_run()
@@ -268,13 +260,19 @@ def check(
             plot_check(result.drawn, result.classes), out.folder, "check", caption=caption_of("check")
         )
         out.record["sentence"] = result.sentence
-        say("    radius, px  drawn  found  bias, px  rms, px  1 std  2 std")
-        for row in result.classes.to_dict("records"):
-            share, one, two = (100 * row[name] for name in ("completeness", "within_1_std", "within_2_std"))
-            say(
-                f"  {row['low_px']:5.2f} -{row['high_px']:5.2f} {row['drawn']:6d} {share:5.0f}% "
-                f"{row['bias_px']:+9.3f} {row['rms_px']:8.3f} {one:5.0f}% {two:5.0f}%"
-            )
+        columns = {
+            "low_px": ":.2f",
+            "high_px": ":.2f",
+            "drawn": "",
+            "completeness": ":.0%",
+            "bias_px": ":+.3f",
+        }
+        columns |= {"rms_px": ":.3f", "within_1_std": ":.0%", "within_2_std": ":.0%"}
+        rows = [
+            {name: f"{{{form}}}".format(row[name]) for name, form in columns.items()}
+            for row in result.classes.to_dict("records")
+        ]
+        echo_table(f"{folder}, contacts drawn", rows, left=0)
         say(result.sentence)
         say(*(f"{row.frame}: not checked, {row.message}" for row in result.failed.itertuples()))
     return 1 if len(result.failed) else 0

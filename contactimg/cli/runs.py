@@ -7,7 +7,6 @@ import click
 
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_scores, progress, say
-from contactimg.timings import stage
 
 
 @shared.command()
@@ -41,13 +40,12 @@ def overlay(
         Smallest contact radius that counts, in pixels: smaller predicted contacts need not be found on the
         frame.
     """
-    with stage("loading"):
-        from contactimg.cli.scenes import plausible
-        from contactimg.files import main_tables, open_experiment, read_run
-        from contactimg.pipeline.inputs import need_asperities
-        from contactimg.pipeline.measured_series import shown_apex
-        from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
-        from contactimg.plausibility import doubts_about_match, mean_spacing, settle
+    from contactimg.cli.scenes import plausible
+    from contactimg.files import main_tables, open_experiment, read_run
+    from contactimg.pipeline.inputs import need_asperities
+    from contactimg.pipeline.measured_series import shown_apex
+    from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
+    from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 
     measured = read_run(run)
     measured.need_pose()
@@ -114,9 +112,8 @@ def report(
     max_pictures
         Largest number of frames to show; of a longer series, evenly spaced ones.
     """
-    with stage("loading"):
-        from contactimg.files import remove_leftovers, write_text
-        from contactimg.report import build_report
+    from contactimg.files import remove_leftovers, write_text
+    from contactimg.report import build_report
 
     target = Path(output) if output is not None else Path(run) / "report.html"
     remove_leftovers(target)
@@ -155,13 +152,12 @@ def review(
     origin
         Scheme and host of a proxy through which the page is opened: https://hub.example.org.
     """
-    with stage("loading"):
-        import webbrowser
-        from contextlib import closing
-        from threading import Thread
+    import webbrowser
+    from contextlib import closing
+    from threading import Thread
 
-        from contactimg.errors import InputError
-        from contactimg.review import ReviewServer, Session
+    from contactimg.errors import InputError
+    from contactimg.review import ReviewServer, Session
 
     with closing(Session(Path(run), workers=workers)) as session:
         try:
@@ -218,9 +214,8 @@ def export(
     units
         Lengths and areas of the workbook; forces are in mN, with m in N.
     """
-    with stage("loading"):
-        from contactimg.files import main_tables, read_run
-        from contactimg.pipeline.export import export_run
+    from contactimg.files import main_tables, read_run
+    from contactimg.pipeline.export import export_run
 
     chosen = {"fiji": fiji, "napari": napari, "labels": labels, "xlsx": xlsx}
     formats = tuple(name for name, on in chosen.items() if on) or tuple(chosen)
@@ -274,13 +269,12 @@ def import_rois(
     author
         For the column author.
     """
-    with stage("loading"):
-        from datetime import UTC, datetime
+    from datetime import UTC, datetime
 
-        import pandas as pd
+    import pandas as pd
 
-        from contactimg.files import edits_file, read_edits, read_run, write_edits
-        from contactimg.pipeline.export import edits_from_regions
+    from contactimg.files import edits_file, read_edits, read_run, write_edits
+    from contactimg.pipeline.export import edits_from_regions
 
     source = read_run(run)
     time = datetime.now(UTC).isoformat(timespec="seconds")

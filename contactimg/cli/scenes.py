@@ -166,7 +166,7 @@ def apply_calibration(data: Stated, record: Mapping[str, Any], *, sets_method: b
         measure["threshold_std"] = record["threshold"].get("std") or 0.0
         correlation = record.get("correlation", {}).get("threshold, young_modulus")
         measure["threshold_modulus_correlation"] = correlation or 0.0
-        if sets_method and record.get("method") != "disk":
+        if sets_method:
             measure.setdefault("method", "threshold")
     if "edge_shift" in record:
         measure["edge_shift_px"] = record["edge_shift"]["value"]
@@ -182,7 +182,7 @@ def refuse_idle(data: Stated, record: Mapping[str, Any], path: str, method: str 
         If it can act on nothing.
     """
     chosen = method or data.get("measure", {}).get("method", "disk")
-    if record.get("kind") in ("threshold", "plateau") and record.get("method") != "disk" and chosen == "disk":
+    if record.get("kind") in ("threshold", "plateau") and chosen == "disk":
         raise InputError(
             f'{path}: a threshold acts on the method "threshold" only, and the method here is "disk"; take '
             "--method threshold, or a calibration of the modulus"

@@ -99,6 +99,15 @@ def coupling_level(*, coupling: bool, full_coupling: bool) -> Level:
     return "full" if full_coupling else "asymptotic"
 
 
+def refuse_profile(scene: Scene, purpose: str) -> None:
+    """Refuse asperities of a stated profile for what is defined for caps."""
+    if scene.asperities is not None and scene.asperities.profiled:
+        raise InputError(
+            f"[asperities] states a profile, and {purpose} takes caps; leave out one of the two (of the "
+            "profile profile_exponent, profile_width_m, profile_drop_m and profile_points_m)"
+        )
+
+
 def solve_scene(
     scene: Scene,
     asperities: pd.DataFrame,
@@ -122,11 +131,8 @@ def solve_scene(
     effects = scene.effects
     solve: Callable[..., InteractingSolution] = partial(solve_interacting, start=start)
     profile = stated_profile(scene)
-    if profile is not None and "on" in (effects.adhesion, effects.sphere_profile):
-        raise InputError(
-            "[asperities] states a profile, for which neither adhesion nor the sphere's law is defined; "
-            'set [effects] adhesion = "off", sphere_profile = "off"'
-        )
+    if "on" in (effects.adhesion, effects.sphere_profile):
+        refuse_profile(scene, '[effects] adhesion or sphere_profile = "on"')
     if effects.adhesion == "on":
         if coupling not in ADHESIVE_COUPLINGS:
             raise InputError(

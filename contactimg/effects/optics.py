@@ -6,7 +6,9 @@ holds the most, cropped to them.
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -14,7 +16,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.effects.output_change import OUTPUTS, POWER, EffectEstimate
-from contactimg.imaging.measure import measure_image
+from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
+from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.optics.film import Light, thick_transmission, transmission
 from contactimg.optics.render_settings import PARAMETER, lamp, read_render_settings
 from contactimg.optics.sensor import digitise
@@ -58,9 +61,42 @@ MARGIN_PX = 30.0
 FILM_CONTRAST_FACTOR = 2.0
 """The film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
 
+SHARP_BLUR_PX = 1e-3
+"""Blur of a frame that is known to have none: small against the width of the pixel. Chosen: any value well
+below 0.3 px, the standard deviation of a pixel, gives the same edge."""
+
 NO_FILM = "no film:"
 
 SEED = 20150203
+
+
+def measuring(
+    scene: Scene, full_scale: float | None, optics: SharedOptics | None = None
+) -> Callable[..., ImageMeasurement]:
+    """`contactimg.imaging.measure.measure_image` as a scene says: method, polarity, optics and corrections.
+
+    Every command measures frames this way: a number calibrated on frames applies only to frames that were
+    measured alike. Under "auto" a correction is on; an effect that is "off" is not corrected: shift, dust,
+    saturated pixels, blur (the fit then assumes a sharp edge). Vignetting, drift of the light, noise,
+    quantisation and rough edges are always measured or divided out.
+
+    ``full_scale`` is that of a frame (grey levels), ``optics`` what other frames tell of it.
+    """
+    measure, own = scene.measure, optics or SharedOptics()
+    sharp = SHARP_BLUR_PX if scene.effects.blur == "off" else None
+    return partial(
+        measure_image,
+        method=measure.method,
+        polarity=scene.images.polarity,
+        threshold=measure.threshold,
+        threshold_std=measure.threshold_std,
+        full_scale=np.inf if scene.effects.saturation == "off" else full_scale,
+        blur_px=sharp if measure.blur_px is None else measure.blur_px,
+        optics=own.with_edge(measure.edge_shift_px, measure.edge_shift_std_px),
+        shape=measure.shape,
+        absent=scene.effects.switched_off(*CORRECTIONS),
+        linearity=scene.camera.linearity if scene.camera else LINEARITY,
+    )
 
 
 def film_strength(light: Light) -> float:
@@ -221,17 +257,12 @@ class Camera:
         if shown in self.radii:
             return self.radii[shown]
         frame, reference = self.light(shown)
-        options, found = self.scene.measure, []
+        full_scale = 2.0**self.simulate.bit_depth - 1 if "saturation" in shown else None
+        measure, found = measuring(self.scene, full_scale), []
         x, y, a = (self.part.contacts[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
         for noise in self.noise:
-            disks = measure_image(
-                self.record(frame, shown, noise[:2]),
-                self.record(reference, shown, noise[2:]),
-                method=options.method,
-                polarity=self.scene.images.polarity,
-                threshold=options.threshold,
-                full_scale=2.0**self.simulate.bit_depth - 1 if "saturation" in shown else None,
-                blur_px=options.blur_px,
+            disks = measure(
+                self.record(frame, shown, noise[:2]), self.record(reference, shown, noise[2:])
             ).disks
             at_x, at_y, radius = (disks[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
             outside = np.hypot(at_x[:, None] - x, at_y[:, None] - y) - a

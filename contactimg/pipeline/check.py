@@ -9,7 +9,6 @@ uncertainties hold, is known from that by their radius.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -17,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from contactimg.errors import InputError
+from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
 from contactimg.imaging.fit.edge_scores import Placement
@@ -61,51 +60,16 @@ class MeasurementCheck:
         One row a drawn contact, columns of `contactimg.tables.DRAWN`.
     classes : DataFrame
         One row a class of radii, columns of `contactimg.tables.CHECK`.
-    stated_px : float
-        Median of the detection limits that the frames state, px.
+    sentence : str
+        What they say.
     failed : DataFrame
         frame and message of those that could not be checked.
     """
 
     drawn: pd.DataFrame
     classes: pd.DataFrame
-    stated_px: float
+    sentence: str
     failed: pd.DataFrame
-
-    @property
-    def half_px(self) -> float:
-        """Radius of which half of the drawn contacts are found, px; NaN if the classes do not show it."""
-        share, radius = self.classes["completeness"].to_numpy(), self.classes["radius_px"].to_numpy()
-        below = np.flatnonzero(share < 0.5)
-        if not len(below) or below[-1] + 1 == len(share):
-            return float("nan")
-        k = below[-1]
-        part = (0.5 - share[k]) / (share[k + 1] - share[k])
-        return float(np.exp(np.log(radius[k]) + part * np.log(radius[k + 1] / radius[k])))
-
-    @property
-    def sentence(self) -> str:
-        """What the check says, in one sentence."""
-        classes = self.classes
-        poor = np.flatnonzero(classes["completeness"].to_numpy() < FOUND)
-        first = int(poor[-1]) + 1 if len(poor) else 0
-        if first == len(classes):
-            return f"fewer than {100 * FOUND:.0f} % of the drawn contacts are found, whatever their radius"
-        seen = self.drawn[
-            (self.drawn["found"] == 1) & (self.drawn["radius_px"] > classes["low_px"].iloc[first])
-        ]
-        error = seen["measured_px"] - seen["radius_px"]
-        covered = [100 * float(np.mean(np.abs(error) <= n * seen["measured_std_px"])) for n in (1, 2)]
-        low, among = classes["low_px"].iloc[first], classes["drawn"].iloc[first:].sum()
-        bias, std = np.mean(error), np.std(error) / np.sqrt(max(len(seen), 1))
-        half = f"; half of those of {self.half_px:.2g} px are found, the frames state {self.stated_px:.2g} px"
-        half = "" if np.isnan(self.half_px) else half
-        return (
-            f"of {len(self.drawn)} contacts drawn into the frames, {100 * len(seen) / among:.0f} % of those "
-            f"above {low:.2g} px in radius are found; their radii are off by {bias:+.2g} ± {std:.1g} px in "
-            f"the mean and {np.sqrt(np.mean(error**2)):.2g} px root mean square; stated uncertainties hold "
-            f"{covered[0]:.0f} and {covered[1]:.0f} % (68 and 95 expected){half}"
-        )
 
 
 def check_experiment(
@@ -142,73 +106,90 @@ def check_experiment(
     call = partial(_check_frame, options=FrameOptions.of(scene, sites), seed=seed)
     parts = list(for_each_frame(experiment, call, workers=workers, advance=advance))
     failed = [part.row for part in parts if isinstance(part, FailedFrame)]
-    done = [part for part in parts if not isinstance(part, FailedFrame)]
-    failed += [{"frame": name, "message": why} for name, table, why, _ in done if table is None]
-    tables = [table for _, table, _, _ in done if table is not None]
+    tables = [part for part in parts if not isinstance(part, FailedFrame)]
     if not tables:
         raise InputError(
             f"no frame shows contacts like which others could be drawn; the first: {failed[0]['message']}"
         )
-    drawn = DRAWN.conform(pd.concat(tables, ignore_index=True))
-    stated = np.array([limit for _, table, _, limit in done if table is not None])
-    return MeasurementCheck(
-        drawn,
-        summarise_drawn(drawn),
-        float(np.median(stated[np.isfinite(stated)])) if np.isfinite(stated).any() else float("nan"),
-        pd.DataFrame(failed, columns=["frame", "message"]),
-    )
+    drawn = DRAWN.conform(pd.concat([table for table, _ in tables], ignore_index=True))
+    classes = summarise_drawn(drawn)
+    limits = pd.Series([limit for _, limit in tables])
+    sentence = _sentence(drawn, classes, float(limits.median()))
+    return MeasurementCheck(drawn, classes, sentence, pd.DataFrame(failed, columns=["frame", "message"]))
 
 
 def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
     """Completeness, errors and coverage by classes of the true radius: `contactimg.tables.CHECK`."""
-    radius = drawn["radius_px"].to_numpy()
+    radius, error = drawn["radius_px"], drawn["measured_px"] - drawn["radius_px"]
     edges = np.geomspace(radius.min() * (1 - 1e-9), radius.max() * (1 + 1e-9), CLASSES + 1)
-    rows = []
-    for low, high in pairwise(edges):
-        part = drawn[(radius > low) & (radius <= high)]
-        if part.empty:
-            continue
-        found = part[part["found"] == 1]
-        error = (found["measured_px"] - found["radius_px"]).to_numpy()
-        share, n, m = len(found) / len(part), len(part), max(len(found), 1)
-        rows.append({
-            "low_px": low, "high_px": high, "radius_px": np.sqrt(low * high), "drawn": n, "found": len(found),
-            "completeness": share,
-            # of a share of 0 or 1 as well: one more of either kind
-            "completeness_std": np.sqrt((len(found) + 1) * (n - len(found) + 1) / (n + 2) ** 2 / (n + 3)),
-            "bias_px": np.mean(error) if len(error) else np.nan,
-            "bias_std_px": np.std(error) / np.sqrt(m) if len(error) > 1 else np.nan,
-            "rms_px": np.sqrt(np.mean(error**2)) if len(error) else np.nan,
-            "within_1_std": np.mean(np.abs(error) <= found["measured_std_px"]) if len(error) else np.nan,
-            "within_2_std": np.mean(np.abs(error) <= 2 * found["measured_std_px"]) if len(error) else np.nan,
-        })  # fmt: skip
-    return CHECK.conform(pd.DataFrame(rows))
+    apart = error.abs() / drawn["measured_std_px"]
+    each = drawn.assign(error=error, square=error**2, one=apart.le(1), two=apart.le(2))
+    found = each["found"] == 1
+    each[["one", "two"]] = each[["one", "two"]].astype(float).where(found)
+    classes = each.groupby(np.searchsorted(edges, radius) - 1)
+    table = classes[["found", "error", "square", "one", "two"]].mean()
+    names = {"found": "completeness", "error": "bias_px", "one": "within_1_std", "two": "within_2_std"}
+    low, high = edges[table.index], edges[table.index + 1]
+    return CHECK.conform(
+        table.drop(columns="square")
+        .rename(columns=names)
+        .assign(
+            low_px=low,
+            high_px=high,
+            radius_px=np.sqrt(low * high),
+            drawn=classes.size(),
+            found=classes["found"].sum(),
+            rms_px=np.sqrt(table["square"]),
+        )
+    )
 
 
-Checked = tuple[str, pd.DataFrame | None, str, float]
-"""Name of a frame, its drawn contacts or None, why there are none, and its stated detection limit, px."""
+def _sentence(drawn: pd.DataFrame, classes: pd.DataFrame, stated_px: float) -> str:
+    """What the check says; ``stated_px`` is the detection limit of the frames."""
+    share = classes["completeness"].to_numpy()
+    poor = np.flatnonzero(share < FOUND)
+    first = int(poor[-1]) + 1 if len(poor) else 0
+    if first == len(classes):
+        return f"fewer than {100 * FOUND:.0f} % of the drawn contacts are found, whatever their radius"
+    low = classes["low_px"].iloc[first]
+    large = drawn[drawn["radius_px"] > low]
+    seen = large[large["found"] == 1]
+    error = seen["measured_px"] - seen["radius_px"]
+    covered = [100 * float(np.mean(np.abs(error) <= n * seen["measured_std_px"])) for n in (1, 2)]
+    limit = ""
+    if share[0] < 0.5:
+        half = np.exp(np.interp(0.5, np.maximum.accumulate(share), np.log(classes["radius_px"])))
+        limit = f"; half of those of {half:.2g} px are found, the frames state {stated_px:.2g} px"
+    return (
+        f"of {len(drawn)} contacts drawn into the frames, {100 * len(seen) / len(large):.0f} % of those "
+        f"above {low:.2g} px in radius are found; their radii are off by {np.mean(error):+.2g} ± "
+        f"{np.std(error) / np.sqrt(len(seen)):.1g} px in the mean and {np.sqrt(np.mean(error**2)):.2g} px "
+        f"root mean square; stated uncertainties hold {covered[0]:.0f} and {covered[1]:.0f} % (68 and 95 "
+        f"expected){limit}"
+    )
 
 
-def _check_frame(frame: Frame, reference: NDArray | None, *, options: FrameOptions, seed: int) -> Checked:
-    """Draw contacts into one frame and measure it again."""
+def _check_frame(
+    frame: Frame, reference: NDArray | None, *, options: FrameOptions, seed: int
+) -> tuple[pd.DataFrame, float]:
+    """The contacts drawn into one frame as they were found, and the detection limit that it states, px."""
     before = measure_prepared(frame, reference, options.scene, film=options.film)
     if not len(before.disks):
-        return frame.name, None, before.message or "no contact", float("nan")
+        raise FrameError(before.message or "no contact")
     rng = np.random.default_rng([seed, *frame.name.encode()])
     disks = _choose(before, rng)
     if not len(disks):
-        return frame.name, None, f"{frame.name}: the contacts leave no place free for others", float("nan")
+        raise FrameError(f"{frame.name}: the contacts leave no place free for others")
     drawn = replace(frame, image=draw_contacts(frame.image, before, disks, rng))
     after = measure_prepared(drawn, reference, options.scene, film=options.film).disks
-    row, found = np.zeros(len(disks), np.intp), np.zeros(len(disks), np.bool_)
-    if len(after):  # for each drawn contact the nearest measured one, and whether it is near enough
-        distance, nearest = cKDTree(after[["x_px", "y_px"]].to_numpy(float)).query(disks[:, :2])
-        row, found = np.asarray(nearest), distance < np.maximum(REACH_PX, REACH * disks[:, 2])
-    table = pd.DataFrame(disks[:, :3], columns=["x_px", "y_px", "radius_px"])
-    table = table.assign(frame=frame.name, contrast=disks[:, 3], found=found.astype(int))
-    for name, source in (("measured_px", "radius_px"), ("measured_std_px", "radius_std_px")):
-        table[name] = np.where(found, after[source].to_numpy(float)[row] if len(after) else np.nan, np.nan)
-    return frame.name, table, "", before.smallest_px
+    table = pd.DataFrame(disks, columns=["x_px", "y_px", "radius_px", "contrast"]).assign(frame=frame.name)
+    # the nearest measured contact, if it is near enough
+    reach = np.maximum(REACH_PX, REACH * disks[:, 2])
+    distance, nearest = cKDTree(after[["x_px", "y_px"]].to_numpy(float).reshape(-1, 2)).query(disks[:, :2])
+    found = distance < reach
+    measured = after[["radius_px", "radius_std_px"]].reindex(np.where(found, nearest, -1)).to_numpy(float)
+    table[["measured_px", "measured_std_px"]] = measured
+    return table.assign(found=found.astype(int)), before.smallest_px
 
 
 def _blur(measurement: ImageMeasurement) -> float:

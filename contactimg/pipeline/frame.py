@@ -3,6 +3,7 @@
 import logging
 import warnings
 from dataclasses import dataclass, field, replace
+from functools import partial
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
@@ -11,19 +12,21 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from contactimg.effects.mechanics import refuse_profile
+from contactimg.effects.optics import measuring
 from contactimg.errors import FrameWarning, InputError
 from contactimg.files import read_part
 from contactimg.forces import common_radius
 from contactimg.frame import Frame
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.film_choice import FilmVerdict
-from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
+from contactimg.imaging.measure import LINEARITY, ImageMeasurement
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.parallel import FailedFrame
 from contactimg.pose import Pose
-from contactimg.scene import Scene
+from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED, SHARED_SHIFTS, Status
 from contactimg.tradeoff.choice import Choice, measure_cheapest
 
@@ -34,10 +37,6 @@ Edits = tuple[HandEdit, ...]
 
 POINTS_IN_DISK = 4096
 """Points that the visible part of a contact is counted with. Measured: to 0.3 % of the contact's area."""
-
-SHARP_BLUR_PX = 1e-3
-"""Blur of a frame that is known to have none: small against the width of the pixel. Chosen: any value well
-below 0.3 px, the standard deviation of a pixel, gives the same edge."""
 
 
 def measure_frame(
@@ -120,27 +119,23 @@ def measure_frame(
     >>> table.attrs["status"]
     'ok'
     """
-    pixel_size = _positive("pixel_size", pixel_size, "the sample length that one pixel covers, in m")
-    optics = SharedOptics()
-    if contrast is not None:
-        optics = SharedOptics(_positive("contrast", contrast, "plateau minus background in grey levels"))
-    if blur_px is not None:
-        blur_px = _positive("blur_px", blur_px, "the standard deviation of the blur in pixels")
+    if contrast is not None and not (isinstance(contrast, Real) and 0 < contrast < np.inf):
+        raise InputError(
+            f"measure_frame: contrast must be a positive number of grey levels, got {contrast!r}"
+        )
+    known = {"threshold": threshold, "blur_px": blur_px}
+    keys = {
+        "camera": {"pixel_size_m": pixel_size, "linearity": linearity},
+        "images": {"polarity": polarity},
+        "measure": {"method": method, "shape": shape}
+        | {name: value for name, value in known.items() if value is not None},
+        "effects": {"film": film},
+    }
+    scene = scene_from_dict(keys, name="measure_frame")
+    optics = None if contrast is None else SharedOptics(contrast)
     frame = frame if isinstance(frame, Frame) else Frame(np.asarray(frame))
     image = reference.image if isinstance(reference, Frame) else reference
-    measurement = measure_image(
-        frame.image,
-        image,
-        method=method,
-        polarity=polarity,
-        threshold=threshold,
-        full_scale=frame.full_scale,
-        blur_px=blur_px,
-        optics=optics,
-        shape=shape,
-        linearity=linearity,
-        absent=("film",) if film == "off" else (),
-    )
+    measurement = measuring(scene, frame.full_scale, optics)(frame.image, image)
     pose = Pose(frame.shape, pixel_size)
     contacts = locate_contacts(contacts_table(measurement, frame.name), pose, shift_px=(0.0, 0.0))
     contacts.attrs |= {"status": str(measurement.status), "message": measurement.message}
@@ -148,14 +143,6 @@ def measure_frame(
         text = measurement.message or "see contactimg.tables.Status"
         warnings.warn(f"{frame.name or 'frame'}: {measurement.status}: {text}", FrameWarning, stacklevel=2)
     return contacts
-
-
-def _positive(name: str, value: object, hint: str) -> float:
-    """The value as a positive number, or an `InputError` that says what to give."""
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    if not number or not (np.isfinite(value) and value > 0):  # type: ignore[operator, call-overload]
-        raise InputError(f"measure_frame: {name} must be a positive number, got {value!r}; give {hint}")
-    return float(value)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,37 +295,7 @@ class FrameOptions:
     @classmethod
     def of(cls, scene: Scene, sites: pd.DataFrame | None, relative: float | None = None) -> "FrameOptions":
         """Those of a scene with these composite summits."""
-        resolved = resolve_measurement(scene)
-        return cls(resolved, film_setting(resolved, sites), relative)
-
-
-def resolve_measurement(scene: Scene) -> Scene:
-    """The scene with the switches and the blur that its frames are measured with.
-
-    Under "auto" a correction is on: shift, noise, dust and blur are measured on the frame itself. An effect
-    that is "off" is not corrected: shift, dust, saturated pixels, blur (the fit assumes a sharp edge). Under
-    "auto" the film is on if ``[simulate]`` states a contrast within a factor of two of that of an air film
-    and the radius of the asperities is known. Vignetting, light drift, noise, quantisation and rough edges
-    are always measured or divided out.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    Scene
-
-    Examples
-    --------
-    >>> from contactimg.scene import scene_from_dict
-    >>> resolve_measurement(scene_from_dict({"effects": {"blur": "off"}})).measure.blur_px
-    0.001
-    """
-    measure = scene.measure
-    if scene.effects.blur == "off" and measure.blur_px is None:
-        measure = measure.model_copy(update={"blur_px": SHARP_BLUR_PX})
-    return scene.model_copy(update={"measure": measure})
+        return cls(scene, film_setting(scene, sites), relative)
 
 
 def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None:
@@ -362,8 +319,8 @@ def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None
     asked, profiled = scene.effects.film, scene.asperities is not None and scene.asperities.profiled
     if scene.measure.method != "disk":
         return None
-    if profiled and asked == "on":
-        raise InputError('[effects] film = "on" is defined for caps, not for a stated profile; switch it off')
+    if asked == "on":
+        refuse_profile(scene, '[effects] film = "on"')
     radius = common_radius(scene, None)
     if not np.isfinite(radius) and sites is not None and len(sites):
         radius = float(sites["radius_m"].mean())
@@ -401,9 +358,10 @@ def measure_scene_frame(
     """
     scene, film, choice = options.scene, options.film, None
     if options.relative is not None and optics is None:
-        scale = full_scale(frame, scene)
+        measure = partial(measuring(scene, frame.full_scale), film=film)
+        output = scene.tolerance.output
         measurement, choice = measure_cheapest(
-            frame.image, reference, scene=scene, relative=options.relative, full_scale=scale, film=film
+            frame.image, reference, measure=measure, relative=options.relative, output=output
         )
     else:
         measurement = measure_prepared(frame, reference, scene, film=film, optics=optics, edits=edits)
@@ -434,43 +392,17 @@ def measure_prepared(
     optics: SharedOptics | None = None,
     edits: Edits = (),
 ) -> ImageMeasurement:
-    """Measure a frame with the method, the polarity, the full scale and the corrections of its scene.
+    """Measure a frame as its scene says (`contactimg.effects.optics.measuring`).
 
-    Every command measures frames this way: a number calibrated on frames applies only to frames that were
-    prepared alike. With ``count_at`` the pixels above this fraction of the contrast are counted, with
+    With ``count_at`` the pixels above this fraction of the contrast are counted, with
     ``optics`` disks are fitted, whatever the scene's method. The other parameters are those of
     `contactimg.imaging.measure.measure_image`.
     """
-    measure, counted = scene.measure, count_at is not None
-    return measure_image(
-        frame.image,
-        reference,
-        method="threshold" if counted else measure.method if optics is None else "disk",
-        polarity=scene.images.polarity,
-        threshold=count_at if counted else measure.threshold,
-        threshold_std=measure.threshold_std,
-        full_scale=full_scale(frame, scene),
-        blur_px=None if counted else measure.blur_px,
-        optics=(optics or SharedOptics()).with_edge(measure.edge_shift_px, measure.edge_shift_std_px),
-        film=film,
-        shape=measure.shape,
-        absent=scene.effects.switched_off(*CORRECTIONS),
-        linearity=scene.camera.linearity if scene.camera else LINEARITY,
-        edits=edits,
-    )
-
-
-def full_scale(frame: Frame, scene: Scene) -> float | None:
-    """Grey level of saturation: that of the frame, infinite with ``[effects] saturation = "off"``.
-
-    Examples
-    --------
-    >>> from contactimg.scene import scene_from_dict
-    >>> frame = Frame(np.zeros((3, 4), np.uint8), full_scale=255)
-    >>> full_scale(frame, scene_from_dict({"effects": {"saturation": "off"}}))
-    inf
-    """
-    return np.inf if scene.effects.saturation == "off" else frame.full_scale
+    other: dict[str, Any] = {} if optics is None else {"method": "disk"}
+    if count_at is not None:
+        other = {"method": "threshold", "threshold": count_at, "blur_px": None}
+    measure = measuring(scene, frame.full_scale, optics)
+    return measure(frame.image, reference, film=film, edits=edits, **other)
 
 
 def frame_row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:

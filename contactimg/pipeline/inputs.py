@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.mechanics import OF_CAPS_ONLY
+from contactimg.effects.mechanics import OF_CAPS_ONLY, refuse_profile
 from contactimg.errors import InputError
 from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
 from contactimg.frame import Frame
@@ -18,7 +18,7 @@ from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.prediction import Prescribed, load_name
 from contactimg.sample_shape import shaped_asperities
-from contactimg.scene import Asperities, Scene
+from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
 
 logger = logging.getLogger(__name__)
@@ -69,24 +69,8 @@ def scene_asperities(scene: Scene) -> pd.DataFrame | None:
     section = scene.asperities
     if section is None or section.generate is None:
         return read_scene_asperities(scene)
-    return _generate(section, section.generate, np.random.default_rng(section.seed))
-
-
-def generated_asperities(scene: Scene, index: int) -> pd.DataFrame:
-    """Pattern ``index`` of the ensemble to which the generated pattern of a scene belongs.
-
-    It depends on the seed of the scene and on ``index`` alone.
-    """
-    section = scene.asperities
-    if section is None or section.generate is None:
-        raise InputError("an ensemble needs random patterns: state generate in [asperities]")
-    seed = np.random.SeedSequence(section.seed, spawn_key=(index,))
-    return _generate(section, section.generate, np.random.default_rng(seed))
-
-
-def _generate(section: Asperities, kind: str, rng: np.random.Generator) -> pd.DataFrame:
-    """A pattern as the section describes it."""
-    return generate_asperities(kind, side=section.side, coverage=section.coverage, rng=rng)
+    rng = np.random.default_rng(section.seed)
+    return generate_asperities(section.generate, side=section.side, coverage=section.coverage, rng=rng)
 
 
 def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:
@@ -95,15 +79,6 @@ def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:
     if asperities is None:
         raise InputError(f"{purpose} needs asperities; give [asperities] a file, or generate them")
     return asperities
-
-
-def refuse_profile(scene: Scene, purpose: str) -> None:
-    """Refuse asperities of a stated profile for what compares models of caps."""
-    if scene.asperities is not None and scene.asperities.profiled:
-        raise InputError(
-            f"[asperities] states a profile, and {purpose} takes caps; leave out profile_exponent, "
-            "profile_width_m, profile_drop_m and profile_points_m"
-        )
 
 
 def scene_of_defined_laws(scene: Scene, sites: pd.DataFrame | None) -> Scene:
@@ -130,10 +105,8 @@ def scene_of_defined_laws(scene: Scene, sites: pd.DataFrame | None) -> Scene:
             f"[effects] {ordered[0]} is not defined for asperities {words}; switch it off, or describe "
             "them as spherical caps of one modulus"
         )
-    if words == PROFILED and scene.measure.hertz == "ellipse":
-        raise InputError(
-            '[measure] hertz = "ellipse" is defined for caps, not for a stated profile; take "equal_area"'
-        )
+    if scene.measure.hertz == "ellipse":
+        refuse_profile(scene, '[measure] hertz = "ellipse"')
     logger.warning(left_out_for(words))
     return scene.with_effects(dict.fromkeys(OF_CAPS_ONLY, "off"))
 

@@ -52,7 +52,6 @@ def draw_overlays(
     folder: Path,
     *,
     workers: int | None,
-    numbers: bool = False,
     advance: Callable[[], None] | None = None,
 ) -> None:
     """Draw contacts and rejected candidates on every frame that could be measured, as PNG files.
@@ -65,8 +64,6 @@ def draw_overlays(
         Is made.
     workers : int or None
         Processes that share the frames.
-    numbers : bool
-        Whether the label of each contact stands beside it.
     advance : callable, optional
         Called once a frame.
     """
@@ -78,7 +75,7 @@ def draw_overlays(
     measured = ((name, shown) for name, shown in _shown(series) if name not in failed)
     views = (view_of(source.name, experiment, stretch, pixel_size) for source in sources)
     jobs = (
-        (source, partial(draw_measured, shown=shown, view=view, numbers=numbers))
+        (source, partial(draw_measured, shown=shown, view=view))
         for source, (_, shown), view in zip(sources, measured, views, strict=True)
     )
     draw_frames(jobs, folder, count=len(sources), workers=workers, advance=advance)
@@ -156,7 +153,7 @@ def view_of(
     return View(stretch, title=title, pixel_size=pixel_size)
 
 
-def draw_measured(image: NDArray, shown: FrameTables, view: View, *, numbers: bool = False) -> Picture:
+def draw_measured(image: NDArray, shown: FrameTables, view: View) -> Picture:
     """Draw contacts, by what their flags say, and rejected candidates on their frame.
 
     Parameters
@@ -164,8 +161,6 @@ def draw_measured(image: NDArray, shown: FrameTables, view: View, *, numbers: bo
     image : ndarray, shape (rows, columns)
     shown : FrameTables
     view : View
-    numbers : bool
-        Whether the label of each contact stands beside it.
     """
     outlines = contact_outlines(shown.contacts, shown.outlines)
     flags = shown.contacts["flags"].to_numpy(np.int64)
@@ -177,7 +172,7 @@ def draw_measured(image: NDArray, shown: FrameTables, view: View, *, numbers: bo
         if mine.any() or not kind.flags:
             part = [outlines[k] for k in np.flatnonzero(mine)]
             label = f"{kind.name} ({len(part)})"
-            layers.append(Layer(part, kind.colour, label, kind.dashes, GAP_PX, numbered=numbers))
+            layers.append(Layer(part, kind.colour, label, kind.dashes, GAP_PX))
     if len(shown.rejected):
         places = shown.rejected[["x_px", "y_px", "radius_px"]].to_numpy(float).tolist()
         squares = [Outline(0, x, y, max(r, LEAST_SQUARE_PX), max(r, LEAST_SQUARE_PX)) for x, y, r in places]

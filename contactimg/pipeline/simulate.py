@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.effects.mechanics import refuse_profile
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import InputError
@@ -23,23 +24,9 @@ from contactimg.scene import Scene
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
 
 
-@dataclass(frozen=True)
-class SimulationPlan:
-    """Which effects a synthetic series shows.
-
-    Parameters
-    ----------
-    scene : Scene
-        With every switch "on" or "off".
-    plans : tuple of Plan
-        Of its smallest and its largest load; empty for a smooth contact.
-    """
-
-    scene: Scene
-    plans: tuple[Plan, ...]
-
-
-def plan_simulation(scene: Scene, asperities: pd.DataFrame | None, *, optics: bool = False) -> SimulationPlan:
+def plan_simulation(
+    scene: Scene, asperities: pd.DataFrame | None, *, optics: bool = False
+) -> tuple[Scene, tuple[Plan, ...]]:
     """Decide which effects the frames of a series show.
 
     A mechanical effect is computed if the plan of the smallest or of the largest load calls for it. Optics
@@ -55,6 +42,13 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None, *, optics: bo
     optics : bool
         Whether the plan decides on optics and sensor too.
 
+    Returns
+    -------
+    scene : Scene
+        With every switch "on" or "off".
+    plans : tuple of Plan
+        Of its smallest and its largest load; empty for a smooth contact.
+
     Raises
     ------
     InputError
@@ -63,12 +57,11 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None, *, optics: bo
         If the indenter reaches the plane between the asperities.
     """
     simulate = scene.need("simulate", "simulating frames")
-    _refuse_film_of_profile(scene)
     scene.need("camera", "simulating frames")
     scene.check_effects()
     read_render_settings(scene)
     if asperities is None or not simulate.loads:
-        return SimulationPlan(explicit_switches(scene), ())
+        return explicit_switches(scene), ()
     pressed = [load for load in simulate.loads if load > 0] or simulate.loads
     make = make_plan if optics else make_mechanical_plan
     plans = tuple(make(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)}))
@@ -76,15 +69,7 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None, *, optics: bo
     decisions = [decision for plan in plans for decision in plan.decisions]
     on = {decision.effect for decision in decisions if decision.on}
     switches = {one.effect: "on" if one.effect in on else "off" for one in decisions}
-    return SimulationPlan(explicit_switches(scene.with_effects(switches)), plans)
-
-
-def _refuse_film_of_profile(scene: Scene) -> None:
-    """Refuse the air film around asperities of a stated profile."""
-    if scene.effects.film == "on" and scene.asperities is not None and scene.asperities.profiled:
-        raise InputError(
-            'the air film is rendered around caps, not for a stated profile; set [effects] film = "off"'
-        )
+    return explicit_switches(scene.with_effects(switches)), plans
 
 
 def explicit_switches(scene: Scene) -> Scene:
@@ -142,7 +127,8 @@ def simulate_series(
         If a section is missing or there is no load.
     """
     simulate = scene.need("simulate", "simulating frames")
-    _refuse_film_of_profile(scene)
+    if scene.effects.film == "on":
+        refuse_profile(scene, '[effects] film = "on"')
     if not simulate.loads:
         raise InputError("simulating frames needs at least one load in [simulate] loads_N; add it")
     seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)
@@ -196,7 +182,7 @@ def write_simulation(
     advance : callable, optional
         Called once a frame.
     """
-    scene = plan_simulation(scene, asperities).scene
+    scene, _ = plan_simulation(scene, asperities)
     loads, truth = [], [CONTACTS.empty()]
     for simulated in simulate_series(scene, asperities, workers=workers):
         write_frame(simulated.frame, folder / simulated.frame.name)

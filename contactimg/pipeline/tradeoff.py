@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from contactimg.effects.mechanics import refuse_profile
 from contactimg.errors import InputError, finite_number
 from contactimg.files import open_experiment, write_figures, write_table
-from contactimg.pipeline.inputs import largest_load, read_reference, refuse_profile, scene_asperities
+from contactimg.pipeline.inputs import largest_load, read_reference, scene_asperities
 from contactimg.plots import caption_of
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene
@@ -18,15 +19,11 @@ from contactimg.tables import TRADEOFF
 from contactimg.tradeoff.knobs import Case, OwnFrame, applicable_knobs
 from contactimg.tradeoff.measure import Knob, Tradeoff, run_knobs
 
-REPETITION_SECONDS = {False: 15.0, True: 60.0}
-"""Time for repeated runs of a setting, s: without and with the slow settings. Chosen by hand."""
+REPETITION_SECONDS = 15.0
+"""Time for repeated runs of the settings, s. Chosen by hand."""
 
 FIRST_PAGE = ("image", "model")
 """Choices of the first figure; the others have one of their own."""
-
-BOUNDARY_SECONDS = {0.02: 30.0, 0.2: 158.0, 0.5: 460.0}
-"""Load of each boundary-element solution of SA+, N -> its computing time on one core, s. Measured with ASPHER
-0.1.3 on a grid of 1 um (`tests/data/README.md`)."""
 
 
 def measure_tradeoff(
@@ -34,7 +31,6 @@ def measure_tradeoff(
     *,
     load: float | None = None,
     knobs: str | Sequence[str] = (),
-    fine: bool = False,
     advance: Callable[[], None] | None = None,
 ) -> Tradeoff:
     """Measure computing time against accuracy: the settings of each knob, compared in one run.
@@ -46,11 +42,9 @@ def measure_tradeoff(
     load : float, optional, N
         By default the largest of the scene.
     knobs : str or sequence of str
-        Of ``image`` (measurement of a frame), ``model`` (contact model), ``solver`` (its tolerance), ``sums``
-        (accuracy of coupling sums over many contacts), ``rings`` (of Greenwood-Tripp), ``patterns`` (of an
-        ensemble), ``supersampling`` (of rendered frames); all that apply if none is named.
-    fine : bool
-        Whether slow settings are included.
+        Of ``image`` (measurement of a frame), ``model`` (contact model), ``solver`` (its tolerance),
+        ``rings`` (of Greenwood-Tripp), ``patterns`` (of an ensemble), ``supersampling`` (of rendered frames);
+        all that apply if none is named.
     advance : callable, optional
         Called once a setting.
 
@@ -82,24 +76,24 @@ def measure_tradeoff(
     {'the same equations to a residual of 1e-13'}
     """
     names = [knobs] if isinstance(knobs, str) else knobs
-    chosen, left_out = prepare_tradeoff(scene, load=load, knobs=names, fine=fine)
+    chosen, left_out = prepare_tradeoff(scene, load=load, knobs=names)
     return run_knobs(
         chosen,
         relative=scene.tolerance.relative,
-        seconds=REPETITION_SECONDS[fine],
+        seconds=REPETITION_SECONDS,
         left_out=left_out,
         advance=advance,
     )
 
 
 def prepare_tradeoff(
-    scene: Scene, *, load: float | None = None, knobs: Sequence[str] = (), fine: bool = False
+    scene: Scene, *, load: float | None = None, knobs: Sequence[str] = ()
 ) -> tuple[list[Knob], dict[str, str]]:
     """The knobs of a scene with their settings, not yet run, and why others do not apply.
 
     Parameters
     ----------
-    scene, load, knobs, fine
+    scene, load, knobs
         As for `measure_tradeoff`.
     """
     refuse_profile(scene, "`tradeoff`")
@@ -112,10 +106,7 @@ def prepare_tradeoff(
     asperities = scene_asperities(scene)
     if asperities is not None:
         refuse_own_caps(asperities, "tradeoff")
-    stored = None
-    if load > 0:
-        stored = min(BOUNDARY_SECONDS.items(), key=lambda one: abs(np.log(one[0] / load)))
-    case = Case(scene, asperities, load, stored=stored, measured=_own_frame(scene, load), fine=fine)
+    case = Case(scene, asperities, load, measured=_own_frame(scene, load))
     return applicable_knobs(case, knobs)
 
 

@@ -31,7 +31,7 @@ LARGEST_SLOPE = 4.0
 """Slopes beyond are not shown. Chosen: a threshold that makes the forces so large is of no use."""
 
 DASHES = ("-", "--", "-.")
-"""Lines of neighbouring curves of a plateau figure, which merge in grey; dots are left to the right axis."""
+"""Lines of neighbouring curves of a plateau figure, which merge in grey."""
 
 LABELLED_CURVES = 8
 """Most curves of a plateau figure that are labelled; of more, evenly spaced ones. Chosen by eye."""
@@ -109,7 +109,6 @@ def plot_slopes(
     stds: Values,
     *,
     found: float,
-    areas: Values | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Plot the slope of the sum of the forces against the load, for each threshold.
@@ -119,8 +118,6 @@ def plot_slopes(
     thresholds, slopes, stds : ndarray, shape (m,)
     found : float
         Calibrated threshold; NaN for none.
-    areas : ndarray, shape (m,), m^2, optional
-        Total contact area at each threshold, for an axis at the right.
     ax : Axes, optional
 
     Returns
@@ -134,8 +131,6 @@ def plot_slopes(
     if np.isfinite(found):
         label = f"slope 1 at threshold {found:.3f}"
         lines.append(ax.axvline(found, color=LAW, linewidth=1.2, label=label))
-    if areas is not None:
-        lines += _plot_at_right(ax, thresholds, np.asarray(areas) * 1e6, "total contact area A (mm²)")
     top = 1.05 * float(np.nanmax(slopes + stds, initial=1.0))
     ax.set(
         xlabel="threshold (fraction of the contrast)",
@@ -144,16 +139,6 @@ def plot_slopes(
     )
     add_legend(ax, above=alone, handles=lines)
     return ax
-
-
-def _plot_at_right(ax: Axes, x: Values, y: Values, label: str) -> list[Any]:
-    """Plot a dotted curve on an axis of its own at the right."""
-    right = ax.twinx()
-    right.set(ylabel=label)
-    name = label.split(" (", maxsplit=1)[0]
-    lines = right.plot(x, y, ":", color="0.3", linewidth=1.2, label=f"{name} (right)")
-    right.set_ylim(0, None)
-    return lines
 
 
 def plot_forces(
@@ -209,7 +194,6 @@ def plot_plateau(
     low: float,
     high: float,
     names: Sequence[str] = (),
-    fall_rates: Values | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Plot total areas (mm^2) against the threshold with the plateau shaded.
@@ -222,8 +206,6 @@ def plot_plateau(
         Ends of the plateau.
     names : sequence of str
         What each of the n curves is called, for the legend.
-    fall_rates : ndarray, shape (m,), optional
-        ``|d ln A/d threshold|`` of the sum, for an axis at the right.
     ax : Axes, optional
 
     Returns
@@ -243,8 +225,6 @@ def plot_plateau(
         if len(names) and rank in named:
             line.set_label(names[k])
             lines.append(line)
-    if fall_rates is not None:
-        lines += _plot_at_right(ax, thresholds, fall_rates, "fall of A (|d ln A/d threshold|)")
     ax.set(xlabel="threshold (fraction of the contrast)", ylabel="total contact area A (mm²)")
     scale_by_decades(ax, axes="y")
     add_legend(ax, above=alone, columns=2, handles=lines)

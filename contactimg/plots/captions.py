@@ -21,15 +21,15 @@ CAPTIONS = {
     "jkr": "Contact radius of the smooth contact against load, with the fitted JKR law. The lower panel "
     f"shows the measured minus the fitted load. {NO_BARS}",
     "slope_threshold": "Slope of the sum of the local forces against the load, for each threshold. The "
-    "threshold is calibrated where the slope is 1; the dotted curve is the total contact area. The "
+    "threshold is calibrated where the slope is 1. The "
     "band is one standard uncertainty (68 %) of the slope to either side.",
     "forces": "Sum of the local forces against load, with the fitted slope. The lower panel shows the sum "
     f"minus the load. {NO_BARS}",
-    "plateau": "Total contact area of each frame against threshold, with the plateau shaded. The dotted "
-    f"curve shows how fast the total area falls; on the plateau it is slowest. {NO_BARS}",
+    "plateau": "Total contact area of each frame against threshold, with the plateau shaded, on which "
+    f"the total area falls slowest. {NO_BARS}",
     "check": "Contacts of known radius drawn into the frames and measured again. Above the share that is "
-    f"found, below measured minus true radius of each (dots) and their mean by radius. {BARS} of share "
-    "and mean.",
+    "found, below measured minus true radius of each (dots), their mean by radius, and as error bars their "
+    "root mean square.",
     "tradeoff": "Relative error against computing time of the settings of each choice. The star is the "
     f"fastest one below the tolerance. {NO_BARS}",
 }

@@ -1,6 +1,5 @@
 """Figure of a check: completeness and errors of drawn contacts against their radius."""
 
-import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
@@ -23,8 +22,7 @@ def plot_check(drawn: pd.DataFrame, classes: pd.DataFrame, *, ax: Axes | None = 
     """
     top, below = axes_with_panel(ax)
     radius = classes["radius_px"].to_numpy(float)
-    share, std = (classes[name].to_numpy(float) for name in ("completeness", "completeness_std"))
-    top.errorbar(radius, share, std, fmt="o-", color="tab:blue", capsize=2)
+    top.plot(radius, classes["completeness"], "o-", color="tab:blue")
     top.axhline(0.5, color="grey", linewidth=0.8, linestyle=":")
     top.set(xscale="log", ylim=(-0.05, 1.08), ylabel="share found")
     last = top
@@ -32,8 +30,7 @@ def plot_check(drawn: pd.DataFrame, classes: pd.DataFrame, *, ax: Axes | None = 
         found = drawn[drawn["found"] == 1]
         error = (found["measured_px"] - found["radius_px"]).to_numpy(float)
         below.plot(found["radius_px"], error, ".", color="grey", markersize=3, alpha=0.6)
-        bias, bias_std = (classes[name].to_numpy(float) for name in ("bias_px", "bias_std_px"))
-        below.errorbar(radius, bias, np.nan_to_num(bias_std), fmt="o", color="tab:blue", capsize=2)
+        below.errorbar(radius, classes["bias_px"], classes["rms_px"], fmt="o", color="tab:blue", capsize=2)
         below.axhline(0.0, color="grey", linewidth=0.8)
         below.set_ylabel("error / px")
         last = below

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from contactimg.analysis.power_laws import BrokenLaw
 from contactimg.analysis.topography import Topography
-from contactimg.plots.axes import add_legend, bar_lengths, label_plainly, new_axes, scale_by_decades
+from contactimg.plots.axes import add_legend, bar_lengths, new_axes, scale_by_decades
 from contactimg.plots.laws import MARKER_SIZE, STYLES
 from contactimg.plots.numbers import number_with_interval, number_with_std, plain_number
 from contactimg.tables import RUN_MODELS
@@ -24,8 +24,7 @@ def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     normalised : DataFrame
-        Columns of `contactimg.tables.NORMALISED`, of one load; the axes at the right and on top are in kPa
-        and mm where it states Hertz's pressure and radius.
+        Columns of `contactimg.tables.NORMALISED`, of one load.
     ax : Axes, optional
 
     Returns
@@ -54,25 +53,7 @@ def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
         ylim=(0, None),
     )
     ax.legend(fontsize="small", title=f"load P = {plain_number(load * 1e3)} mN", title_fontsize="small")
-    _label_in_units(normalised, ax)
     return ax
-
-
-def _label_in_units(normalised: pd.DataFrame, ax: Axes) -> None:
-    """Add axes in kPa and mm at the right and on top."""
-    scales = normalised[["hertz_pressure_Pa", "hertz_radius_m"]].dropna()
-    if len(scales):
-        pressure, radius = scales.to_numpy(float)[0]
-        _second_axis(ax, "right", 1e-3 * pressure).set_ylabel("pressure p (kPa)")
-        _second_axis(ax, "top", 1e3 * radius).set_xlabel("distance from the apex r (mm)")
-
-
-def _second_axis(ax: Axes, side: str, factor: float) -> Any:
-    """An axis at the right or on top whose numbers are those of the other side times a factor."""
-    functions = (lambda value: value * factor, lambda value: value / factor)
-    if side == "right":
-        return ax.secondary_yaxis("right", functions=functions)
-    return ax.secondary_xaxis("top", functions=functions)
 
 
 def plot_pressure_law(
@@ -116,11 +97,6 @@ def plot_pressure_law(
             "title": f"power laws, exponent $m$ with its {100 * single[0].single.confidence:g} % interval:"
         }
     add_legend(ax, above=alone, **title)
-    if quantity == "density" and "per mm²" not in label:
-        right = _second_axis(ax, "right", 1e-6 / unit)
-        right.set_ylabel("contacts per mm²")
-        low, high = ax.get_ylim()
-        label_plainly(right.yaxis, float(np.log10(high / low)))
     return ax
 
 

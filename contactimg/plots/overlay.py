@@ -52,8 +52,6 @@ class Layer:
         Of the line, times the usual one.
     square : bool
         Squares instead of outlines.
-    numbered : bool
-        Whether the labels of the contacts stand beside them.
     """
 
     outlines: Sequence[Outline]
@@ -63,7 +61,6 @@ class Layer:
     gap_px: float = 0.0
     width: float = 1.0
     square: bool = False
-    numbered: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,8 +202,6 @@ def _draw_layer(canvas: _Canvas, layer: Layer) -> None:
             continue
         for line in _lines(outline, gap, canvas, square=layer.square):
             _draw_line(canvas, line, layer.dashes, index, thickness)
-        if layer.numbered:
-            _write_number(canvas, outline, gap)
 
 
 def _lines(outline: Outline, gap: float, canvas: _Canvas, *, square: bool) -> list[NDArray[np.int32]]:
@@ -255,17 +250,6 @@ def _draw_line(
         first, last = np.searchsorted(along, on), np.searchsorted(along, on + share * period)
         parts = [points[i : j + 1] for i, j in zip(first, last, strict=True)]
     cv2.polylines(canvas.indices, parts, isClosed=False, color=index, thickness=thickness, shift=SHIFT_BITS)
-
-
-def _write_number(canvas: _Canvas, outline: Outline, gap: float) -> None:
-    """Write the label of a contact to the upper right of it, white on black."""
-    reach = 0.75 * (outline.semi_major + gap)
-    x, y = (canvas.place(np.array([outline.x + reach, outline.y - reach])) // 2**SHIFT_BITS).tolist()
-    scale = 0.4 * canvas.indices.shape[1] / LEAST_WIDTH_PX
-    for colour, thickness in ((0, 3), (GREYS - 1, 1)):
-        cv2.putText(
-            canvas.indices, str(outline.label), (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, thickness
-        )
 
 
 @lru_cache(maxsize=8)

@@ -1,40 +1,33 @@
 """Figure of a trade-off: error against time, one panel per choice."""
 
 import textwrap
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
-from numpy.typing import NDArray
 
 from contactimg.plots.axes import FIGURE_DPI, new_axes
 from contactimg.tradeoff.knobs import KNOBS
 from contactimg.tradeoff.measure import cheapest, front_of, knob_sentence
 
-Values = NDArray[np.float64]
-
 MARKS: tuple[tuple[int, dict[str, str], str], ...] = (
     (1, {"marker": "o", "color": "tab:blue"}, "no other is faster and more accurate"),
     (0, {"marker": "o", "color": "grey", "markerfacecolor": "none"}, "another is faster and more accurate"),
-    (-1, {"marker": "D", "color": "grey", "markerfacecolor": "none"}, "stored result, not run here"),
 )
-"""Value of the column ``pareto`` (-1 for empty), marker style, meaning."""
+"""Value of the column ``pareto``, marker style, meaning."""
 
 # Layout, chosen by eye
-PANEL_INCHES = (4.0, 3.9)  # width and height of a panel: two are as wide as a page of 170 mm times 1.2
+PANEL_INCHES = (4.6, 3.4)  # width and height of a panel with its key
 PANEL_COLUMNS = 2
-LABEL_FONT = 7.2  # pt, 6 pt on a page of 170 mm
-LABEL_CHARACTERS = 20  # in a line
-SENTENCE_CHARACTERS = 66  # in a line of a title
-LINE_HEIGHT_FRACTION = 0.045  # of the height of a panel
-CHARACTER_WIDTH_FRACTION = 0.0185  # of the width of a panel
-MARK_FRACTION = 0.012  # half side of a mark
-LABEL_GAP_FRACTION = 0.03  # between a point and its label
-LIFTS = (0.0, -0.7, 0.7, -1.4, 1.4, -2.1, 2.1, -3.0, 3.0)  # of a label, lines
-PLAIN_DECADES = 2.5  # time axes shorter than this are labelled at 1, 2 and 5, longer ones at powers of ten
+LABEL_FONT = 8.3  # pt, 6 pt on a page of 170 mm
+LABEL_CHARACTERS, SENTENCE_CHARACTERS = 20, 60  # in a line of the key and of a title
+NUMBER_PT = 4.0  # from a point to its number
+SHORTEST_DECADES = 0.8  # of the time axis, whose labels then stand at 1, 2 and 5
 
 
 def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | None = None) -> Axes:
@@ -57,7 +50,7 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     known = table[table["error"].notna() & table["time_s"].notna()].sort_values("time_s")
     x, error = known["time_s"].to_numpy(float), known["error"].to_numpy(float)
     y = np.where(error > 0, error, error.min(where=error > 0, initial=1.0) / 10)
-    mark = known["pareto"].fillna(-1).to_numpy(int)
+    mark = known["pareto"].to_numpy(int)
     ax.plot(x[mark == 1], y[mark == 1], "-", color="tab:blue", linewidth=1, alpha=0.4)
     for value, style, label in MARKS:
         ax.plot(x[mark == value], y[mark == value], linestyle="none", label=label, **style)  # type: ignore[arg-type]
@@ -77,9 +70,24 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
         sentence = knob_sentence(title, table, relative=relative).split(";")[0]
         title += "\n" + textwrap.fill(sentence.removeprefix(f"{title}: "), SENTENCE_CHARACTERS)
     ax.set_title(title, fontsize=LABEL_FONT, loc="left")
-    if len(known):
-        _leave_room(ax, x, np.append(y, [] if relative is None else relative))
-        _label(ax, x, y, known["setting"].tolist())
+    key = []
+    for number, (place, name) in enumerate(zip(zip(x, y, strict=True), known["setting"], strict=True), 1):
+        offset: dict[str, Any] = {"xytext": (NUMBER_PT, NUMBER_PT), "textcoords": "offset points"}
+        ax.annotate(str(number), place, fontsize=LABEL_FONT, **offset)
+        text = textwrap.fill(name, LABEL_CHARACTERS)
+        key.append(Line2D([], [], linestyle="none", marker=f"${number}$", color="black", label=text))
+    if key:
+        beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
+        ax.legend(handles=key, fontsize=LABEL_FONT, **beside)
+    if len(x):
+        ends = np.log10([x.min(), x.max()])
+        half = 0.6 * max(float(np.ptp(ends)), SHORTEST_DECADES)
+        ax.margins(y=0.15)
+        ax.set_xlim(*10.0 ** (ends.mean() + np.array([-half, half])))
+        if half < SHORTEST_DECADES:
+            ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
     return ax
 
 
@@ -124,52 +132,3 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
         frameon=False,
     )
     return panels[0]
-
-
-def _leave_room(ax: Axes, x: Values, y: Values) -> None:
-    """Set limits that leave room for the labels to the right of the points."""
-    wide = max(np.log10(x.max() / x.min()), 0.8)  # a shorter axis would have no labels
-    high = max(np.log10(y.max() / y.min()), 0.5)
-    ax.set_xlim(x.min() / 10 ** (0.1 * wide), x.max() * 10 ** (0.55 * wide))
-    ax.set_ylim(y.min() / 10 ** (0.12 * high), y.max() * 10 ** (0.12 * high))
-    if wide < PLAIN_DECADES:
-        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        ax.xaxis.set_major_formatter("{x:g}")
-    ax.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _label(ax: Axes, x: Values, y: Values, names: list[str]) -> None:
-    """Write the names beside the points, where they cover the least of each other and of the points."""
-    texts = [textwrap.fill(name, LABEL_CHARACTERS) for name in names]
-    places = ax.transAxes.inverted().transform(ax.transData.transform(np.column_stack([x, y])))
-    taken = np.column_stack([places - MARK_FRACTION, places + MARK_FRACTION])
-    for k in np.lexsort((x, -y)):
-        lines = texts[k].split("\n")
-        size = CHARACTER_WIDTH_FRACTION * max(map(len, lines)), LINE_HEIGHT_FRACTION * len(lines)
-        boxes = np.array([_beside(places[k], size, side, lift) for lift in LIFTS for side in (1, -1)])
-        outside = np.prod(size) - _shared_areas(boxes, np.array([[0.0, 0.0, 1.0, 1.0]]))
-        best = boxes[np.argmin(np.round(outside + _shared_areas(boxes, taken), 6))]
-        taken = np.vstack([taken, best])
-        ax.text(
-            best[0],
-            (best[1] + best[3]) / 2,
-            texts[k],
-            transform=ax.transAxes,
-            fontsize=LABEL_FONT,
-            va="center",
-            linespacing=1.0,
-        )
-
-
-def _beside(place: Values, size: tuple[float, float], side: int, lift: float) -> Values:
-    """Left, lower, right and upper end of a label right (1) or left (-1) of a point, lifted by lines."""
-    low = place[1] + lift * LINE_HEIGHT_FRACTION - size[1] / 2
-    left = place[0] + (LABEL_GAP_FRACTION if side > 0 else -LABEL_GAP_FRACTION - size[0])
-    return np.array([left, low, left + size[0], low + size[1]])
-
-
-def _shared_areas(boxes: Values, others: Values) -> Values:
-    """How much of each box, shape (n, 4), others cover in all."""
-    low = np.maximum(boxes[:, None, :2], others[None, :, :2])
-    high = np.minimum(boxes[:, None, 2:], others[None, :, 2:])
-    return np.prod(np.maximum(high - low, 0.0), axis=2).sum(axis=1)

@@ -16,9 +16,7 @@ import pandas as pd
 from PIL import Image
 
 from contactimg import __version__
-from contactimg.analysis.area_against_load import fit_area_law, frame_areas
 from contactimg.analysis.estimates import Estimate
-from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.errors import InputError
 from contactimg.files import (
     PROVENANCE_FILE,
@@ -186,7 +184,7 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
 
 
 def _area(run: Run, analyses: list[Part]) -> tuple[Picture | None, summary.Headline | None]:
-    """The figure of A(P) and its exponent: of an analysis of this run alone, else of the run itself."""
+    """The figure of A(P) and its exponent, of an analysis of this run alone; else the areas of the run."""
     for part in analyses:
         if part.area is not None:
             mine = (part.table["quantity"] == "area_exponent") & part.table["model"].isin(RUN_MODELS)
@@ -194,23 +192,11 @@ def _area(run: Run, analyses: list[Part]) -> tuple[Picture | None, summary.Headl
                 estimate = Estimate(row["value"], row["std"], row["low"], row["high"])
                 return part.area, summary.exponent_headline(estimate, row["confidence"], int(row["n_points"]))
             return part.area, None
-    frames, law = run.frames, None
-    if not ((frames["load_N"] > 0) & (frames["area_m2"] > 0)).any():
+    if not ((run.frames["load_N"] > 0) & (run.frames["area_m2"] > 0)).any():
         return None, None
-    lens, measured = run.scene.indenter, not frames["indentation_m"].notna().any()
-    cell = LoadCell.stated(run.scene.load) if measured else EXACT_LOADS
-    try:
-        centre = None if lens is None else lens.apex
-        areas = frame_areas(frames, run.contacts, place=str(run.folder), centre=centre)
-        law = fit_area_law(areas, load_cell=cell)
-    except InputError:
-        pass  # too few loads
     model = "predicted" if run.command == "predict" else "measured"
-    svg = figure_bytes(plot_area(frames, law, model=model), "svg")
-    figure = Picture(CAPTIONS["area"], _data_uri("image/svg+xml", svg))
-    return figure, None if law is None else summary.exponent_headline(
-        law.exponent, law.confidence, law.n_points
-    )
+    svg = figure_bytes(plot_area(run.frames, model=model), "svg")
+    return Picture(CAPTIONS["area"], _data_uri("image/svg+xml", svg)), None
 
 
 def _number(value: float | None, factor: float = 1.0) -> str:

@@ -63,7 +63,10 @@ class FrameView:
     @classmethod
     def of(cls, experiment: Experiment, number: int) -> "FrameView":
         """Measure the frame of this number, with the masks of its scene."""
-        frame, reference, options = prepared_frame(experiment, number)
+        found, frame = read_reference(experiment), experiment.frames[number].read()
+        reference = None if found is None else found.image
+        scene, _, sites = asperities_and_sites(experiment.scene)
+        options = FrameOptions.of(scene, sites)
         measure = partial(measure_prepared, frame, reference, options.scene, film=options.film)
         blur = measure(optics=SharedOptics()).optics.blur_px
         counted = measure(count_at=0.5)
@@ -161,14 +164,6 @@ class FrameView:
             "noise": noise,
             "blur": self.blur,
         }
-
-
-def prepared_frame(experiment: Experiment, number: int) -> tuple[Frame, NDArray | None, FrameOptions]:
-    """A frame, the pixels of its reference, and how it is measured without the rest of its series."""
-    reference = read_reference(experiment)
-    scene, _, sites = asperities_and_sites(experiment.scene)
-    options = FrameOptions.of(scene, sites)
-    return experiment.frames[number].read(), None if reference is None else reference.image, options
 
 
 def picture(image: NDArray, stretch: tuple[float, float]) -> bytes:

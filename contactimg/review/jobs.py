@@ -72,11 +72,6 @@ class Jobs:
             self._queue.put(work)
             return True
 
-    def tell(self, result: Any) -> None:
-        """Tell the page something before the job ends."""
-        with self._changed:
-            self.state = replace(self.state, result=result)
-
     def cancel(self) -> None:
         """Let the job that runs, if any, end after the frame it is at."""
         self._cancelled = True

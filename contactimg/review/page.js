@@ -12,7 +12,7 @@ const REACH_PX = 2; // a contact is meant within this distance of its centre, as
 const state = {
   run: null, number: 0, data: null, contacts: [], rejected: [], image: null, size: [1, 1],
   light: null, above: null, curves: null, tool: "select", selected: [], hover: null, draft: null, drag: null,
-  undo: [], redo: [], unsaved: 0, isPreview: false, hidden: new Set(), show: { rejected: true, edits: true },
+  undo: [], redo: [], unsaved: 0, hidden: new Set(), show: { rejected: true, edits: true },
   view: { x: 0, y: 0, scale: 1 }, drawTimes: [],
 };
 const view = byId("view"), layer = document.createElement("canvas");
@@ -259,8 +259,7 @@ function drawDraft(pen) {
 
 // ---- contacts
 
-function takeContacts(data, isPreview = false) {
-  state.isPreview = isPreview;
+function takeContacts(data) {
   const { contacts, rejected, outlines } = data;
   state.data = data;
   state.contacts = contacts.label.map((label, k) => ({
@@ -330,7 +329,6 @@ async function showContact() {
   fillTable(byId("numbers"), numbersOf(contact));
   byId("residual-caption").textContent = "residual";
   for (const id of ["pixels", "model", "residual"]) byId(id).getContext("2d").clearRect(0, 0, 1e4, 1e4);
-  if (state.isPreview) return; // the server knows the contacts when the series is measured
   const answer = await ask(`frames/${state.number}/contact/${contact.label}.json`);
   if (turn === asked) showWindow(answer);
 }
@@ -685,39 +683,27 @@ function showEdits() {
 }
 
 async function startJob(kind) {
-  takeRun(await ask(kind, { first: state.number }));
+  takeRun(await ask(kind, {}));
   showRun();
   await followJob();
 }
 
 async function followJob() {
-  let job = await ask("job.json"), isShown = false;
+  let job = await ask("job.json");
   while (job.running) {
-    if (!isShown && job.kind === "measure" && job.result && job.result.preview === state.number) {
-      isShown = true;
-      takeContacts(await ask(`frames/${state.number}/preview.json`), true);
-      select([]);
-      showLegend();
-    }
-    tell(`${job.kind === "plateau" ? "scanning thresholds" : "measuring"}: ${job.done} of ${job.total} frames${isShown ? "; this frame is shown as measured alone" : ""}`);
+    tell(`measuring: ${job.done} of ${job.total} frames`);
     await new Promise((wake) => setTimeout(wake, 250));
     job = await ask("job.json");
   }
   takeRun(await ask("run.json"));
   showRun();
   if (job.error) throw new Error(`${job.kind}: ${job.error}`);
-  if (job.kind === "plateau") return tellPlateau(job.result);
   const data = await ask(`frames/${state.number}/contacts.json`);
   takeContacts(data);
   select([]);
   showLegend();
   scheduleCurves();
   tell(`measured again: ${state.contacts.length} contacts${data.row && data.row.message ? `; ${data.row.message}` : ""}`);
-}
-
-function tellPlateau(found) {
-  byId("plateau-text").textContent = `Plateau of all frames: ${found.threshold_low} to ${found.threshold_high}, slowest fall at ${found.threshold}; the area falls by ${short(found.relative_fall * 100, 2)} % over it.`;
-  tell("plateau found, as contactimg calibrate plateau finds it");
 }
 
 function showLegend() {
@@ -924,7 +910,6 @@ function listen() {
   byId("undo").addEventListener("click", undo);
   byId("redo").addEventListener("click", redo);
   byId("measure").addEventListener("click", () => attempt(startJob("measure")));
-  byId("find-plateau").addEventListener("click", () => attempt(startJob("plateau")));
   byId("use-threshold").addEventListener("click", () => attempt(useThreshold()));
   byId("slider").addEventListener("input", () => { showCurves(); if (byId("show-light").checked) markAbove(); });
   byId("show-light").addEventListener("change", () => attempt(loadLight()));

@@ -274,7 +274,7 @@ def answer_get(session: Session, path: str) -> Answer | None:
     }
     if what in pictures:
         return Answer(pictures[what](number), "image/png")
-    data = {"contacts": session.contacts, "preview": session.preview, "curves": session.curves}
+    data = {"contacts": session.contacts, "curves": session.curves}
     return Answer.of(data[what](number)) if what in data else None
 
 
@@ -301,11 +301,8 @@ def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer | N
         if not isinstance(value, int | float) or not 0 < value < 1:
             raise InputError("the threshold must be a fraction between 0 and 1")
         session.choose_threshold(float(value))
-    elif path in ("measure", "plateau"):
-        first = data.get("first")
-        known = isinstance(first, int) and 0 <= first < len(session.sources)
-        started = session.measure(first if known else None) if path == "measure" else session.find_plateau()
-        if not started:
+    elif path == "measure":
+        if not session.measure():
             return Answer.of({"error": "something is being measured already"}, 409)
     elif path == "cancel":
         session.jobs.cancel()

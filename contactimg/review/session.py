@@ -1,9 +1,8 @@
 """What is reviewed: a run, its frames and edits, and the tables that the page shows."""
 
 import shlex
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import RLock
@@ -12,8 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from contactimg.calibration.plateau import find_plateau
-from contactimg.errors import FrameError, InputError
+from contactimg.errors import InputError
 from contactimg.files import (
     EVERY_FRAME,
     MASK,
@@ -29,12 +27,10 @@ from contactimg.files import (
     read_run_table,
     set_scene_keys,
 )
-from contactimg.pipeline.calibrate.thresholds import measure_thresholds
-from contactimg.pipeline.frame import MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.measured_series import write_run
 from contactimg.pipeline.pictures import series_stretch
 from contactimg.pipeline.series import edits_by_frame, measure_parts
-from contactimg.review.frame_view import LIGHT_TOP, FrameView, picture, prepared_frame
+from contactimg.review.frame_view import LIGHT_TOP, FrameView, picture
 from contactimg.review.jobs import Jobs
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, EDITS, FRAMES, OUTLINES, REJECTED, Schema
@@ -86,12 +82,6 @@ class ShownTables:
             if schema.name not in known
         }
         return cls(read | {f"{name}.csv": table for name, table in known.items()}, folder)
-
-    @classmethod
-    def of_part(cls, part: MeasuredFrame) -> "ShownTables":
-        """The tables of one frame, which are in no folder."""
-        row, tables = FRAMES.conform(pd.DataFrame([part.row])), part.tables
-        return cls(dict(zip(TABLES, (tables.contacts, row, tables.rejected, tables.outlines), strict=True)))
 
     def rows(self, name: str, frame: str) -> pd.DataFrame:
         """The rows of a table that are about one frame."""
@@ -176,7 +166,6 @@ class Session:
                 f"{self.edits.path}: is a link, which is not followed; put the table itself there"
             )
         self.jobs, self._workers, self._lock = Jobs(), workers, RLock()
-        self._preview: tuple[int, dict[str, Any]] = (-1, {})
         self._known: tuple[str, Edits] = ("", [])
         shown = ShownTables.read(folder, frames=run.frames)
         self._measured = _Measured(shown, self._edits_of_run(run.provenance["inputs"]), run.scene)
@@ -342,35 +331,14 @@ class Session:
 
     # measuring again
 
-    def measure(self, number: int | None = None) -> bool:
-        """Start measuring the series as `process` does, with the present edits; False if a job runs.
+    def measure(self) -> bool:
+        """Start measuring the series as `process` does, with the present edits; False if a job runs."""
+        return self.jobs.start("measure", self._measure, total=len(self.sources))
 
-        The frame of this number, if any, is measured first and alone, to be shown meanwhile.
-        """
-        work = partial(self._measure, number=number)
-        return self.jobs.start("measure", work, total=len(self.sources))
-
-    def preview(self, number: int) -> dict[str, Any]:
-        """A frame measured alone, while the series is measured."""
-        if self._preview[0] != number:
-            raise InputError("this frame has not been measured alone")
-        return self._preview[1]
-
-    def find_plateau(self) -> bool:
-        """Start the scan of `calibrate plateau`; False if a job runs."""
-        return self.jobs.start("plateau", self._find_plateau, total=len(self.sources))
-
-    def _measure(self, advance: Any, *, number: int | None = None) -> None:
+    def _measure(self, advance: Any) -> None:
         """Measure the series; frames whose edits and scene are as before come from the store."""
         with self._lock:
             edits, experiment, scene = self._edits_now(), self.open(), self.scene
-        if number is not None and len(experiment.frames) > 1:
-            with suppress(FrameError):  # the series will say why
-                frame, reference, options = prepared_frame(experiment, number)
-                edits_of_it = self._corrections(experiment, number)
-                part = measure_scene_frame(frame, reference, None, edits_of_it, options=options)
-                self._preview = (number, ShownTables.of_part(part).of_frame(self.sources[number].name))
-                self.jobs.tell({"preview": number})
         record = provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)
         top = Path(self._scratch.name)
         store = PartStore(top / "frames", record, resumes=False)
@@ -380,12 +348,6 @@ class Session:
         write_run(series, folder)
         with self._lock:
             self._measured = _Measured(ShownTables.read(folder), edits, scene)
-
-    def _find_plateau(self, advance: Any) -> dict[str, float]:
-        series = measure_thresholds(self.open(), workers=self._workers, advance=advance)
-        found = find_plateau(series.thresholds, series.areas)
-        names = ("threshold_low", "threshold", "threshold_high", "relative_fall")
-        return {name: getattr(found, name) for name in names}
 
 
 def _meaning(row: dict[Any, Any]) -> tuple[Any, ...]:

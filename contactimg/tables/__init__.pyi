@@ -27,7 +27,6 @@ from .schemas import SUMMITS as SUMMITS
 from .schemas import THRESHOLD_CURVE as THRESHOLD_CURVE
 from .schemas import TOPOGRAPHY as TOPOGRAPHY
 from .schemas import TRADEOFF as TRADEOFF
-from .schemas import UNCERTAINTIES as UNCERTAINTIES
 from .schemas import VARIANTS as VARIANTS
 from .schemas import Schema as Schema
 from .statuses import FAILED as FAILED

@@ -447,9 +447,7 @@ CHECK = Schema(
         "drawn": ("Int64", "number of contacts drawn"),
         "found": ("Int64", "number of them that were found"),
         "completeness": ("float64", "found over drawn"),
-        "completeness_std": ("float64", "standard uncertainty of completeness"),
         "bias_px": ("float64", "mean of measured minus true radius, px"),
-        "bias_std_px": ("float64", "standard uncertainty of bias_px, px"),
         "rms_px": ("float64", "root mean square of measured minus true radius, px"),
         "within_1_std": ("float64", "share whose error is below one stated standard uncertainty"),
         "within_2_std": ("float64", "share whose error is below two"),
@@ -527,19 +525,6 @@ CIRCLES = Schema(
         "message": MESSAGE,
     },
     "Contact circles of a smooth sphere from `calibrate jkr`, one row per frame.",
-)
-
-UNCERTAINTIES = Schema(
-    "uncertainties",
-    {
-        "source": ("str", "what may be off"),
-        "size": ("float64", "its standard uncertainty, or the error that is assumed, in `unit`"),
-        "unit": ("str", "unit of size"),
-        "young_modulus": ("float64", "relative change of Young's modulus by it"),
-        "work_of_adhesion": ("float64", "relative change of the work of adhesion by it"),
-        "state": ("str", "allowed for or fitted (both in the stated uncertainties), or not included"),
-    },
-    "What each source of error does to the result of `calibrate jkr`, one row per source.",
 )
 
 THRESHOLD_CURVE = Schema(

@@ -15,21 +15,13 @@ from numpy.typing import NDArray
 from contactimg.effects.optics import busiest_quarter
 from contactimg.effects.output_change import relative_change, stated_change
 from contactimg.errors import InputError
-from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
-from contactimg.imaging.profile.film_rim import FilmSetting
-from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.imaging.measure import ImageMeasurement
 from contactimg.pose.pairs import pair_points
-from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
 
-DISK = "fit of blurred disks"
-COUNT = "threshold at half height"
-CORRECTED = "threshold, radius of the blurred disk"
-METHODS = (COUNT, CORRECTED, DISK)
-
-HALF_HEIGHT = 0.5
-"""Threshold as a fraction of the contrast."""
+METHODS = {"threshold": "pixels above the threshold", "disk": "fit of blurred disks"}
+"""Method -> name in the table."""
 
 SAME_CONTACT_PX = 2.0
 """Disks whose centres are closer than this, or than the radius, are the same contact. Chosen by hand."""
@@ -82,41 +74,27 @@ def measure_cheapest(
     image: NDArray,
     reference: NDArray | None,
     *,
-    scene: Scene,
+    measure: Callable[..., ImageMeasurement],
     relative: float,
-    full_scale: float | None,
-    film: FilmSetting | None = None,
+    output: str,
 ) -> tuple[ImageMeasurement, Choice]:
     """Count pixels above the threshold; fit disks if that is estimated to miss the tolerance.
 
     Parameters
     ----------
     image, reference : ndarray, shape (rows, columns)
-    scene : Scene
-        ``[measure]``, ``[images]`` and ``[tolerance] output``; the method is what is chosen here.
+    measure : callable
+        Measures an image with its reference by a ``method``.
     relative : float
         Tolerance of the output.
-    full_scale : float or None
-    film : FilmSetting or None
-        Bright rim that contacts may have, for the fit.
+    output : str
 
     Returns
     -------
     ImageMeasurement, Choice
     """
-    measure = partial(
-        measure_image,
-        polarity=scene.images.polarity,
-        threshold=scene.measure.threshold,
-        threshold_std=scene.measure.threshold_std,
-        full_scale=full_scale,
-        blur_px=scene.measure.blur_px,
-        optics=SharedOptics().with_edge(scene.measure.edge_shift_px, scene.measure.edge_shift_std_px),
-        absent=scene.effects.switched_off(*CORRECTIONS),
-    )
-    output = scene.tolerance.output
-    fit = partial(measure, method="disk", film=film, shape=scene.measure.shape)
-    measurement, method = measure(image, reference, method="threshold"), "threshold"
+    fit = partial(measure, method="disk")
+    measurement, method = measure(image, reference, method="threshold", film=None), "threshold"
     error = count_error(measurement.disks, image, reference, fit=fit, output=output)
     if error > relative:
         measurement, method = fit(image, reference), "disk"
@@ -176,31 +154,6 @@ def _inside(disks: pd.DataFrame, rows: slice, columns: slice) -> pd.DataFrame:
     x, y, a = (disks[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
     inside = (x - a > columns.start) & (x + a < columns.stop - 1) & (y - a > rows.start)
     return disks[inside & (y + a < rows.stop - 1)]
-
-
-def measure_disks(
-    scene: Scene, method: str, image: NDArray, reference: NDArray | None, full_scale: float | None
-) -> pd.DataFrame:
-    """Disks of a frame by one of `METHODS`, the other options as in the scene."""
-    disks = measure_image(
-        image,
-        reference,
-        method="disk" if method == DISK else "threshold",
-        polarity=scene.images.polarity,
-        threshold=HALF_HEIGHT,
-        full_scale=full_scale,
-        blur_px=scene.measure.blur_px,
-    ).disks
-    if method != CORRECTED:
-        return disks
-    blur = scene.measure.blur_px
-    if blur is None and scene.simulate is not None and scene.effects.blur != "off":
-        blur = scene.simulate.blur_px
-    if not blur:
-        raise InputError("the blur is not known: give blur_px in [measure]")
-    # half height lies (s^2 + 1/12)/(2 a) inside the edge of a wide disk of radius a
-    radius = disks["radius_px"]
-    return disks.assign(radius_px=(radius + np.sqrt(radius**2 + 2 * (blur**2 + 1 / 12))) / 2)
 
 
 def disk_change(

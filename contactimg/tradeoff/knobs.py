@@ -12,19 +12,18 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
 from contactimg.effects.mechanics import estimate_mechanics, solve_scene
+from contactimg.effects.optics import measuring
 from contactimg.effects.output_change import OUTPUTS, relative_change, stated_change
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.frame import Frame
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
-from contactimg.models.coupling import Kernel
-from contactimg.models.fast_coupling import FastCoupling
 from contactimg.models.greenwood_williamson import RingSolution
 from contactimg.models.solution import InteractingSolution
 from contactimg.prediction import pattern_sides, solve_average
 from contactimg.render import Rendered, render_contacts, render_reference
 from contactimg.scene import Scene
 from contactimg.surfaces import generate_asperities
-from contactimg.tradeoff.choice import DISK, METHODS, disk_change, measure_disks
+from contactimg.tradeoff.choice import METHODS, disk_change
 from contactimg.tradeoff.measure import Knob, Setting
 
 Values = NDArray[np.float64]
@@ -40,16 +39,10 @@ LEVELS = {
 }
 """Level of coupling -> name in the table."""
 
-BOUNDARY_ERROR = {"force": 1e-5, "area": 5e-4, "radius": 2.5e-4, "profile": 1e-5, "all": 5e-4}
-"""Relative error of the stored boundary-element solution on its grid of ``h`` = 1 um. Forces: from the
-differences between grids. Areas: the pixel size adds ``5 h^2/12`` to a mean ``a^2`` of 880 um^2."""
-
 TOLERANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 CONVERGED_RESIDUAL = 1e-13
-ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-9)
-SUMMED_POINTS, MORE_SUMMED_POINTS, CHECKED_POINTS = 20_000, 200_000, 400
 RINGS, MANY_RINGS = (10, 20, 50, 100, 200, 400), 800
-PATTERNS, MORE_PATTERNS = (1, 2, 4, 8, 16, 32), (64, 128, 256)
+PATTERNS = (1, 2, 4, 8, 16, 32)
 DEPTHS, CONVERGED_DEPTH = (1, 2, 3, 4, 8), 16
 
 SAMPLING_NOISE_LEVELS = 1.0
@@ -119,18 +112,12 @@ class OwnFrame:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene at a load (N, NaN without one).
-
-    ``stored``: load and computing time (s) of the stored boundary-element solution next to it. ``fine``:
-    whether slow settings are measured as well.
-    """
+    """A scene at a load (N, NaN without one)."""
 
     scene: Scene
     asperities: pd.DataFrame | None = None
     load: float = math.nan
-    stored: tuple[float, float] | None = None
     measured: OwnFrame | None = None
-    fine: bool = False
 
     @property
     def output(self) -> str:
@@ -167,41 +154,41 @@ class Case:
 def image_settings(case: Case) -> Iterator[Setting]:
     """The methods that measure contacts, on a frame rendered from the scene, else on one of its frames."""
     own = case.measured
-    if own is not None:
-        blank = None if own.reference is None else own.reference.image
-        shot = own.frame.image, blank, own.frame.full_scale
-        fitted = cache(partial(measure_disks, case.scene, DISK, *shot))
 
-        def stated(disks: pd.DataFrame) -> float:
-            if not len(disks):
-                raise InputError("no contact was found on the frame")
-            return stated_change(case.output, radius=disks["radius_px"], std=disks["radius_std_px"])
-
-        def against_fit(disks: pd.DataFrame) -> float:
-            return disk_change(case.output, disks, fitted())
-
-        for name in METHODS:
-            compared = (against_fit, f"{DISK}, no truth known")
-            if name == DISK:
-                compared = (stated, "its own stated uncertainty")
-            yield Setting(name, partial(measure_disks, case.scene, name, *shot), *compared)
-        return
+    @cache
+    def shot() -> tuple[Frame, NDArray | None]:
+        if own is not None:
+            return own.frame, None if own.reference is None else own.reference.image
+        rng = np.random.default_rng([case.scene.need("simulate", "rendering a frame").seed, 1])
+        return rendered().frame, render_reference(case.scene, rng=rng).image
 
     solution = cache(case.contacts)
-    seed = case.scene.need("simulate", "rendering a frame").seed
     rendered = cache(lambda: _render(case.scene, solution()))
-    reference = cache(lambda: render_reference(case.scene, rng=np.random.default_rng([seed, 1])).image)
 
-    def run_method(name: str) -> pd.DataFrame:
-        frame = rendered().frame
-        return measure_disks(case.scene, name, frame.image, reference(), frame.full_scale)
+    def run(method: str) -> pd.DataFrame:
+        return measuring(case.scene, shot()[0].full_scale)(shot()[0].image, shot()[1], method=method).disks
+
+    fitted = cache(partial(run, "disk"))
 
     def error(disks: pd.DataFrame) -> float:
         radii = solution().composite_radius[solution().touching]
         return disk_change(case.output, disks, rendered().contacts, radii)
 
-    for name in METHODS:
-        yield Setting(name, partial(run_method, name), error, "truth of the frame")
+    def against_fit(disks: pd.DataFrame) -> float:
+        return disk_change(case.output, disks, fitted())
+
+    def stated(disks: pd.DataFrame) -> float:
+        if not len(disks):
+            raise InputError("no contact was found on the frame")
+        return stated_change(case.output, radius=disks["radius_px"], std=disks["radius_std_px"])
+
+    compared = {
+        "threshold": (against_fit, f"{METHODS['disk']}, no truth known"),
+        "disk": (stated, "its own stated uncertainty"),
+    }
+    for method, name in METHODS.items():
+        how = (error, "truth of the frame") if own is None else compared[method]
+        yield Setting(name, partial(run, method), *how)
 
 
 def _render(scene: Scene, solution: InteractingSolution) -> Rendered:
@@ -227,7 +214,7 @@ def supersampling_settings(case: Case) -> Iterator[Setting]:
     def measured(rendered: Rendered) -> pd.DataFrame:
         image = rendered.frame.image
         flat = np.full_like(image, simulate.background_levels)
-        return measure_disks(case.scene, DISK, image, flat, rendered.frame.full_scale)
+        return measuring(case.scene, rendered.frame.full_scale)(image, flat, method="disk").disks
 
     reference = cache(lambda: measured(run(CONVERGED_DEPTH)))
 
@@ -235,12 +222,12 @@ def supersampling_settings(case: Case) -> Iterator[Setting]:
         return disk_change(case.output, measured(answer), reference())
 
     for depth in DEPTHS:
-        compared = f"{CONVERGED_DEPTH} a pixel, both measured by {DISK}"
+        compared = f"{CONVERGED_DEPTH} a pixel, both measured by {METHODS['disk']}"
         yield Setting(f"{depth} a pixel", partial(run, depth), error, compared)
 
 
 def model_settings(case: Case) -> Iterator[Setting]:
-    """The contact models: statistical models, levels of coupling, stored boundary elements."""
+    """The contact models: statistical models and levels of coupling."""
     reference = cache(lambda: case.converged("full"))
     compared = f"the same asperities {LEVELS['full']}"
 
@@ -260,9 +247,6 @@ def model_settings(case: Case) -> Iterator[Setting]:
     def stated_error(_: InteractingSolution) -> float:
         errors = estimate_mechanics(case.scene, case.table(), load=case.load).model_error.errors
         return max(errors[name] for name in (OUTPUTS if case.output == "all" else (case.output,)))
-
-    def stored_error(_: None) -> float:
-        return BOUNDARY_ERROR[case.output]
 
     models: dict[Literal["gw", "gt"], str] = {"gw": "Greenwood-Williamson", "gt": "Greenwood-Tripp"}
     for model, name in models.items():
@@ -284,16 +268,6 @@ def model_settings(case: Case) -> Iterator[Setting]:
             )
         elif level in ADHESIVE_COUPLINGS or case.scene.effects.adhesion != "on":
             yield Setting(name, partial(case.solve, level), level_error, compared)
-    if case.stored is not None:
-        load, seconds = case.stored
-        yield Setting(
-            "boundary elements, 8192² (stored)",
-            case.contacts,
-            stored_error,
-            "what its grid of 1 um resolves",
-            stored_time=seconds,
-            message=f"boundary elements, grid 1 um, stored SA+ pattern at {load:g} N; time on one core",
-        )
 
 
 def solver_settings(case: Case) -> Iterator[Setting]:
@@ -307,38 +281,6 @@ def solver_settings(case: Case) -> Iterator[Setting]:
         run = partial(case.solve, "asymptotic", tolerance)
         compared = f"the same equations to a residual of {CONVERGED_RESIDUAL:.0e}"
         yield Setting(f"residual {tolerance:.0e}", run, error, compared)
-
-
-def sum_settings(case: Case) -> Iterator[Setting]:
-    """Accuracy of one coupling sum over random points, too many for a stored matrix."""
-    count = MORE_SUMMED_POINTS if case.fine else SUMMED_POINTS
-    rng = np.random.default_rng(0)
-    x, y, force = rng.random(count), rng.random(count), rng.random(count)
-    checked = rng.choice(count, CHECKED_POINTS, replace=False)
-
-    def run(accuracy: float) -> Values:
-        return FastCoupling(x, y, Kernel.of_thickness(np.inf), accuracy).displacement(force)
-
-    @cache
-    def direct() -> Values:
-        totals = []
-        for i in checked:
-            distance = np.hypot(x - x[i], y - y[i])
-            distance[i] = np.inf
-            totals.append(float(np.sum(force / (np.pi * distance))))
-        return np.array(totals)
-
-    def error(answer: Values) -> float:
-        return float(np.sqrt(np.mean((answer[checked] - direct()) ** 2) / np.mean(direct() ** 2)))
-
-    for accuracy in ACCURACIES:
-        yield Setting(
-            f"accuracy {accuracy:.0e}",
-            partial(run, accuracy),
-            error,
-            f"direct sums at {CHECKED_POINTS} of {count} points",
-            message="set-up and one sum",
-        )
 
 
 def ring_settings(case: Case) -> Iterator[Setting]:
@@ -356,8 +298,7 @@ def ring_settings(case: Case) -> Iterator[Setting]:
 
 def pattern_settings(case: Case) -> Iterator[Setting]:
     """The number of random patterns that are averaged."""
-    counts = (*PATTERNS, *MORE_PATTERNS) if case.fine else PATTERNS
-    most = counts[-1]
+    most = PATTERNS[-1]
     indenter = case.scene.need("indenter", "averages")
 
     def one(index: int) -> Average:
@@ -385,7 +326,7 @@ def pattern_settings(case: Case) -> Iterator[Setting]:
     def error(answer: list[Average]) -> float:
         return scatter() / math.sqrt(len(answer))
 
-    for count in counts:
+    for count in PATTERNS:
         yield Setting(
             f"{count} pattern" + "s" * (count > 1),
             partial(run, count),
@@ -413,33 +354,22 @@ def _draw_pattern(case: Case, rng: np.random.Generator) -> tuple[pd.DataFrame, f
 def lacks(case: Case, kind: str) -> str:
     """What a scene lacks for "mechanics", "averages", "rendering" or "frames"; empty for nothing."""
     scene, section = case.scene, case.scene.asperities
-    if kind == "averages":  # statistical models need no table
-        if scene.indenter is None or scene.elastic is None or section is None:
-            return "needs [indenter], [elastic] and [asperities]"
-        if case.asperities is None and (section.height_law is None or section.radius is None):
-            return "needs a table of asperities, or the parameters of a height law"
-        return "" if case.load > 0 else "needs a load above 0"
     if kind == "frames":
         missing = lacks(case, "rendering") if case.measured is None else ""
         return f"{missing} or frames of its own" if missing else ""
-    camera: dict[str, object] = {"[camera]": scene.camera, "[simulate]": scene.simulate}
-    solved: dict[str, object] = {
-        "[indenter]": scene.indenter,
-        "[elastic]": scene.elastic,
-        "[asperities] with a file or a generator": case.asperities,
-    }
-    for joint, sections in ((" and ", camera if kind == "rendering" else {}), (", ", solved)):
-        missing = joint.join(name for name, part in sections.items() if part is None)
-        if missing:
-            return f"needs {missing}"
-    return "" if case.load > 0 else "needs a load above 0"
+    sections = [*(("camera", "simulate") if kind == "rendering" else ()), "indenter", "elastic", "asperities"]
+    missing = ", ".join(f"[{name}]" for name in sections if getattr(scene, name) is None)
+    if not missing and case.asperities is None:
+        stated = section is not None and section.height_law is not None and section.radius is not None
+        if not (kind == "averages" and stated):  # statistical models need no table
+            missing = "[asperities] with a file or a generator"
+    return f"needs {missing}" if missing else "" if case.load > 0 else "needs a load above 0"
 
 
 KNOBS: dict[str, tuple[str, Callable[[Case], Iterator[Setting]], str]] = {
     "image": ("measurement of a frame", image_settings, "frames"),
     "model": ("contact model", model_settings, "mechanics"),
     "solver": ("tolerance of the solver", solver_settings, "mechanics"),
-    "sums": ("coupling sums over many contacts", sum_settings, "mechanics"),
     "rings": ("rings of Greenwood-Tripp", ring_settings, "averages"),
     "patterns": ("patterns of an ensemble", pattern_settings, "mechanics"),
     "supersampling": ("sampling of rendered frames", supersampling_settings, "rendering"),
@@ -450,12 +380,10 @@ KNOBS: dict[str, tuple[str, Callable[[Case], Iterator[Setting]], str]] = {
 def make_knob(case: Case, name: str) -> Knob:
     """The knob of a name for a case."""
     title, settings, _ = KNOBS[name]
-    output, load = case.output, case.load
-    if name == "sums":
-        output, load = "displacement", math.nan
+    load = case.load
     if name == "image" and case.measured is not None:
         title, load = f"measurement of {case.measured.frame.name}", case.measured.load
-    return Knob(name, title, output, load, tuple(settings(case)))
+    return Knob(name, title, case.output, load, tuple(settings(case)))
 
 
 def applicable_knobs(case: Case, names: Sequence[str] = ()) -> tuple[list[Knob], dict[str, str]]:

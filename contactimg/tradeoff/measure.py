@@ -34,7 +34,6 @@ OUTPUT_WORDS = {
     "area": "A",
     "force": "the forces",
     "radius": "the radii",
-    "displacement": "a sum",
 }
 
 NEGLIGIBLE_TIME_FRACTION = 0.02
@@ -56,8 +55,6 @@ class Setting:
         Returns the relative error of the result; not timed.
     reference : str
         What the result is compared with.
-    stored_time : float, s, or None
-        Time of an earlier computation; the setting is not run, and ``error`` gets None.
     message : str
         Note for the table.
     """
@@ -66,7 +63,6 @@ class Setting:
     run: Callable[[], Any]
     error: Callable[[Any], float]
     reference: str
-    stored_time: float | None = None
     message: str = ""
 
 
@@ -152,7 +148,7 @@ def measure_knob(
 
     for k, setting in enumerate(settings):
         try:
-            errors[k] = float(setting.error(timed(k) if setting.stored_time is None else None))
+            errors[k] = float(setting.error(timed(k)))
         except FAILURES as error:
             times[k].clear()
             reasons[k] = str(error) or type(error).__name__
@@ -166,13 +162,12 @@ def measure_knob(
                 timed(k)
                 left -= taken[-1]
     own = pd.Series([min(taken, default=math.nan) for taken in times])
-    stored = [math.nan if why else s.stored_time for s, why in zip(settings, reasons, strict=True)]
     table = pd.DataFrame(
         {
             "knob": knob.name,
             "setting": [setting.name for setting in settings],
             "error": errors,
-            "time_s": own.fillna(pd.Series(stored, dtype=float)),
+            "time_s": own,
             "output": knob.output,
             "reference": [setting.reference for setting in settings],
             "load_N": knob.load,

@@ -29,24 +29,24 @@ def make_ellipsoids(table):
     caps.to_csv(table, index=False)
 
 
-@pytest.fixture(scope="module", params=["paper", "own caps"])
-def outputs(request, small_series, tmp_path_factory):
+@pytest.fixture(scope="module")
+def outputs(small_series, tmp_path_factory):
     """The folder with what predict, process, overlay, analyse and report wrote for one scene."""
     top = tmp_path_factory.mktemp("one")
     series, run = copy_of(small_series, top / "series"), top / "run"
     source = {name: dict(keys) for name, keys in read_scene(series).source.items()}
-    source["effects"] |= {"model": "paper" if request.param == "paper" else "planned"}
-    if request.param == "own caps":
-        make_ellipsoids(series / "asperities.csv")
+    source["effects"] |= {"model": "planned"}
+    make_ellipsoids(series / "asperities.csv")
     source.pop("tolerance", None)
     write_scene(source, series / "scene.toml")
     loads = [word for load in LOADS for word in ("--load-N", str(load))]
+    with_both = ["--with", str(top / "overlay"), "--with", str(top / "analysis")]
     for words in (
         ["predict", str(series), *loads, "-o", str(top / "predicted")],
         ["process", str(series), "-o", str(run), "--no-pictures"],
         ["overlay", str(run), "-o", str(top / "overlay")],
         ["analyse", str(run), "-o", str(top / "analysis")],
-        ["report", str(run), "--with", str(top / "overlay"), "-o", str(top / "page.html")],
+        ["report", str(run), *with_both, "-o", str(top / "page.html")],
     ):
         assert main([*words, "--quiet"]) == 0
     return top

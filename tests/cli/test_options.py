@@ -87,7 +87,7 @@ def test_a_unit_adds_no_digits(value):
 OPTIONS = """
 analyse: --annulus-mm --calibration --cluster --confidence --friction-std-N --load-max-N --load-min-N
     --load-relative-std --load-std-N --load-tolerance --min-contacts --min-radius-px --models/--no-models
-    -o/--output --smooth --smooth-stress-MPa --smooth-stress-std-MPa --topography --workers
+    -o/--output --smooth --workers
 asperities: --depth --form --height-unit --min-height-um -o/--output --pixel-size-um
 calibrate jkr: --cluster --frames --loads --no-plausibility -o/--output --pixel-size-um --polarity
     --reference --scene --workers
@@ -104,14 +104,14 @@ import-rois: --author --frame --no-plausibility -o/--output
 init: --force --lens-radius-mm --no-input --no-plausibility --pixel-size-um --young-modulus-MPa
 overlay: --min-radius-px --no-plausibility -o/--output --workers
 predict: --annulus-mm --cluster --coupling --displacement-um --load-N --model --no-plausibility
-    -o/--output --patterns --tolerance --workers
+    -o/--output --tolerance --workers
 process: --calibration --cluster --format --frames --loads --method --no-plausibility
-    --numbers/--no-numbers -o/--output --pictures/--no-pictures --pixel-size-um --polarity --reference
+    -o/--output --pictures/--no-pictures --pixel-size-um --polarity --reference
     --scene --shape --threshold --tolerance --workers
 report: --max-pictures -o/--output --with
 review: --no-browser --origin --port --workers
 simulate: --cluster --no-plausibility -o/--output --plan --workers
-tradeoff: --fine --knob --load-N --no-plausibility -o/--output --tolerance
+tradeoff: --knob --load-N --no-plausibility -o/--output --tolerance
 """
 """Names that users script against, beside --quiet, --verbose and --timings, which every command has."""
 

@@ -38,8 +38,8 @@ def nothing(_folder):
 
 
 SLIPS = {
-    "mm typed as um": (nothing, ("--pixel-size-um", "0.006"), "were mm typed as µm"),
-    "um typed as mm": (nothing, ("--pixel-size-um", "6000"), "was it given in µm or mm"),
+    "mm typed as um": (nothing, ("--pixel-size-um", "0.006"), "mm, typed as µm"),
+    "um typed as mm": (nothing, ("--pixel-size-um", "6000"), "was it given in mm?"),
     "grams": (loads_by(lambda load: load / 9.80665e-3), (), "load in mN or grams"),
     "mN": (loads_by(lambda load: 1e3 * load), (), "load in mN or grams"),
     "order": (loads_by(lambda load: load[::-1].to_numpy()), (), "order of the loads reversed"),

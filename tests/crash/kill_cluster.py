@@ -2,10 +2,10 @@
 
     python tests/crash/kill_cluster.py --rounds 3 --seed 7
 
-A scheduler and two workers on this machine take the work of `process` and of an ensemble. A worker, the
-command or the scheduler is killed at a random time. A run that lost a worker must give the files of
-`--workers 1`; the others must end within a minute, by themselves or because they were killed, and give these
-files when they are started again. Exit code 1 if a case fails.
+A scheduler and two workers on this machine take the work of `process`. A worker, the command or the scheduler
+is killed at a random time. A run that lost a worker must give the files of `--workers 1`; the others must end
+within a minute, by themselves or because they were killed, and give these files when they are started again.
+Exit code 1 if a case fails.
 """
 
 import argparse
@@ -25,7 +25,6 @@ from small_series import SCENE
 from stored_results import stored_results
 
 from contactimg.cli import main
-from contactimg.files import write_scene
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
@@ -38,7 +37,6 @@ SERIES = SCENE | {
 }
 COMMANDS = {
     "process": ["process", "series", "--no-pictures"],
-    "ensemble": ["predict", "patterns", "--load-N", "0.02", "--load-N", "0.05", "--patterns", "400"],
 }
 
 
@@ -97,9 +95,8 @@ def run(rounds: int, seed: int) -> int:
     with tempfile.TemporaryDirectory() as top:
         os.chdir(top)
         scene = scene_from_dict(SERIES)
-        for name in ("series", "patterns"):
+        for name in ("series",):
             Path(name).mkdir()
-        write_scene(SERIES, Path("patterns/scene.toml"))  # with the generator, not with its table
         write_simulation(scene, need_asperities(scene, "a test"), Path("series"))
         for name, words in COMMANDS.items():
             if main([*words, "-o", f"whole_{name}", "--quiet", "--workers", "1"]) != 0:

@@ -13,7 +13,7 @@ from contactimg import ConvergenceError, InputError, ModelRangeError
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS, PART_CONTACTS, estimate_mechanics
 from contactimg.effects.output_change import OUTPUTS, WRITTEN, relative_change
 from contactimg.effects.plan import make_plan
-from contactimg.prediction import predict_contacts
+from contactimg.prediction import scene_level, solve_scene
 from contactimg.scene import scene_from_dict
 
 FACTOR = 3
@@ -25,11 +25,8 @@ STRICT = 2e-3
 
 def answer(scene, table, load):
     """Forces and radii of all asperities with the scene's switches."""
-    contacts = predict_contacts(scene, table, load=load).contacts
-    force, radius = np.zeros(len(table)), np.zeros(len(table))
-    rows = contacts["asperity"].to_numpy(int)
-    force[rows], radius[rows] = contacts["force_N"], contacts["radius_m"]
-    return force, radius
+    solution = solve_scene(scene, table, load=load, coupling=scene_level(scene, "auto"))
+    return solution.force, solution.radius
 
 
 def applicable(scene):

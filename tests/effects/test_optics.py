@@ -13,14 +13,20 @@ from small_series import SCENE
 
 from contactimg import measure_image, render_contacts, render_reference, scene_from_dict
 from contactimg.cli import main
-from contactimg.effects.optics import OPTICS, estimate_optics, film_makes_the_contrast
+from contactimg.effects.optics import (
+    OPTICS,
+    SHARP_BLUR_PX,
+    estimate_optics,
+    film_makes_the_contrast,
+    measuring,
+)
 from contactimg.effects.plan import make_plan
 from contactimg.files import read_frames, read_scene, write_scene
 from contactimg.imaging import foreground
 from contactimg.imaging.background import subtract as reference
 from contactimg.imaging.evidence import rules
 from contactimg.optics import render_settings
-from contactimg.pipeline.frame import SHARP_BLUR_PX, film_setting, resolve_measurement
+from contactimg.pipeline.frame import film_setting
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import explicit_switches, plan_simulation
 from contactimg.render import contacts as render_contacts_module
@@ -238,7 +244,7 @@ def of_area(scene, relative=0.01):
 
 def test_a_series_shows_all_that_the_scene_states_unless_the_plan_is_asked():
     scene = of_area(small_scene(read_noise="off"))
-    shown = plan_simulation(scene, need_asperities(scene, "a test")).scene.effects
+    shown = plan_simulation(scene, need_asperities(scene, "a test"))[0].effects
     stated = ("blur", "light_drift", "position_drift", "shot_noise", "quantisation", "saturation")
     assert {getattr(shown, name) for name in stated} == {"on"}
     assert (shown.read_noise, shown.dust, shown.sphere_profile) == ("off", "off", "on")
@@ -246,24 +252,21 @@ def test_a_series_shows_all_that_the_scene_states_unless_the_plan_is_asked():
 
 def test_every_switch_is_explicit_and_orders_are_obeyed():
     scene = of_area(small_scene(shot_noise="on", coupling="off"))
-    planned = plan_simulation(scene, need_asperities(scene, "a test"), optics=True)
-    switches = planned.scene.effects.switches()
+    planned, plans = plan_simulation(scene, need_asperities(scene, "a test"), optics=True)
+    switches = planned.effects.switches()
     assert set(switches.values()) == {"on", "off"}
     assert (switches["shot_noise"], switches["coupling"]) == ("on", "off")
     # no more than the tolerance of 1 % is at stake in any of these
     assert {switches[name] for name in ("light_drift", "position_drift", "quantisation", "dust")} == {"off"}
-    assert sorted(plan.load for plan in planned.plans) == [0.005, 0.05]
-    tight = of_area(scene, 1e-5)
-    kept = plan_simulation(tight, need_asperities(scene, "a test"), optics=True).scene.effects
-    assert (kept.shot_noise, kept.read_noise) == ("on", "on")
+    assert sorted(plan.load for plan in plans) == [0.005, 0.05]
 
 
 def test_a_smooth_contact_shows_all_that_the_scene_states():
     scene = small_scene()
-    planned = plan_simulation(scene, None)
-    assert planned.plans == ()
-    assert planned.scene == explicit_switches(scene)
-    assert planned.scene.effects.read_noise == "on"
+    planned, plans = plan_simulation(scene, None)
+    assert plans == ()
+    assert planned == explicit_switches(scene)
+    assert planned.effects.read_noise == "on"
 
 
 def test_an_effect_without_its_parameter_stops_before_the_first_frame(tmp_path, capsys):
@@ -361,9 +364,9 @@ def test_dust_that_is_off_is_not_looked_for(monkeypatch):
 
 def test_switches_of_the_scene_reach_the_measurement():
     scene = scene_from_dict({"effects": {"blur": "off"}})
-    assert resolve_measurement(scene).measure.blur_px == SHARP_BLUR_PX
+    assert measuring(scene, None).keywords["blur_px"] == SHARP_BLUR_PX
     given = scene_from_dict({"effects": {"blur": "off"}, "measure": {"blur_px": 2.0}})
-    assert resolve_measurement(given).measure.blur_px == 2.0
+    assert measuring(given, None).keywords["blur_px"] == 2.0
     sites = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "height_m": [0.0], "radius_m": [1e-4]})
     camera = {"camera": {"pixel_size_m": 6e-6}}
     for asked in ("auto", "on", "off"):

@@ -279,7 +279,7 @@ def test_effects_takes_every_output_and_leaves_all_to_the_plan(folder, capsys, o
     planned = capsys.readouterr().out
     assert f"{output} to 2 %" in planned
     assert "(scene)" not in planned
-    assert "with everything on" in planned
+    assert "not modelled" in planned
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-import contactimg.pipeline.frame as frame_module
+import contactimg.effects.optics as optics_module
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
@@ -48,11 +48,11 @@ def copy_of(folder: Path, target: Path) -> Path:
 
 def break_measurement(monkeypatch) -> None:
     """Let the measurement break on images whose brightest pixel is 7."""
-    measure = frame_module.measure_image
+    measure = optics_module.measure_image
 
     def breaking(image, *arguments, **options):
         if image.max() == 7:
             raise np.linalg.LinAlgError("singular")
         return measure(image, *arguments, **options)
 
-    monkeypatch.setattr(frame_module, "measure_image", breaking)
+    monkeypatch.setattr(optics_module, "measure_image", breaking)

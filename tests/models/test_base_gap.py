@@ -8,7 +8,6 @@ from contactimg.cli import main
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.adhesive import solve_adhesive
 from contactimg.models.interacting import solve_interacting
-from contactimg.pipeline.predict import predict_ensemble
 from contactimg.prediction import find_touching_load, predict_average, predict_contacts
 from contactimg.scene import scene_from_dict
 from contactimg.surfaces import generate_asperities
@@ -198,19 +197,6 @@ def test_averages_state_the_gap_of_their_mean_planes():
     assert light["min_gap_m"] > 40e-6
     with pytest.raises(ModelRangeError, match="planes touch"):
         predict_average(average_scene(radius_m=1e-3), None, load=1000.0, model="gw")
-
-
-def test_ensembles_keep_patterns_and_loads():
-    scene = scene_of(RA_LENS, asperities={"generate": "RA-", "side_m": SIDE, "seed": 4})
-    found = predict_ensemble(scene, [0.05, 0.22, 1e6], patterns=6, coupling="asymptotic", annulus=2.5e-4)
-    light, touching, absurd = (one.frames.iloc[0] for one in found)
-    assert light["status"] == "ok"
-    assert light["min_gap_m"] > 1e-6
-    assert touching["status"] == "approximate"
-    assert "6 random patterns" in touching["message"]
-    assert "of them the planes touch" in touching["message"]
-    assert absurd["status"] == "failed"
-    assert absurd["message"]
 
 
 def test_touching_load_from_the_command_line(tmp_path, capsys):

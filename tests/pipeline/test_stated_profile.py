@@ -11,10 +11,10 @@ from contactimg.forces import local_forces
 from contactimg.mechanics.contact_force import force_exponents, pressing_force
 from contactimg.mechanics.profiles import ProfileUnderLens
 from contactimg.pipeline.calibrate.thresholds import measure_thresholds
-from contactimg.pipeline.effects import plan_effects
 from contactimg.pipeline.frame import film_setting
 from contactimg.pipeline.inputs import contact_sites, scene_of_defined_laws
 from contactimg.pipeline.overlay import compare_run
+from contactimg.pipeline.predict import plan_effects
 from contactimg.pipeline.series import measure_series
 from contactimg.pipeline.simulate import simulate_series, write_simulation
 from contactimg.pipeline.tradeoff import prepare_tradeoff
@@ -112,16 +112,16 @@ def test_what_compares_models_of_caps_refuses_a_stated_profile(small_series, com
 
 def test_what_is_not_defined_for_a_profile_is_refused(asperities):
     film = scene_from_dict(SCENE | {"effects": {"film": "on"}})
-    with pytest.raises(InputError, match="the air film is rendered around caps"):
+    with pytest.raises(InputError, match='film = "on" takes caps'):
         next(simulate_series(film, asperities))
     sites = contact_sites(asperities, film)
-    with pytest.raises(InputError, match="is defined for caps, not for a stated profile; switch it off"):
+    with pytest.raises(InputError, match=r"states a profile, and .* takes caps"):
         film_setting(film, sites)
     assert film_setting(scene_from_dict(SCENE), sites) is None
     ordered = scene_from_dict(SCENE | {"effects": {"sphere_profile": "on"}})
     with pytest.raises(InputError, match="sphere_profile is not defined for asperities of a stated profile"):
         scene_of_defined_laws(ordered, sites)
-    with pytest.raises(InputError, match='hertz = "ellipse" is defined for caps'):
+    with pytest.raises(InputError, match='hertz = "ellipse" takes caps'):
         scene_of_defined_laws(scene_from_dict(SCENE | {"measure": {"hertz": "ellipse"}}), sites)
     long = contact_sites(asperities.assign(radius_2_m=3e-4), film)
     with pytest.raises(InputError, match="states a profile, and the table caps of ellipsoidal shape"):

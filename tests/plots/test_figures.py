@@ -9,7 +9,7 @@ from PIL import Image
 
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.files import write_figures
-from contactimg.plots import CAPTIONS, caption_of, plot_forces, plot_jkr, plot_plateau, plot_slopes
+from contactimg.plots import CAPTIONS, caption_of, plot_forces, plot_jkr, plot_plateau
 from contactimg.plots.numbers import number_with_interval, number_with_std, plain_number
 
 THRESHOLDS = np.linspace(0.1, 0.9, 9)
@@ -18,8 +18,7 @@ THRESHOLDS = np.linspace(0.1, 0.9, 9)
 def plateau(n=6, names=True):
     areas = np.linspace(1e-7, 1e-6, n) * np.exp(-THRESHOLDS)[:, None]
     called = [f"{k} mN" for k in range(n)] if names else []
-    rate = np.ones_like(THRESHOLDS)
-    return plot_plateau(THRESHOLDS, areas, low=0.3, high=0.6, names=called, fall_rates=rate)
+    return plot_plateau(THRESHOLDS, areas, low=0.3, high=0.6, names=called)
 
 
 def texts(ax):
@@ -52,15 +51,7 @@ def test_curves_of_a_plateau_are_named_and_few():
     named = [text for text in texts(plateau(200)) if text.endswith("mN")]
     assert len(named) == 8
     assert {"0 mN", "199 mN"} <= set(named)
-    assert len(texts(plateau(names=False))) == 2  # the shade, and how fast the area falls
-
-
-def test_slopes_have_the_area_at_the_right():
-    ax = plot_slopes(THRESHOLDS, 2 - THRESHOLDS, 0.1 * THRESHOLDS, found=0.45, areas=1e-6 * THRESHOLDS)
-    right = ax.figure.axes[1]
-    assert "mm²" in right.get_ylabel()
-    assert right.lines[0].get_ydata().tolist() == pytest.approx(THRESHOLDS.tolist())
-    assert "slope 1 at threshold 0.450" in texts(ax)
+    assert len(texts(plateau(names=False))) == 1  # the shade
 
 
 def test_forces_show_the_fitted_slope_and_what_is_left():

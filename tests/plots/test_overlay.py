@@ -89,14 +89,6 @@ def test_the_ring_leaves_the_rim_free(frame):
     assert drawn[ring].mean() > 0.9
 
 
-def test_numbers_are_drawn_on_demand(frame):
-    without, numbered = (
-        draw_measured(frame, shown([0, 0, 0]), VIEW, numbers=numbers) for numbers in (False, True)
-    )
-    assert without.indices.shape == numbered.indices.shape
-    assert (numbered.indices == GREYS - 1).sum() > (without.indices == GREYS - 1).sum()
-
-
 def test_all_frames_of_a_series_have_one_stretch(frame):
     dim = draw_overlay(0.5 * frame, [], VIEW)
     bright = draw_overlay(frame, [], VIEW)

@@ -21,9 +21,9 @@ import pytest
 from review_runs import process
 
 from contactimg.cli import main
+from contactimg.effects import optics
 from contactimg.errors import InputError
 from contactimg.files import read_edits, read_scene
-from contactimg.pipeline import frame
 from contactimg.review import ReviewServer, Session
 from contactimg.review.jobs import Jobs
 
@@ -267,28 +267,16 @@ def test_measuring_again_gives_the_tables_of_process(client, session, top):
     assert {name: (top / "run" / name).read_bytes() for name in TABLES} == before
 
 
-def test_the_frame_that_is_looked_at_is_shown_first(client, session):
-    assert client.get("frames/2/preview.json")[0] == 400
-    contacts = json.loads(client.get("frames/2/contacts.json")[2])["contacts"]
-    client.post("edits/insert", {"rows": [edit(x=contacts["x_px"][0], y=contacts["y_px"][0])]})
-    assert client.post("measure", {"first": 2})[0] == 200
-    assert session.jobs.wait().error == ""
-    alone = json.loads(client.get("frames/2/preview.json")[2])["contacts"]
-    final = json.loads(client.get("frames/2/contacts.json")[2])["contacts"]
-    assert len(alone["label"]) == len(final["label"]) == len(contacts["label"]) - 1
-    np.testing.assert_allclose(alone["x_px"], final["x_px"], atol=0.05)
-
-
 def test_frames_without_new_edits_are_not_measured_again(client, session, monkeypatch):
     names = {source.read().image.tobytes(): source.name for source in session.open().frames}
-    measured, measure_image = set(), frame.measure_image
+    measured, measure_image = set(), optics.measure_image
 
     def recorded(image, *arguments, **options):
         if np.isnan(options["optics"].contrast):  # not the second time, with the contrast of the series
             measured.add(names[image.tobytes()])
         return measure_image(image, *arguments, **options)
 
-    monkeypatch.setattr(frame, "measure_image", recorded)
+    monkeypatch.setattr(optics, "measure_image", recorded)
     for rows in ([], [edit(frame="frame_1.tif", x=5.0, y=5.0)], [edit(x=6.0, y=6.0)]):
         client.post("edits/insert", {"rows": rows})
         measured.clear()
@@ -303,8 +291,6 @@ def test_curves_are_those_of_process_and_calibrate(top):
     options = ["--quiet", "--workers", "1", "-o"]
     with closing(Session(top / "run", workers=1)) as session:
         curves = session.curves(0)
-        session.find_plateau()
-        found = session.jobs.wait().result
     t = curves["thresholds"]
     pixel_size = json.loads((top / "run" / "provenance.json").read_text())["pose"]["pixel_size_m"]
     k, out = 30, top / "threshold"
@@ -321,8 +307,7 @@ def test_curves_are_those_of_process_and_calibrate(top):
     # the pose, and with it the size of a pixel, is fitted anew
     np.testing.assert_allclose(curve["area_m2"], curves["scanned_areas"], rtol=1e-3)
     names = ("threshold_low", "threshold", "threshold_high")
-    assert [found[name] for name in names] == [record[name]["value"] for name in names]
-    assert list(curves["plateau"]) == [found[name] for name in names]
+    assert list(curves["plateau"]) == [record[name]["value"] for name in names]
 
 
 def test_a_chosen_threshold_goes_into_the_scene_file_and_nothing_else_changes(client, session, top):

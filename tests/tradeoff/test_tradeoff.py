@@ -2,7 +2,6 @@
 
 import math
 import time
-from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -63,7 +62,6 @@ SETTINGS = (
     Setting("quick", busy(0.002), lambda answer: 10 * answer, "the truth"),
     Setting("slow", busy(0.01), lambda _: 1e-4, "the truth"),
     Setting("broken", fail, lambda _: 0.0, "the truth"),
-    Setting("stored", fail, lambda _: 1e-6, "elsewhere", stored_time=100.0, message="another machine"),
 )
 
 
@@ -92,14 +90,6 @@ def test_a_setting_that_fails_is_a_row_with_its_reason():
     assert math.isnan(row["time_s"])
     assert row["message"] == "beyond the model"
     assert row["pareto"] is pd.NA
-
-
-def test_a_stored_time_is_shown_but_not_compared():
-    table = measured()
-    assert table.loc["stored", "time_s"] == 100.0
-    assert table.loc["stored", "message"] == "another machine"
-    assert table.loc["stored", "pareto"] is pd.NA
-    assert table.loc["slow", "pareto"] == 1
 
 
 def test_repetitions_stop_with_their_time():
@@ -194,16 +184,16 @@ def test_changes_of_averages():
 
 
 def texts(ax):
-    return {text.get_text().replace("\n", " ") for text in ax.texts}
+    legend = ax.get_legend()
+    return set() if legend is None else {text.get_text().replace("\n", " ") for text in legend.get_texts()}
 
 
 def test_the_figure_shows_every_setting_that_has_numbers():
     ax = plot_knob(measured().reset_index(), relative=0.01)
-    assert texts(ax) == {"quick", "slow", "stored"}
+    assert texts(ax) == {"quick", "slow"}
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
-    drawn = {(x, y) for line in ax.lines[1:4] for x, y in zip(*line.get_data(), strict=True)}
-    assert (100.0, 1e-6) in drawn
-    assert len(drawn) == 3
+    drawn = {(x, y) for line in ax.lines[1:3] for x, y in zip(*line.get_data(), strict=True)}
+    assert len(drawn) == 2
 
 
 def test_an_error_of_zero_is_drawn_below_the_others():
@@ -223,34 +213,13 @@ def test_an_error_of_zero_is_drawn_below_the_others():
     np.testing.assert_allclose(ax.lines[0].get_ydata(), [1e-3, 1e-4])
 
 
-def test_labels_do_not_overlap():
-    count = 6
-    table = TRADEOFF.conform(
-        pd.DataFrame(
-            {
-                "knob": "rings",
-                "setting": [f"setting {k}" for k in range(count)],
-                "error": 1e-3,
-                "time_s": 1.0,
-                "pareto": 1,
-                "output": "area",
-            }
-        )
-    )
-    ax = plot_knob(table)
-    ax.figure.canvas.draw()
-    places = [text.get_window_extent() for text in ax.texts]
-    assert len(places) == count
-    assert not any(one.overlaps(two) for one, two in combinations(places, 2))
-
-
 def test_one_panel_a_knob_and_a_legend():
     table = measured().reset_index()
-    two = pd.concat([table, table.assign(knob="rings"), table.assign(knob="sums")], ignore_index=True)
+    two = pd.concat([table, table.assign(knob="rings"), table.assign(knob="solver")], ignore_index=True)
     figure = plot_tradeoff(two, relative=0.01).get_figure()
     titles = [ax.get_title(loc="left") for ax in figure.axes if ax.axison]
     kinds = [title.split("\n")[0] for title in titles]
-    assert kinds == ["contact model", "rings of Greenwood-Tripp", "coupling sums over many contacts"]
+    assert kinds == ["contact model", "rings of Greenwood-Tripp", "tolerance of the solver"]
     assert len(figure.legends) == 1
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -24,6 +24,7 @@ from contactimg.analysis.radial_profiles import (
     ring_profile,
 )
 from contactimg.errors import ConvergenceError, InputError
+from contactimg.files import write_figures, write_table
 from contactimg.pipeline.analyse.places import (
     Place,
     annuli_of,
@@ -36,8 +37,9 @@ from contactimg.pipeline.analyse.places import (
 )
 from contactimg.pipeline.measured_series import shown_apex
 from contactimg.plausibility import doubts_about_match, mean_spacing, settle
+from contactimg.plots import caption_of, plot_areas, plot_friction, plot_pressure_law, plot_profile
 from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
-from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
+from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE, RESULTS, RUN_MODELS
 
 logger = logging.getLogger(__name__)
 
@@ -352,6 +354,19 @@ def _average_load(
     return LoadAverage(name, load, moments, profile, normalised, ring_area)
 
 
+POINT_COLUMNS = {
+    "r": "r_m",
+    "n": "n_contacts",
+    "pressure": "pressure_Pa",
+    "pressure_std": "pressure_std_Pa",
+    "density": "density_per_m2",
+    "density_std": "density_std_per_m2",
+    "mean_radius": "mean_radius_m",
+    "mean_radius_std": "mean_radius_std_m",
+}
+"""Columns of `contactimg.analysis.contacts_against_pressure.pressure_points` -> those of the table."""
+
+
 def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.DataFrame:
     """Density and mean radius against the local pressure, columns of `contactimg.tables.PRESSURE_LAW`."""
     parts = [PRESSURE_LAW.empty()]
@@ -360,23 +375,14 @@ def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.Dat
             continue
         sums = sum_moments(places.values())
         found = pressure_points(sums, min_contacts=min_contacts, by_those_beside=True)
-        columns = {
-            "r_m": "r",
-            "n_contacts": "n",
-            "pressure_Pa": "pressure",
-            "pressure_std_Pa": "pressure_std",
-            "density_per_m2": "density",
-            "density_std_per_m2": "density_std",
-            "mean_radius_m": "mean_radius",
-            "mean_radius_std_m": "mean_radius_std",
-        }
-        table = pd.DataFrame({name: found[source] for name, source in columns.items()}).assign(
+        found = found.assign(
             density_ratio=found["density"] / density,
             density_ratio_std=found["density_std"] / density,
             frame=average.name,
             model=model,
             load_N=average.load,
         )
+        table = found.rename(columns=POINT_COLUMNS)[list(PRESSURE_LAW.columns)]
         parts.append(PRESSURE_LAW.conform(table))
     return joined(parts, PRESSURE_LAW)
 
@@ -488,3 +494,115 @@ def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[
         y_std=stress["stress_std_Pa"],
         confidence=options.confidence,
     )
+
+
+# --- numbers, tables and figures
+
+ANOTHER_SURFACE = (
+    "the same exponent, interval of what another surface of the same kind gives at as many places"
+)
+
+
+def result_rows(analysis: Analysis) -> pd.DataFrame:
+    """The numbers of an analysis, columns of `contactimg.tables.RESULTS`."""
+    rows: list[dict[str, Any]] = []
+
+    def add(fit: dict[str, Any], quantity: str, found: Estimate | float, unit: str, note: str) -> None:
+        estimate = found if isinstance(found, Estimate) else Estimate(found, np.nan, np.nan, np.nan)
+        interval = {name: getattr(estimate, name) for name in ("value", "std", "low", "high")}
+        rows.append({"quantity": quantity, "unit": unit, "note": note} | interval | fit)
+
+    for model, law in analysis.area_laws.items():
+        fit = _fit(model, law, "N", law.n_places)
+        source = "between places" if law.n_places > 1 else "within the place, and stated errors"
+        note = "A ~ P^m, errors in A and P; of this surface, whatever its places: interval from scatter "
+        add(fit, "area_exponent", law.exponent, "1", note + source)
+        if law.here is not None:
+            note = "the same exponent, interval from the errors of areas and loads alone: of these places"
+            add(fit, "area_exponent_here", law.here, "1", note)
+        add(fit, "area_exponent_another_surface", law.another_surface, "1", ANOTHER_SURFACE)
+        note = f"A of that law at {law.reference:.6g} N, the geometric mean of the loads"
+        add(fit, "area_at_mean_load", law.amplitude, "m2", note)
+        if law.zero:
+            note = "zero of the load cell, fitted as the scene states zero_std_N, and taken off the loads"
+            add(fit, "area_load_zero", law.zero, "N", note)
+        note = "relative scatter of A about the law beyond the stated errors"
+        add(fit, "area_excess_scatter", law.scatter, "1", note)
+    for (quantity, model), broken in analysis.contact_laws.items():
+        single, name = broken.single, f"{quantity}_exponent"
+        fit = _fit(model, single, "Pa", single.n_places)
+        note = f"{quantity} ~ p^m, one law; of this surface, whatever its places"
+        add(fit, name, single.exponent, "1", note)
+        add(fit, f"{name}_another_surface", single.another_surface, "1", ANOTHER_SURFACE)
+        note = "probability of as much gain by a break that is not there (Davies)"
+        add(fit, f"{quantity}_break_p_value", broken.p_value, "1", note)
+        if broken.supported:
+            add(fit, f"{name}_above", broken.high_exponent, "1", "above p*")
+            add(fit, f"{name}_below", broken.low_exponent, "1", "below p*")
+            note = "p*, where the two laws meet; interval from the bootstrap"
+            add(fit, f"{quantity}_break_pressure", broken.break_x, "Pa", note)
+    stress, speed, n_places = (
+        analysis.shear_stress,
+        analysis.velocity_law,
+        analysis.friction["place"].nunique(),
+    )
+    if stress is not None:
+        fit = _fit("measured", stress, "m2", n_places)
+        note = "tau0 of Q = tau0 A, least squares through the origin, errors in A and Q"
+        add(fit, "shear_stress", stress.stress, "Pa", note)
+        if analysis.stress_ratio is not None:
+            add(fit, "shear_stress_ratio", analysis.stress_ratio, "1", "tau0 over that of the smooth contact")
+    if speed is not None:
+        fit = _fit("measured", speed, "m/s", n_places)
+        note = "tau0 ~ v^m, one shear stress at each velocity; 0 where friction does not depend on it"
+        add(fit, "shear_stress_velocity_exponent", speed.exponent, "1", note)
+    return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))
+
+
+def _fit(model: str, law: PowerLaw | ShearStress, unit: str, n_places: float) -> dict[str, Any]:
+    """The data behind a law: confidence level, points, places, and the fitted range of the abscissa."""
+    ends = {"model": model, "range_low": law.low, "range_high": law.high, "range_unit": unit}
+    return ends | {"confidence": law.confidence, "n_points": law.n_points, "n_places": n_places}
+
+
+def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate | None) -> pd.DataFrame:
+    """Write the tables of an analysis and its figures.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    folder : Path
+        Exists.
+    smooth_stress : Estimate or None, Pa
+        Shear stress of the smooth contact, drawn beside the friction.
+
+    Returns
+    -------
+    DataFrame
+        The numbers of the analysis, results.csv.
+    """
+    tables = [
+        (analysis.area, AREA),
+        (analysis.profile, PROFILE),
+        (analysis.normalised, NORMALISED),
+        (analysis.pressure_law, PRESSURE_LAW),
+        *([(analysis.friction, FRICTION)] if len(analysis.friction) else []),
+    ]
+    for table, schema in tables:
+        write_table(table, schema, folder / f"{schema.name}.csv")
+    figures = {"area": plot_areas(analysis.area, analysis.area_laws)}
+    normalised = analysis.normalised
+    known = normalised["model"].isin(RUN_MODELS) & normalised["pressure_over_hertz"].notna()
+    frames = normalised["frame"][known].unique()
+    for number, frame in enumerate(frames, start=1):
+        part = normalised[normalised["frame"] == frame]
+        figures[f"profile_{number:0{len(str(len(frames)))}d}"] = plot_profile(part)
+    for quantity in QUANTITIES if len(analysis.pressure_law) else ():
+        figures[quantity] = plot_pressure_law(analysis.pressure_law, analysis.contact_laws, quantity)
+    if analysis.shear_stress is not None:
+        figures["friction"] = plot_friction(analysis.friction, analysis.shear_stress, smooth_stress)
+    for name, ax in figures.items():
+        write_figures(ax, folder, name, caption=caption_of(name))
+    results = result_rows(analysis)
+    write_table(results, RESULTS, folder / "results.csv")
+    return results

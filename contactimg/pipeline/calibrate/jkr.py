@@ -1,7 +1,7 @@
 """`calibrate jkr`: modulus and work of adhesion from the contact circles of a smooth contact, with notes."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate
-from contactimg.calibration.jkr import HYSTERESIS, JkrCalibration, calibrate_jkr, check_loads
-from contactimg.calibration.jkr_uncertainties import (
-    ALLOWED,
-    UncertaintySource,
-    jkr_uncertainties,
-    suggested_layer,
-    suggested_zero,
-)
+from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
@@ -29,7 +22,6 @@ from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_open
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
-from contactimg.optics.wide_edge import film_opening
 from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
@@ -38,7 +30,7 @@ from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.numbers import number_with_interval
 from contactimg.pose.fit import MAD_TO_STD
 from contactimg.scene import Scene
-from contactimg.tables import CIRCLES, UNCERTAINTIES, Status
+from contactimg.tables import CIRCLES, Schema, Status
 
 CURVE_POINTS = 200  # of the fitted curve in the figure
 
@@ -345,25 +337,19 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
         doubts_about_calibration(
             young_modulus=calibration.young_modulus.value,
             work_of_adhesion=calibration.work_of_adhesion.value,
-            contact_over_radius=float(table["radius_m"][chosen].max()) / calibration.problem.sphere.radius,
+            contact_over_radius=float(table["radius_m"][chosen].max()) / calibration.sphere.radius,
         ),
         "the calibration",
     )
-    sources = list(jkr_uncertainties(calibration))
     if series.rival is not None:
         rival = _calibrate(series.rival[chosen & np.isfinite(series.rival["radius_m"])], scene)
-        calibration, source = _widened(calibration, rival, series.doubt)
-        sources.append(source)
+        calibration = calibration.widened(rival, series.doubt)
     for column in ("branch", "fitted_N", "residual_N", "used"):
         table.loc[chosen, column] = calibration.points[column].to_numpy()
     notes = calibration_notes(calibration, table, scene)
-    rows = [asdict(source) for source in sources]
-    record = _jkr_record(calibration, series, scene) | {"uncertainties": rows, "notes": notes}
+    record = _jkr_record(calibration, series) | {"notes": notes}
     failed = bool((table["status"] == Status.FAILED).any())
-    tables = {
-        "circles.csv": (CIRCLES, table),
-        "uncertainties.csv": (UNCERTAINTIES, pd.DataFrame(rows)),
-    }
+    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"circles.csv": (CIRCLES, table)}
     return Calibrated(record, tables, {"jkr": _jkr_figure(calibration)}, notes, failed=failed)
 
 
@@ -383,28 +369,9 @@ def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
     )
 
 
-def _widened(
-    calibration: JkrCalibration, rival: JkrCalibration, doubt: float
-) -> tuple[JkrCalibration, UncertaintySource]:
-    """The calibration with the uncertainty added by a rival opening of the film, and that as a row."""
-    names, part = ("young_modulus", "work_of_adhesion"), float(np.sqrt(doubt))
-    pairs = [(getattr(calibration, name), getattr(rival, name)) for name in names]
-    changes = [part * (other.value / one.value - 1) for one, other in pairs if one.value]
-    wider = {
-        name: one.widened(part * abs(other.value - one.value))
-        for name, (one, other) in zip(names, pairs, strict=True)
-    }
-    source = UncertaintySource("opening of the film", doubt, "1", changes[0], changes[-1], ALLOWED)
-    return replace(calibration, **wider), source
-
-
-def _contact_modulus(calibration: JkrCalibration) -> float:
-    return calibration.young_modulus.value / (1 - calibration.problem.sphere.poisson_ratio**2)
-
-
-def _jkr_record(calibration: JkrCalibration, series: CircleSeries, scene: Scene) -> dict[str, Any]:
-    """What ``calibration.json`` says of a JKR fit: results, quality, what was fixed, assumed and fitted."""
-    centre, problem, table = mean_centre(series.table), calibration.problem, series.table
+def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, Any]:
+    """What ``calibration.json`` says of a JKR fit: results, quality, what was fixed and fitted."""
+    centre, sphere, table = mean_centre(series.table), calibration.sphere, series.table
     fitted = ["young_modulus", "work_of_adhesion", "centre_x", "centre_y"]
     record: dict[str, Any] = {
         "kind": "jkr",
@@ -421,27 +388,18 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries, scene: Scene)
             "radius_std_median_m": float(table["radius_std_m"].median()),
             "film_opening_images_sqrt_m": series.opening,
             "film_opening_doubt": series.doubt,
-            "film_opening_fit_sqrt_m": film_opening(
-                contact_modulus=_contact_modulus(calibration),
-                work_of_adhesion=max(calibration.work_of_adhesion.value, 0.0),
-            ),
             "contact_moves_with_sample": centre.moves_with_sample,
             "departure": calibration.departure,
             "departure_rival": calibration.rival,
             "axis_ratio": mean_astigmatism(table).axis_ratio,
         },
         "fixed": {
-            "sphere_radius_m": problem.sphere.radius,
-            "poisson_ratio": problem.sphere.poisson_ratio,
-        },
-        "assumed": {
-            "load_zero_std_N": problem.series.zero_std,
-            "load_gain_std": problem.cell.gain_std,
-            "stated": scene.load.zero_std is not None and scene.load.gain_std is not None,
+            "sphere_radius_m": sphere.radius,
+            "poisson_ratio": sphere.poisson_ratio,
         },
     }
-    if problem.sphere.thickness is not None:
-        record["fixed"]["thickness_m"] = problem.sphere.thickness
+    if sphere.thickness is not None:
+        record["fixed"]["thickness_m"] = sphere.thickness
     if calibration.load_zero is not None:
         record["load_zero"] = calibration.load_zero.record("N")
         fitted += ["load_zero"] * calibration.load_zero_seen
@@ -450,10 +408,6 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries, scene: Scene)
         fitted.append("drift")
     if calibration.work_of_adhesion_unloading is not None:
         record["work_of_adhesion_unloading"] = calibration.work_of_adhesion_unloading.record("J/m^2")
-    blur = table["blur_px"].dropna().to_numpy(float)
-    if len(blur) > 1:  # of the edges of the reference contact
-        spread = float(np.std(blur, ddof=1) / np.sqrt(len(blur)))
-        record["edge_blur"] = CoverageEstimate.of_normal(float(np.mean(blur)), spread).record("px")
     if calibration.edge is not None and calibration.edge.settled:
         record["edge_shift"] = calibration.edge.shift.record("px")
         fitted.append("edge_shift")
@@ -463,12 +417,13 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries, scene: Scene)
 def _jkr_figure(calibration: JkrCalibration) -> Axes:
     """The fit with its residuals."""
     sphere = {
-        "sphere_radius": calibration.problem.sphere.radius,
+        "sphere_radius": calibration.sphere.radius,
         "work_of_adhesion": calibration.work_of_adhesion.value,
     }
     measured = calibration.points["load_N"]
     loads = np.linspace(max(measured.min(), jkr.pull_off_load(**sphere)), measured.max(), CURVE_POINTS)
-    radius = jkr.radius(loads, contact_modulus=_contact_modulus(calibration), **sphere)
+    modulus = calibration.young_modulus.value / (1 - calibration.sphere.poisson_ratio**2)
+    radius = jkr.radius(loads, contact_modulus=modulus, **sphere)
     fitted = [
         f"E = {number_with_interval(calibration.young_modulus, factor=1e-6)} MPa",
         f"w = {number_with_interval(calibration.work_of_adhesion, factor=1e3)} mJ/m²",
@@ -481,107 +436,68 @@ def _jkr_figure(calibration: JkrCalibration) -> Axes:
 
 
 def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene: Scene) -> list[str]:
-    """Sentences for a person.
-
-    Parameters
-    ----------
-    calibration : JkrCalibration
-    circles : DataFrame
-        Columns of `contactimg.tables.CIRCLES`, all frames.
-    scene : Scene
-
-    Returns
-    -------
-    list of str
-    """
+    """Sentences for a person on frames, load zero, order of the loads, edge, lens and layer."""
     left_out = circles[circles["radius_m"].notna() & (circles["used"] == 0)]
-    return [
+    notes = [
         *(str(text) for text in circles["message"] if text),
         *(
             f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
             for name in left_out["frame"]
         ),
-        *_notes_on_loads(calibration),
-        *_notes_on_shapes(calibration, circles),
-        *cell_notes(scene),
     ]
-
-
-def _notes_on_loads(calibration: JkrCalibration) -> Iterator[str]:
-    """Zero of the loads, difference between unloading and loading, and limits of the series of loads."""
-    zero, stated = calibration.load_zero, calibration.problem.series.zero_std
-    asked = suggested_zero(calibration) if zero is None else None
-    if asked is not None:
-        yield (
-            f"the frames ask for a zero of the loads of {1e3 * asked:.3g} mN, which was not fitted: state "
-            "zero_std_N in [load] if the load cell may be off so far, or correct the loads"
+    zero, stated = calibration.load_zero, calibration.load_cell.zero_std
+    if calibration.zero_asked is not None:
+        notes.append(
+            f"the frames ask for a zero of the loads of {1e3 * calibration.zero_asked:.3g} mN, which was not "
+            "fitted: state zero_std_N in [load] if the load cell may be off so far, or correct the loads"
         )
     if zero is not None and calibration.load_zero_seen:
         beyond = abs(zero.value) > BEYOND_PRIOR * stated
-        yield (
+        notes.append(
             f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted "
             "and taken off; correct the loads of the other folders of this load cell too"
             + beyond
             * f". This is far more than the {1e3 * stated:.2g} mN stated: check the loads"
         )
     if calibration.departure:
-        note = f"the order of the loads matters: a {calibration.departure} was fitted"
-        if calibration.departure == HYSTERESIS:
-            note = "unloading adheres more or less than loading: each branch has its own work of adhesion"
-        if calibration.rival:
-            note += (
-                f"; a {calibration.rival} explains the frames nearly as well, and the difference is in the "
-                "uncertainties; repeat the first load at the end to tell them apart"
-            )
-        yield note
+        rival = calibration.rival and (
+            f"; a {calibration.rival} explains the frames nearly as well, and the difference is in the "
+            "uncertainties; repeat the first load at the end to tell them apart"
+        )
+        notes.append(f"the order of the loads matters: a {calibration.departure} was fitted{rival}")
     points = calibration.points[calibration.points["used"].astype(bool)]
     count, branches = points["load_N"].nunique(), set(points["branch"])
     if count < FEW_LOADS:
-        yield (
-            f"{count} different loads: they hardly test the law, and the zero of the loads is not checked; "
-            "five or more do"
+        notes.append(
+            f"{count} different loads: they hardly test the law and the zero of the loads; take five"
         )
-    if branches == {"unloading"}:
-        yield (
-            "the loads only fall: the work of adhesion is that of unloading, which for rubber often exceeds "
-            "that of loading; E does not depend on it"
-        )
-    elif branches == {"loading"}:
-        yield (
-            "the loads only rise: hysteresis of adhesion and drift of the load cell cannot be seen; "
-            "w is that of loading"
-        )
-
-
-def _notes_on_shapes(calibration: JkrCalibration, circles: pd.DataFrame) -> Iterator[str]:
-    """A shifted edge, elliptic contacts, and the thickness of the layer."""
+    if len(branches) == 1 and branches != {""}:
+        notes.append(f"w is that of {branches.pop()} only; hysteresis of adhesion and drift cannot be seen")
     edge = calibration.edge
     if edge is not None:
-        shift = f"{edge.shift.value:+.3g} +- {edge.shift.std:.2g} px"
+        used = "" if edge.settled else "; too uncertain to act on other contacts"
         if edge.seen:
-            yield (
-                f"the edge seems to lie {shift} outside the true one: the radii were corrected; `process "
-                "--calibration` takes it off the radii of other contacts"
-            )
-        else:
-            used = "" if edge.settled else "; too uncertain to act on other contacts"
-            yield f"the edge lies where it seems, to {shift}{used}"
+            used = ": the radii were corrected; `process --calibration` takes it off those of other contacts"
+        shift = f"{edge.shift.value:+.3g} +- {edge.shift.std:.2g} px"
+        notes.append(f"the edge seems to lie {shift} outside the true one{used}")
     lens = mean_astigmatism(circles)
     if lens.seen:
-        yield (
+        notes.append(
             f"the contacts are ellipses, axes {lens.axis_ratio:.4f} +- {lens.axis_ratio_std:.1g} to 1: the "
             f"lens's radii of curvature differ by {150 * (lens.axis_ratio - 1):.2g} % (or pixels are not "
             f"square); radius_m must be their geometric mean, and E is uncertain by "
             f"{100 * lens.curvature_std:.2g} % unless it is"
         )
-    thickness = calibration.problem.sphere.thickness
-    hint = suggested_layer(calibration) if thickness is None else None
-    if thickness is not None:
-        ratio = float(calibration.points["radius_m"].max()) / thickness
-        yield f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of the layer"
-    elif hint is not None:
-        yield (
-            f"the loads ask for an elastic layer about {1e3 * hint.thickness:.2g} mm thick instead of a "
-            f"half-space, which would change E by {100 * hint.young_modulus:+.2g} %: measure it and state "
-            "thickness_m in [elastic]"
+    if calibration.sphere.thickness is not None:
+        ratio = float(calibration.points["radius_m"].max()) / calibration.sphere.thickness
+        notes.append(
+            f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of the layer"
         )
+    elif calibration.layer_asked is not None:
+        thickness, change = calibration.layer_asked
+        notes.append(
+            f"the loads ask for an elastic layer about {1e3 * thickness:.2g} mm thick instead of a "
+            f"half-space, which would change E by {100 * change:+.2g} %: measure it and state thickness_m in "
+            "[elastic]"
+        )
+    return [*notes, *cell_notes(scene)]

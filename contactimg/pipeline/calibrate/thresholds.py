@@ -227,7 +227,7 @@ def _result(
 def run_threshold(
     experiment: Experiment, *, workers: int | None = None, advance: Advance = None
 ) -> Calibrated:
-    """The threshold of slope 1 on a sample of known modulus; for the disk method, its slope as a check.
+    """The threshold of slope 1 on a sample of known modulus.
 
     Parameters
     ----------
@@ -243,53 +243,44 @@ def run_threshold(
     Raises
     ------
     InputError
-        If no threshold brackets slope 1 and the method is "threshold", or no force is known.
+        If no threshold brackets slope 1, or no force is known.
     """
     scene, modulus = experiment.scene, _stated_modulus(experiment)
-    relative, disk = modulus.std / modulus.value, scene.measure.method == "disk"
+    relative = modulus.std / modulus.value
     series, load = _with_forces(experiment, THRESHOLDS, workers, advance)
     errors = _common_errors(experiment, relative)
     notes = _notes(series) + cell_notes(scene)
     slopes = [load_slope(row, load, **errors) for row in series.forces]
-    stds = np.array([slope.std for slope in slopes])
-    values = np.array([slope.value for slope in slopes])
+    values, stds = (np.array([getattr(slope, name) for slope in slopes]) for name in ("value", "std"))
     closest = float(values[np.argmin(np.abs(np.log(np.maximum(values, np.finfo(float).tiny))))])
     most = MAX_SCANNED_FORCES_OVER_LOAD
     settle(doubts_about_forces(slope=closest, young_modulus=modulus.value, most=most), "the calibration")
+    found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
+    if scene.measure.method == "disk":
+        notes.append(
+            'a threshold acts on [measure] method = "threshold" only, and the scene has "disk": `calibrate '
+            "modulus` gives the slope of disks"
+        )
+    # a modulus that is too large makes the forces and with them the threshold too large
+    share = relative / found.slope.std if found.slope.std else 0.0
     record: dict[str, Any] = {
         "kind": "threshold",
-        "method": scene.measure.method,
+        "method": "threshold",
+        "threshold": found.threshold.record("1"),
+        "slope": found.slope.record("1"),
         "fixed": {"young_modulus": modulus.record("Pa")},
-        "fitted": [],
+        "fitted": ["threshold"],
+        "correlation": {"threshold, young_modulus": min(share, 1.0)},
         "notes": notes,
+        "line": found.slope.value,
     }
-    forces, threshold, slope = np.full(len(load), np.nan), np.nan, None
-    try:
-        found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
-        forces, threshold, slope = found.forces, found.threshold.value, found.slope
-        # a modulus that is too large makes the forces and with them the threshold too large
-        share = relative / slope.std if slope.std else 0.0
-        record |= {"threshold": found.threshold.record("1"), "fitted": ["threshold"]}
-        record["correlation"] = {"threshold, young_modulus": min(share, 1.0)}
-    except InputError as error:
-        if not disk:
-            raise
-        notes.append(str(error))
-    if disk or slope is None:
-        forces = _disk_forces(experiment, series, workers)
-        slope = load_slope(np.nan_to_num(forces), load, **errors)
-        notes.append(
-            f"method disk: the slope {slope.value:.4f} is a check, no threshold changes it; "
-            'the threshold found holds for method = "threshold" only'
-        )
-    record |= {"slope": slope.record("1"), "line": slope.value}
     areas = series.areas.sum(axis=1)
     figures = {
-        "slope_threshold": plot_slopes(series.thresholds, values, stds, found=threshold, areas=areas),
-        "forces": plot_forces(load, forces, slope=slope),
+        "slope_threshold": plot_slopes(series.thresholds, values, stds, found=found.threshold.value),
+        "forces": plot_forces(load, found.forces, slope=found.slope),
     }
     curve = {"threshold": series.thresholds, "slope": values, "slope_std": stds, "area_m2": areas}
-    return _result(record, series, forces, figures, **curve)
+    return _result(record, series, found.forces, figures, **curve)
 
 
 def run_modulus(
@@ -398,7 +389,6 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
             str(frame) if np.isnan(load) else f"P = {plain_number(1e3 * load)} mN"
             for frame, load in zip(table["frame"], table["load_N"], strict=True)
         ],
-        fall_rates=rate,
     )
     columns = [name for name in FORCE_SUMS.columns if name in table]
     tables = {"curve.csv": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas.csv": (FORCE_SUMS, table[columns])}

@@ -13,10 +13,9 @@ from small_series import copy_of
 from contactimg import tables
 from contactimg.cli import main
 from contactimg.files import read_scene, write_scene
-from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places, smooth_shear_stress
+from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places, result_rows
 from contactimg.pipeline.analyse.places import differences, open_place
 from contactimg.pipeline.analyse.places import read_centre as read_centre_of
-from contactimg.pipeline.analyse.results_table import result_rows
 
 QUICK = ["--no-pictures", "--quiet", "--workers", "1"]
 
@@ -247,14 +246,13 @@ def test_unknown_radii_give_areas_and_densities_but_no_pressures(rough_lens, tmp
 
 @pytest.mark.usefixtures("svg_only")
 def test_friction_gives_the_shear_stress_and_its_ratio(rough_lens, tmp_path):
-    smooth = ["--smooth-stress-MPa", 0.34, "--smooth-stress-std-MPa", 0.01]
-    assert analyse(rough_lens, "-o", tmp_path / "out", *smooth) == 0
+    assert analyse(rough_lens, "-o", tmp_path / "out", "--smooth", rough_lens) == 0
     table = results(tmp_path / "out")
     stress, ratio = (table.loc[(name, "measured")] for name in ("shear_stress", "shear_stress_ratio"))
     assert stress["low"] < 0.4e6 < stress["high"]
     # areas are measured to a few percent at the lowest load and better above
     assert stress["value"] == pytest.approx(0.4e6, rel=0.02)
-    assert ratio["value"] == pytest.approx(stress["value"] / 0.34e6)
+    assert ratio["value"] == pytest.approx(1.0)
     assert ("shear_stress_velocity_exponent", "measured") not in table.index  # one velocity
     assert len(pd.read_csv(tmp_path / "out" / "friction.csv")) == 3
     assert (tmp_path / "out" / "friction.svg").exists()
@@ -274,15 +272,6 @@ def test_friction_at_several_velocities_gives_an_exponent(rough_lens):
         [replace(place, loads=loads.assign(velocity_m_s=np.nan))], AnalysisOptions(models=False)
     )
     assert none.velocity_law is None
-
-
-def test_a_smooth_run_is_a_reference_too(rough_lens, tmp_path, capsys):
-    place, options = open_place(rough_lens), AnalysisOptions(models=False)
-    options = replace(options, smooth_stress=smooth_shear_stress(place, options))
-    assert analyse_places([place], options).stress_ratio.value == pytest.approx(1.0)
-    both = ["--smooth", rough_lens, "--smooth-stress-MPa", 0.34]
-    assert analyse(rough_lens, "-o", tmp_path / "other", *both) == 2
-    assert "keep one" in capsys.readouterr().err
 
 
 def calibration(path, **centre):
@@ -306,19 +295,6 @@ def test_a_calibrated_centre_moves_the_annuli(run, tmp_path, capsys):
     bare = calibration(tmp_path / "bare.json", threshold=0.5)
     assert analyse(run, "-o", tmp_path / "none", "--calibration", bare) == 2
     assert "centre_x" in capsys.readouterr().err
-
-
-@pytest.mark.usefixtures("svg_only")
-def test_a_topography_alone(tmp_path):
-    file = tmp_path / "caps.csv"
-    radius = np.array([30e-6, 50e-6, 70e-6, 90e-6, 110e-6, 65e-6])
-    height = radius * (1 - np.cos(np.radians(57)))
-    pd.DataFrame({"height_m": height, "radius_m": radius}).to_csv(file, index=False)
-    assert analyse("--topography", file, "-o", tmp_path / "out") == 0
-    table = results(tmp_path / "out")
-    assert table.loc[("contact_angle", "measured"), "value"] == pytest.approx(57.0, rel=1e-9)
-    assert table.loc[("radius_mean", "measured"), "value"] == pytest.approx(radius.mean())
-    assert (tmp_path / "out" / "topography.svg").exists()
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from small_series import break_measurement, copy_of
 
-import contactimg.pipeline.frame as frame_module
+import contactimg.effects.optics as optics_module
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.files import (
@@ -130,6 +130,7 @@ def test_jkr_finds_what_the_scene_hides(smooth_frames, jkr_result):
 
 def test_options_take_the_place_of_keys_as_in_process(sharp_frames, tmp_path):
     folder = copy_of(sharp_frames, tmp_path / "frames")
+    frames = ("--frames", "frame_[145].tif", "--quiet", "--workers", 1)
     with_scene(folder, images={"reference": "reference.tif", "frames": "frame_*.tif", "loads": "loads.csv"})
     (folder / "reference.tif").rename(folder / "light.tif")
     (folder / "loads.csv").rename(tmp_path / "forces.csv")
@@ -140,13 +141,11 @@ def test_options_take_the_place_of_keys_as_in_process(sharp_frames, tmp_path):
         folder / "light.tif",
         "--loads",
         tmp_path / "forces.csv",
-        "--frames",
-        "frame_*.tif",
     )
-    options = (*options, "--pixel-size-um", pixel_um, "--polarity", "bright", "--quiet", "--workers", 1)
+    options = (*options, "--pixel-size-um", pixel_um, "--polarity", "bright", *frames)
     write_scene({name: scene[name] for name in ("indenter", "effects")}, folder / "scene.toml")
     assert run("calibrate", "jkr", folder, "-o", tmp_path / "out", *options) == 0
-    assert run("calibrate", "jkr", sharp_frames, "-o", tmp_path / "as_ever", "--quiet", "--workers", 1) == 0
+    assert run("calibrate", "jkr", sharp_frames, "-o", tmp_path / "as_ever", *frames) == 0
     given, stated = (read_calibration(tmp_path / name)["young_modulus"] for name in ("out", "as_ever"))
     assert given["value"] == pytest.approx(stated["value"], rel=1e-12)
 
@@ -232,7 +231,7 @@ def test_circles_are_measured_on_frames_prepared_as_process_does(sharp_frames, t
 @pytest.mark.parametrize("measure", [measure_circles, measure_thresholds, measure_parts])
 def test_full_scale_is_that_of_the_scene_in_every_command(measure, monkeypatch, tmp_path):
     seen = []
-    monkeypatch.setattr(frame_module, "measure_image", lambda *_, **options: seen.append(options) or 1 / 0)
+    monkeypatch.setattr(optics_module, "measure_image", lambda *_, **options: seen.append(options) or 1 / 0)
     write_frame(Frame(np.zeros((20, 30), np.uint8)), tmp_path / "frame_1.tif")
     base = {"camera": {"pixel_size_m": 6e-6}, "indenter": {"radius_m": 0.1, "apex_m": [0.0, 0.0]}}
     for switch, full_scale in (("auto", 255), ("off", np.inf)):
@@ -363,17 +362,6 @@ def test_no_threshold_brackets_one(threshold_result, tmp_path, capsys):
     pd.read_csv(folder / "loads.csv")[-1:].to_csv(folder / "loads.csv", index=False)
     words = ["calibrate", "threshold", folder, "-o", tmp_path / "out", "--quiet", "--young-modulus-MPa", 300]
     assert "no threshold between 0.05 and 0.95 gives slope 1" in refusal(capsys, *words)
-
-
-def test_disk_slope_is_a_check(small_series, tmp_path, capsys):
-    folder = copy_of(small_series, tmp_path / "frames")
-    with_scene(folder, images={"frames": "frame_3.tif"})
-    assert run("calibrate", "threshold", folder, "-o", tmp_path / "out") == 0
-    assert "is a check, no threshold changes it" in capsys.readouterr().out
-    record = read_calibration(tmp_path / "out")
-    assert record["method"] == "disk"
-    # disks of 1 px radius and more, 20 electrons a level: the sum of forces is good to a few per cent
-    assert record["slope"]["value"] == pytest.approx(1.0, abs=0.05)
 
 
 def test_plateau(small_series, tmp_path):
