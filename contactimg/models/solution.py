@@ -1,6 +1,5 @@
 """The record of a solved contact problem of single asperities, and its table of contacts."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -52,8 +51,6 @@ class InteractingSolution:
     branch : str
         How an adhesive solution was reached: ``"first loading"``, ``"loading"``, ``"unloading"`` or
         ``"held"``, from the previous load or indentation to this one; empty without adhesion.
-    stability_check : callable, optional
-        Evaluates ``stability`` of coupled adhesive contacts.
     """
 
     force: Values
@@ -68,7 +65,6 @@ class InteractingSolution:
     iterations: int
     residual: float
     branch: str = ""
-    stability_check: Callable[[], str] | None = None
 
     @property
     def x(self) -> Values:
@@ -120,15 +116,6 @@ class InteractingSolution:
         )
         return field.smallest()
 
-    @cached_property
-    def stability(self) -> str:
-        """``"stable"`` under what is prescribed, ``"stable only at fixed indentation"`` or ``"unstable"``.
-
-        Evaluated when first asked for. Without adhesion or without coupling the solver finds stable
-        equilibria only.
-        """
-        return "stable" if self.stability_check is None else self.stability_check()
-
     @property
     def touching(self) -> NDArray[np.intp]:
         """Rows of the asperities in contact."""
@@ -162,7 +149,6 @@ class InteractingSolution:
             half_width[rows],
             radius=radius[rows],
             planes=self.base_gap,
-            thickness=self.thickness,
         )
 
     def contacts(self, frame: str = "") -> pd.DataFrame:

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from contactimg.pose.fit import MIN_PAIRS, PoseFit, as_complex, as_real, factor_of, oriented, refine
 from contactimg.pose.pairs import pairing_distance
@@ -101,7 +101,7 @@ def _best_pose(
     area = np.ptp(spots.real) * np.ptp(spots.imag)
     trials = max(area / gate**2, 1.0) * len(grid)
     chance = min(best.chance / len(points), 1.0)
-    if binom.sf(best.n_matched - 1, len(points), chance) * trials > FALSE_ALARM_RATE:
+    if bdtrc(best.n_matched - 1, len(points), chance) * trials > FALSE_ALARM_RATE:
         return None
     others = [fit for fit in fits[1:] if _differs(fit.pose, best.pose, gate)]
     if any(fit.n_matched > AMBIGUOUS_FRACTION * best.n_matched for fit in others):
