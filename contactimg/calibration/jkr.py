@@ -487,7 +487,7 @@ def _estimates(
         _from_draws(zero) if series.zero_std else None,
         bool(min((zero <= 0).mean(), (zero >= 0).mean()) < FALSE_ALARM_RATE / 2),
         _from_draws(draws[:, series.physical]) if drifts else None,
-        float(pd.DataFrame({"E": E, "w": w[:, 0]}).corr("spearman").loc["E", "w"]) if varies else 0.0,
+        float(np.corrcoef(pd.DataFrame([E, w[:, 0]]).rank(axis=1))[0, 1]) if varies else 0.0,
     )
 
 

@@ -214,7 +214,7 @@ def solve_adhesive(
     check_layer(solution.radius, float(thickness))
     law_in_si = AdhesiveLaw(w / conditions.contact_modulus, aspect, layer, poisson_ratio)
     status = _status(solution, path, state, law_in_si)
-    return replace(solution, status=status, branch=_branch(solution, start))
+    return replace(solution, status=status)
 
 
 def solve_adhesive_path(
@@ -407,22 +407,6 @@ def _status(
     return status
 
 
-def _branch(solution: InteractingSolution, previous: InteractingSolution | None) -> str:
-    """How the solution was reached from the previous one."""
-    if previous is None:
-        return "first loading"
-    conditions = solution.conditions
-    now, then = solution.indentation, previous.indentation
-    if conditions.spring is not None:
-        now = conditions.spring.displacement
-        then += previous.load / conditions.spring.stiffness
-    elif conditions.force is not None:
-        now, then = conditions.force, previous.load
-    if abs(now - then) <= MAX_RELATIVE_ERROR * abs(now):
-        return "held"
-    return "loading" if now > then else "unloading"
-
-
 @dataclass(frozen=True, eq=False)
 class AdhesiveState:
     """A set of contacts with radii, forces and ``D``, and the penetrations of all asperities."""
@@ -525,8 +509,7 @@ class AdhesivePath:
         # the punch of the same force displaces by p a^2/(15 r^3) more, of which these are the derivatives
         moment, weight = pull * a**2, (pull > 0).astype(np.float64)
         own = pairs.fields(moment, weight)
-        fields = replace(
-            fields,
+        fields = fields._replace(
             excess=fields.excess - _punch_over_hertz(x, y, pull, a),
             curvature=fields.curvature - own.quartic * 0.3 / QUARTIC,
         )

@@ -48,9 +48,6 @@ class InteractingSolution:
     residual : float
         Sum of ``|p - q|`` over the load, with ``q`` the forces and ``p`` those that follow from the
         penetrations.
-    branch : str
-        How an adhesive solution was reached: ``"first loading"``, ``"loading"``, ``"unloading"`` or
-        ``"held"``, from the previous load or indentation to this one; empty without adhesion.
     """
 
     force: Values
@@ -64,7 +61,6 @@ class InteractingSolution:
     status: str
     iterations: int
     residual: float
-    branch: str = ""
 
     @property
     def x(self) -> Values:
