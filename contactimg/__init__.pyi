@@ -53,9 +53,7 @@ from .mechanics.profiles import PowerLawProfile as PowerLawProfile
 from .mechanics.profiles import TabulatedProfile as TabulatedProfile
 from .models.adhesive import solve_adhesive as solve_adhesive
 from .models.adhesive import solve_adhesive_path as solve_adhesive_path
-from .models.ensemble import area_bands as area_bands
 from .models.ensemble import solve_ensemble as solve_ensemble
-from .models.ensemble import tabulate_areas as tabulate_areas
 from .models.greenwood_tripp import solve_greenwood_tripp as solve_greenwood_tripp
 from .models.greenwood_williamson import AsperityLayer as AsperityLayer
 from .models.greenwood_williamson import solve_greenwood_williamson as solve_greenwood_williamson

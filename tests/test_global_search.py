@@ -8,7 +8,7 @@ from small_series import copy_of
 from contactimg.cli import main
 from contactimg.files import read_scene, write_scene
 from contactimg.pose import Pose
-from contactimg.pose.global_search import search_everywhere
+from contactimg.pose.fit import search_everywhere
 from contactimg.surfaces import generate_asperities
 
 SHAPE = (900, 1000)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, density_beside
 from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights
@@ -281,5 +281,5 @@ def _chi_square_of_breaks(difference: Values, blocks: int) -> Values:
     The first column is that of the whole, the others are those of the replicates.
     """
     spread = [bootstrap_estimate(float(row[0]), row[1:], blocks=blocks).std for row in difference]
-    tail = stats.t.sf(np.abs(difference[:, 0]) / np.maximum(spread, np.finfo(float).tiny), blocks - 1)
-    return np.asarray(stats.norm.isf(np.maximum(tail, np.finfo(float).tiny)) ** 2)
+    tail = special.stdtr(blocks - 1, -np.abs(difference[:, 0]) / np.maximum(spread, np.finfo(float).tiny))
+    return np.asarray(special.ndtri(np.maximum(tail, np.finfo(float).tiny)) ** 2)

@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special
 
 from contactimg.errors import InputError
 
@@ -49,7 +49,7 @@ class Estimate:
         >>> Estimate(1.0, 0.03, 0.94, 1.06).widened(0.04).std
         0.05
         """
-        reach = float(stats.norm.ppf((1 + confidence) / 2)) * std
+        reach = float(special.ndtri((1 + confidence) / 2)) * std
         low = self.value - float(np.hypot(self.value - self.low, reach))
         high = self.value + float(np.hypot(self.high - self.value, reach))
         return replace(self, std=float(np.hypot(self.std, std)), low=low, high=high)
@@ -86,7 +86,7 @@ def student_estimate(value: float, std: float, *, freedom: float, confidence: fl
         raise InputError(f"confidence must lie between 0 and 1 (exclusive), got {confidence!r}")
     if freedom < 1:
         return Estimate(value, std, -np.inf, np.inf)
-    reach = float(stats.t.ppf((1 + confidence) / 2, freedom)) * std
+    reach = float(special.stdtrit(freedom, (1 + confidence) / 2)) * std
     return Estimate(value, std, value - reach, value + reach)
 
 

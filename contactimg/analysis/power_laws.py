@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from contactimg.analysis.estimates import (
     Estimate,
@@ -354,5 +354,5 @@ def open_ended(place: Estimate, breaks: Values, *, supported: bool) -> Estimate:
 def davies_bound(gain: Values) -> float:
     """Bound on the probability of as large a gain in chi-square over the breaks tried without a break."""
     variation, most = float(np.sum(np.abs(np.diff(np.sqrt(gain))))), float(gain.max())
-    bound = float(stats.chi2.sf(most, 1)) + variation * np.exp(-most / 2) / np.sqrt(2 * np.pi)
+    bound = float(special.chdtrc(1, most)) + variation * np.exp(-most / 2) / np.sqrt(2 * np.pi)
     return min(bound, 1.0)

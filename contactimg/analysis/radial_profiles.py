@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special
 
 from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, FieldOfView, annulus_moments, sum_moments
 from contactimg.errors import InputError
@@ -189,7 +189,7 @@ def _load_interval(
     heaviest = dispersion * pp / np.where(p == 0, np.inf, np.abs(p))
     widened = variance
     if places >= MIN_PLACES_FOR_SCATTER:
-        widened = variance * (float(stats.t.ppf(0.975, places - 1)) / stats.norm.ppf(0.975)) ** 2
+        widened = variance * float(special.stdtrit(places - 1, 0.975) / special.ndtri(0.975)) ** 2
     return weighted_count_interval(p, widened, np.maximum(heaviest, _largest_beside(heaviest, sums)))
 
 
@@ -251,13 +251,13 @@ def weighted_count_interval(
     y, v, w = np.broadcast_arrays(*(np.asarray(part, np.float64) for part in (total, variance, one_more)))
     tail = (1 - confidence) / 2
     few = (y**2 < LEAST_EFFECTIVE_COUNT * v) | (y < 0)
-    reach = float(stats.norm.ppf(1 - tail)) * np.sqrt(v)
+    reach = float(special.ndtri(1 - tail)) * np.sqrt(v)
     positive = np.where(y > 0, y, np.nan)
     scale = np.where(v > 0, v, np.nan) / positive
-    low = np.nan_to_num(scale * stats.gamma.ppf(tail, positive / scale), nan=0.0)
+    low = np.nan_to_num(scale * special.gammaincinv(positive / scale, tail), nan=0.0)
     more, more_variance = y + w, v + w**2
     upper = np.where(more_variance > 0, more_variance, np.nan) / np.where(more > 0, more, np.nan)
-    high = upper * stats.gamma.ppf(1 - tail, more / upper)
+    high = upper * special.gammaincinv(more / upper, 1 - tail)
     return np.where(few, y - reach, low), np.where(few, y + reach, high)
 
 

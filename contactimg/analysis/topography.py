@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.linear_fit import Points, fit_proportional
@@ -106,7 +106,7 @@ def describe_topography(table: pd.DataFrame, *, confidence: float = 0.95) -> Top
     h, R = table["height_m"].to_numpy(float), table["radius_m"].to_numpy(float)
     fit = fit_proportional(Points(R, h, x_std=_stated(table, "radius"), y_std=_stated(table, "height")))
     slope = fit.estimate(0, confidence=confidence)
-    correlation, p_value = (np.nan, 1.0) if np.ptp(h) == 0 or np.ptp(R) == 0 else stats.spearmanr(h, R)
+    correlation, p_value = (np.nan, 1.0) if np.ptp(h) == 0 or np.ptp(R) == 0 else scipy.stats.spearmanr(h, R)
     return Topography(
         slope=slope,
         contact_angle=_angle(slope),
@@ -126,7 +126,7 @@ def describe_topography(table: pd.DataFrame, *, confidence: float = 0.95) -> Top
 
 def _normality(values: NDArray[np.float64]) -> float:
     """P-value of the test of Shapiro and Wilk."""
-    return float(stats.shapiro(values / values.mean()).pvalue) if np.ptp(values) > 0 else np.nan
+    return float(scipy.stats.shapiro(values / values.mean()).pvalue) if np.ptp(values) > 0 else np.nan
 
 
 def _stated(table: pd.DataFrame, quantity: str) -> NDArray[np.float64]:

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from contactimg.analysis.estimates import Estimate
 
 COVERAGE = 0.95
-NORMAL_95 = float(stats.norm.ppf(0.5 + COVERAGE / 2))
+NORMAL_95 = float(special.ndtri(0.5 + COVERAGE / 2))
 """Half-width of a normal distribution's 95 % interval in standard deviations, 1.96."""
 
 ROUNDED_NORMAL_95 = 1.96
@@ -97,6 +97,6 @@ def coverage_estimate(
     >>> coverage_estimate(1.0, 0.01, freedom=4).high
     1.02776445
     """
-    quantile = float(stats.t.ppf(0.5 + COVERAGE / 2, freedom)) if std > 0 else 0.0
+    quantile = float(special.stdtrit(freedom, 0.5 + COVERAGE / 2)) if std > 0 else 0.0
     half = float(np.hypot(quantile * std, NORMAL_95 * known_std))
     return CoverageEstimate(value, half / NORMAL_95, value - half, value + half)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special
 
 from contactimg.analysis.linear_fit import ROUNDING, LinearFit, Points, fit_linear
 from contactimg.analysis.load_cell import LoadCell
@@ -422,7 +422,7 @@ def _solved(
         young_modulus=_from_draws(E),
         work_of_adhesion=_from_draws(w[:, 0]),
         work_of_adhesion_unloading=_from_draws(w[:, 1]) if w.shape[1] > 1 else None,
-        correlation=float(stats.spearmanr(E, w[:, 0]).statistic) if varies else 0.0,
+        correlation=float(np.corrcoef(pd.DataFrame([E, w[:, 0]]).rank(axis=1))[0, 1]) if varies else 0.0,
         load_zero=_from_draws(zero) if series.zero_std else None,
         load_zero_seen=bool(min((zero <= 0).mean(), (zero >= 0).mean()) < FALSE_ALARM_RATE / 2),
         departure=departure,
@@ -478,7 +478,7 @@ def is_asked_for(
         return False
     fit = larger.fit()
     gain = float(plain.fit(scatter=fit.scatter).chi_square - fit.chi_square)
-    return bool(stats.f.sf(gain, 1, freedom) < false_alarm_rate)
+    return bool(special.fdtrc(1, freedom, gain) < false_alarm_rate)
 
 
 def _zero_asked(series: JkrSeries) -> float | None:
@@ -541,7 +541,7 @@ def _without_outliers(series: JkrSeries) -> Mask:
             break
         student, off, freedom = _deleted_residuals(series.part(used))
         worst = int(student.argmax())
-        chance = n * 2 * stats.t.sf(student[worst], freedom)
+        chance = n * 2 * special.stdtr(freedom, -student[worst])
         if chance > OUTLIER_FALSE_ALARM_RATE or off[worst] < LEAST_OUTLIER:
             break
         used[np.flatnonzero(used)[worst]] = False
@@ -624,12 +624,13 @@ def check_loads(load: ArrayLike) -> None:
 
 def _check_growth(load: Values, radius: Values) -> None:
     """Refuse radii that do not increase with the load."""
-    trend = stats.linregress(load, radius)
-    grows = trend.slope > 0 and stats.kendalltau(load, radius).statistic > 0
-    noise = trend.stderr
-    if not grows or trend.slope < MIN_GROWTH_SIGMA * noise or np.ptp(radius) < 1e-9 * radius.max():
+    (slope, _), covariance = np.polyfit(load, radius, 1, cov=True)
+    noise = float(np.sqrt(covariance[0, 0]))
+    pairs = np.sign(np.subtract.outer(load, load)) * np.sign(np.subtract.outer(radius, radius))
+    grows = slope > 0 and pairs.sum() > 0  # Kendall's rank correlation
+    if not grows or slope < MIN_GROWTH_SIGMA * noise or np.ptp(radius) < 1e-9 * radius.max():
         raise InputError(
             "the contact radius does not grow with the load "
-            f"({1e6 * trend.slope:.3g} +- {1e6 * noise:.2g} um/N); "
+            f"({1e6 * slope:.3g} +- {1e6 * noise:.2g} um/N); "
             "check that frames and loads belong together and that the frames show the contact"
         )

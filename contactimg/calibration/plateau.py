@@ -80,9 +80,9 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike, *, steepness: float = 
 
     Examples
     --------
-    >>> from scipy.stats import norm
+    >>> from scipy.special import ndtri
     >>> t = np.linspace(0.02, 0.98, 97)
-    >>> plateau = find_plateau(t, np.pi * (20e-6 - 1.4e-6 * norm.ppf(t)) ** 2)
+    >>> plateau = find_plateau(t, np.pi * (20e-6 - 1.4e-6 * ndtri(t)) ** 2)
     >>> round(plateau.threshold_low, 2), round(plateau.threshold_high, 2)
     (0.17, 0.79)
     """

@@ -12,7 +12,6 @@ from functools import cached_property
 from pathlib import Path
 
 import pandas as pd
-import tomli_w
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
@@ -159,7 +158,7 @@ def write_scene(data: Mapping[str, object], path: str | Path) -> None:
         The TOML file.
     """
     scene_from_dict(data, name=str(path))
-    write_text(tomli_w.dumps(data), path)
+    write_text(tomlkit.dumps(data), path)
 
 
 def named_file(name: str, folder: Path) -> Path:

@@ -267,13 +267,6 @@ class FrameSeries(Sequence[Frame]):
             return FrameSeries(self.sources[index])
         return self.sources[index].read()
 
-    def __repr__(self) -> str:
-        return (
-            f"<FrameSeries of {len(self)} frames, {self.names[0]} to {self.names[-1]}>"
-            if self
-            else "<FrameSeries>"
-        )
-
 
 def read_frames(path: PathLike | Iterable[PathLike]) -> FrameSeries:
     """The frames of a folder, a glob, a file or a list of these, as a sequence that reads each on demand.

@@ -8,8 +8,6 @@ import pandas as pd
 from openpyxl import Workbook
 from openpyxl.cell import WriteOnlyCell
 from openpyxl.cell.cell import ILLEGAL_CHARACTERS_RE
-from openpyxl.styles import Alignment, Font
-from openpyxl.utils import get_column_letter
 from openpyxl.worksheet._write_only import WriteOnlyWorksheet
 
 from contactimg.errors import InputError
@@ -18,9 +16,6 @@ from contactimg.tables import Schema, flag_names
 
 MOST_ROWS = 1_048_576
 """Of a sheet, header included (theory: the limit of Excel)."""
-WIDEST_COLUMN, NARROWEST_COLUMN = 40, 9  # characters
-SAMPLED_ROWS = 200  # from which the width of a column is taken
-
 
 _FORCE, _STRESS = ("mN", 1e3), ("MPa", 1e-6)
 UNITS = {
@@ -97,28 +92,12 @@ def _write_sheet(sheet: WriteOnlyWorksheet, cells: pd.DataFrame) -> None:
     """Write a header that stays in view, and rows below it."""
     sheet.freeze_panes = "A2"
     rows = cells.astype(object).where(cells.notna(), None).to_numpy().tolist()
-    for number, head in enumerate(cells.columns):
-        shown = (row[number] for row in rows[:SAMPLED_ROWS])
-        lengths = [9 if isinstance(value, float) else len(str(value or "")) for value in shown]
-        width = min(max(*lengths, len(head), NARROWEST_COLUMN), WIDEST_COLUMN) + 2
-        sheet.column_dimensions[get_column_letter(number + 1)].width = width
-    header = [WriteOnlyCell(sheet, head) for head in cells.columns]
-    for cell in header:
-        cell.font, cell.alignment = Font(bold=True), Alignment(wrap_text=True, vertical="top")
-    for row in [header, *rows]:
+    for row in [list(cells.columns), *rows]:
         sheet.append([_cell(sheet, value) for value in row])
-    if rows and all(cells.columns):
-        sheet.auto_filter.ref = f"A1:{get_column_letter(len(header))}{len(rows) + 1}"
 
 
 def _cell(sheet: WriteOnlyWorksheet, value: Any) -> Any:
-    """A cell: numbers with four to five digits to look at, text as text even if it looks like a formula."""
-    if isinstance(value, float):
-        cell, size = WriteOnlyCell(sheet, value), abs(value)
-        places = next((k for k, least in enumerate((1e4, 1e3, 10.0)) if size >= least), 4)
-        plain = "0" if size == 0 or places == 0 else f"0.{'0' * places}"
-        cell.number_format = plain if size == 0 or 1e-3 <= size < 1e6 else "0.000E+00"
-        return cell
+    """A cell, text as text even if it looks like a formula."""
     if not isinstance(value, str):
         return value
     text = ILLEGAL_CHARACTERS_RE.sub("\ufffd", value.encode("utf-8", "replace").decode())

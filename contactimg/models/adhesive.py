@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
-from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, Caps
+from contactimg.models.asperity_laws import LAWS, AdhesiveLaw
 from contactimg.models.coupling import QUARTIC, DenseCoupling, Kernel
 from contactimg.models.full_coupling import CapCorrection, bounded_saddle, pressure_radius
 from contactimg.models.interacting import check_layer, solve_interacting
@@ -214,18 +213,8 @@ def solve_adhesive(
     )
     check_layer(solution.radius, float(thickness))
     law_in_si = AdhesiveLaw(w / conditions.contact_modulus, aspect, layer, poisson_ratio)
-    check, p, rows = None, path.problem, state.rows
-    if path.kernel is not None and rows.size:
-        check = partial(
-            _stability,
-            path.law,
-            state.contacts.caps,
-            (p.x[rows], p.y[rows], path.kernel),
-            contact_radius=state.contact_radius,
-            stiffness=np.inf if p.load is None else p.stiffness,
-        )
     status = _status(solution, path, state, law_in_si)
-    return replace(solution, status=status, branch=_branch(solution, start), stability_check=check)
+    return replace(solution, status=status)
 
 
 def solve_adhesive_path(
@@ -418,56 +407,6 @@ def _status(
     return status
 
 
-def _branch(solution: InteractingSolution, previous: InteractingSolution | None) -> str:
-    """How the solution was reached from the previous one."""
-    if previous is None:
-        return "first loading"
-    conditions = solution.conditions
-    now, then = solution.indentation, previous.indentation
-    if conditions.spring is not None:
-        now = conditions.spring.displacement
-        then += previous.load / conditions.spring.stiffness
-    elif conditions.force is not None:
-        now, then = conditions.force, previous.load
-    if abs(now - then) <= MAX_RELATIVE_ERROR * abs(now):
-        return "held"
-    return "loading" if now > then else "unloading"
-
-
-def _stability(
-    law: AdhesiveLaw,
-    caps: Caps,
-    place: tuple[Values, Values, Kernel],
-    *,
-    contact_radius: Values,
-    stiffness: float,
-) -> str:
-    """``"stable"``, ``"stable only at fixed indentation"`` or ``"unstable"``: the energy's second variation.
-
-    A contact alone is stable at fixed indentation where its penetration grows with its radius. Coupled
-    contacts with the tangent stiffnesses ``k`` are stable while ``diag(1/k) + C`` has as many negative
-    eigenvalues as ``diag(1/k)``. Under a prescribed load the sum of the forces must also grow with the
-    indentation; with a load cell it may fall, more slowly than the force of the cell, whose ``stiffness`` is
-    infinite at a prescribed indentation.
-    """
-    force_slope, penetration_slope = law.slopes(contact_radius, caps)
-    if np.any(penetration_slope < 0):
-        return "unstable"
-    compliance = penetration_slope / np.where(force_slope == 0, np.finfo(float).tiny, force_slope)
-    matrix = DenseCoupling(*place).matrix
-    matrix[np.diag_indices_from(matrix)] += compliance
-    factor, pivots, failed = lapack.dsytrf(matrix, lower=1)
-    # eigenvalues by Sylvester's law of inertia: a pivot of order two has one of each sign
-    single = pivots > 0
-    negative = int(np.sum(np.diag(factor)[single] < 0)) + int(np.sum(~single)) // 2
-    if failed or negative != int(np.sum(compliance < 0)):
-        return "unstable"
-    if np.isinf(stiffness):
-        return "stable"
-    rise, _ = lapack.dsytrs(factor, pivots, np.ones((compliance.size, 1)), lower=1)
-    return "stable" if float(np.sum(rise)) + stiffness > 0 else "stable only at fixed indentation"
-
-
 @dataclass(frozen=True, eq=False)
 class AdhesiveState:
     """A set of contacts with radii, forces and ``D``, and the penetrations of all asperities."""
@@ -570,8 +509,7 @@ class AdhesivePath:
         # the punch of the same force displaces by p a^2/(15 r^3) more, of which these are the derivatives
         moment, weight = pull * a**2, (pull > 0).astype(np.float64)
         own = pairs.fields(moment, weight)
-        fields = replace(
-            fields,
+        fields = fields._replace(
             excess=fields.excess - _punch_over_hertz(x, y, pull, a),
             curvature=fields.curvature - own.quartic * 0.3 / QUARTIC,
         )

@@ -8,8 +8,8 @@ conjugate gradients need few steps.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import Protocol
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +146,7 @@ class Kernel:
         if not self.relief[1]:
             return fields
         excess = fields.excess + 0.1 * contact_radius**2 * bend
-        return replace(fields, excess=excess, curvature=fields.curvature + 0.5 * bend)
+        return fields._replace(excess=excess, curvature=fields.curvature + 0.5 * bend)
 
     def displacement(self, x: Values, y: Values, sources: Values, force: Values) -> Values:
         """Displacement at places ``x, y`` by point forces at other places (2, n), summed pair by pair."""
@@ -172,8 +172,7 @@ class Kernel:
         return self.thinness * np.where(s < knots[-1], inside, 1 / np.maximum(s, knots[-1]))
 
 
-@dataclass(frozen=True, eq=False)
-class Fields:
+class Fields(NamedTuple):
     """The neighbours' displacement field at each candidate, beyond the value for point forces.
 
     Parameters
@@ -204,9 +203,6 @@ class Fields:
     saddle_y: Values
     cubic_x: Values
     cubic_y: Values
-
-
-FIELD_NAMES = tuple(part.name for part in fields(Fields))
 
 
 class Coupling(Protocol):
@@ -272,7 +268,7 @@ class NoCoupling:
 
     def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:  # noqa: ARG002
         """Fields that are zero everywhere."""
-        return Fields(*(np.zeros_like(force) for _ in FIELD_NAMES))
+        return Fields(*(np.zeros_like(force) for _ in Fields._fields))
 
     def at_positions(self, x: Values, y: Values) -> "NoCoupling":  # noqa: ARG002
         """The coupling itself, which knows no places."""

@@ -10,7 +10,7 @@ once. ``erf(b r)/r`` is an even function of ``r``; a table over ``r^2`` gives it
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import finufft
@@ -90,6 +90,13 @@ SINGLE_STORED = 1e-6
 """Accuracy from which on stored values may be in single precision. Theory: its rounding error is 6e-8."""
 
 
+def square_cells(x: Values, y: Values, count: int) -> tuple[Rows, float]:
+    """Number of the cell, of ``count`` along a side, that holds each place, row by row; width of a cell."""
+    side = max(float(np.ptp(x)), float(np.ptp(y))) / count * (1 + 1e-12)
+    row, column = (np.minimum(((v - v.min()) / side).astype(np.intp), count - 1) for v in (y, x))
+    return row * count + column, side
+
+
 class NearFieldSum:
     """Sums over the pairs closer than a cutoff.
 
@@ -109,9 +116,7 @@ class NearFieldSum:
         self._stored = np.float32 if accuracy >= SINGLE_STORED else np.float64
         extent = max(float(np.ptp(x)), float(np.ptp(y)))
         self._cells = max(1, min(int(extent / cutoff), 2048))
-        size = extent / self._cells * (1 + 1e-12)
-        row, column = (np.minimum(((v - v.min()) / size).astype(np.int64), self._cells - 1) for v in (y, x))
-        cell = row * self._cells + column
+        cell, _ = square_cells(x, y, self._cells)
         self._order = np.argsort(cell, kind="stable")
         self._bounds = np.searchsorted(cell[self._order], np.arange(self._cells**2 + 1))
         self._x, self._y = x[self._order], y[self._order]
@@ -301,12 +306,9 @@ class CellPreconditioner:
     def of(cls, x: Values, y: Values, kernel: Kernel, scale: Values) -> "CellPreconditioner":
         """The preconditioner of contacts at ``x, y`` with the scales ``s = sqrt(2 a)``."""
         number = int(np.clip(np.sqrt(x.size / CONTACTS_PER_CELL), 2, MOST_CELLS_PER_SIDE))
-        side = max(float(np.ptp(x)), float(np.ptp(y))) / number
-        row, column = (((v - v.min()) / side).astype(np.intp) for v in (y, x))
-        columns = int(column.max()) + 1
-        cell = row * columns + column
-        places = side * np.stack(np.divmod(np.arange(int(cell.max()) + 1), columns)).astype(np.float64)
-        size = np.sqrt(np.bincount(cell, scale**2))
+        cell, side = square_cells(x, y, number)
+        places = side * np.stack(np.divmod(np.arange(number**2), number)).astype(np.float64)
+        size = np.sqrt(np.bincount(cell, scale**2, number**2))
         # a uniform pressure on a square of side h lowers its middle by 4 asinh(1)/(pi h) of the force
         own = (4 * np.arcsinh(1.0) / side - kernel.relief[0]) / np.pi
         matrix = size[:, None] * DenseCoupling(places[1], places[0], kernel, own=own).matrix * size
@@ -315,7 +317,7 @@ class CellPreconditioner:
 
     def __call__(self, side: Values) -> Values:
         """A vector multiplied by the preconditioner."""
-        averaged = np.bincount(self.cell, self.share * side)
+        averaged = np.bincount(self.cell, self.share * side, self.factor[0].shape[0])
         change = cho_solve(self.factor, averaged, check_finite=False) - averaged
         return side + self.share * change[self.cell]
 
@@ -499,8 +501,7 @@ class FastCoupling:
         excess = self._from_modes(-(k_x**2 + k_y**2) * self._to_modes(widening))
         own = -8 / 3 * self._sharpness**3 / np.pi**1.5  # Laplacian of the smooth part at its centre
         near = self._near.fields(force, contact_radius, saddle)
-        found = replace(
-            near,
+        found = near._replace(
             excess=near.excess + excess - own * widening,
             slope_x=near.slope_x + slope_x,
             slope_y=near.slope_y + slope_y,

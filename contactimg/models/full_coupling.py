@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.mechanics import sphere
 from contactimg.models.asperity_laws import AdhesiveLaw, Caps, LayerLaw, SphereLaw
-from contactimg.models.coupling import FIELD_NAMES, Fields
+from contactimg.models.coupling import Fields
 from contactimg.models.newton_iteration import ContactSystem, Iterate, evaluate_iterate
 
 Values = NDArray[np.float64]
@@ -104,9 +104,10 @@ class CapCorrection:
         stiffness, which is that of a flat punch. A circle of lower gap and smaller curvature has both.
         """
         edge = EdgeCurvature.of(radius, contact_radius, aspect)
-        stacked = np.stack([getattr(fields, name) for name in FIELD_NAMES])
         curvatures = np.stack([edge.value, edge.growth, edge.mean])
-        terms = _correction_terms(stacked, bounded_saddle(fields, radius), radius, contact_radius, curvatures)
+        terms = _correction_terms(
+            np.stack(fields), bounded_saddle(fields, radius), radius, contact_radius, curvatures
+        )
         return cls(terms[0], terms[1], terms[2], terms[3], bends=np.ascontiguousarray(terms[4:].T))
 
 
@@ -203,10 +204,9 @@ class FieldCorrection:
         """The fields to try next; the ellipses that act on the neighbours are those tried last."""
         radius, saddle = self.base.caps.radius, None
         if self._tried:
-            saddle = bounded_saddle(Fields(*self._tried[-1].reshape(len(FIELD_NAMES), -1)), radius)
+            saddle = bounded_saddle(Fields(*self._tried[-1].reshape(len(Fields._fields), -1)), radius)
         wide = pressure_radius(contact_radius, radius, self.aspect)
-        fields = system.coupling.fields(force, wide, saddle)
-        computed = np.stack([getattr(fields, name) for name in FIELD_NAMES])
+        computed = np.stack(system.coupling.fields(force, wide, saddle))
         return Fields(*self._extrapolated(computed.ravel()).reshape(computed.shape))
 
     def _extrapolated(self, computed: Values) -> Values:

@@ -1,6 +1,5 @@
 """The record of a solved contact problem of single asperities, and its table of contacts."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -49,11 +48,6 @@ class InteractingSolution:
     residual : float
         Sum of ``|p - q|`` over the load, with ``q`` the forces and ``p`` those that follow from the
         penetrations.
-    branch : str
-        How an adhesive solution was reached: ``"first loading"``, ``"loading"``, ``"unloading"`` or
-        ``"held"``, from the previous load or indentation to this one; empty without adhesion.
-    stability_check : callable, optional
-        Evaluates ``stability`` of coupled adhesive contacts.
     """
 
     force: Values
@@ -67,8 +61,6 @@ class InteractingSolution:
     status: str
     iterations: int
     residual: float
-    branch: str = ""
-    stability_check: Callable[[], str] | None = None
 
     @property
     def x(self) -> Values:
@@ -120,15 +112,6 @@ class InteractingSolution:
         )
         return field.smallest()
 
-    @cached_property
-    def stability(self) -> str:
-        """``"stable"`` under what is prescribed, ``"stable only at fixed indentation"`` or ``"unstable"``.
-
-        Evaluated when first asked for. Without adhesion or without coupling the solver finds stable
-        equilibria only.
-        """
-        return "stable" if self.stability_check is None else self.stability_check()
-
     @property
     def touching(self) -> NDArray[np.intp]:
         """Rows of the asperities in contact."""
@@ -162,7 +145,6 @@ class InteractingSolution:
             half_width[rows],
             radius=radius[rows],
             planes=self.base_gap,
-            thickness=self.thickness,
         )
 
     def contacts(self, frame: str = "") -> pd.DataFrame:

@@ -1,8 +1,7 @@
 """How far a solution is from the limits of the contact models: flags on contacts and a summary.
 
-The models assume small strain in each contact (``a/R``), contacts that do not overlap, an indenter above the
-plane between the asperities, a spacing wide against the contacts (``L/a``) and a layer thick against the
-loaded region. Beyond a certain overlap the equations have several solutions, which is an error.
+The models assume small strain in each contact (``a/R``), contacts that do not overlap and an indenter
+above the plane between the asperities. Beyond a certain overlap several solutions exist, which is an error.
 """
 
 from dataclasses import dataclass
@@ -35,21 +34,15 @@ class Validity:
         Contacts above that.
     n_overlapping : int
         Contacts closer to a neighbour than the sum of the two radii.
-    spacing_ratio : float
-        ``L/a``: mean distance of a contact to its nearest neighbour over the mean contact radius.
     planes : BaseGap
         Smallest gap between the lens and the plane between the caps.
-    thickness_ratio : float
-        Radius of the loaded region over the thickness of the layer; 0 for a half-space.
     """
 
     n_contacts: int
     max_strain: float
     n_beyond_hertz: int
     n_overlapping: int
-    spacing_ratio: float
     planes: BaseGap
-    thickness_ratio: float
 
     @property
     def base_gap(self) -> float:
@@ -146,20 +139,14 @@ def assess(
     *,
     radius: Values,
     planes: BaseGap,
-    thickness: float,
 ) -> Validity:
     """Summarise a solution from arrays over its contacts, in m."""
     count = contact_radius.size
     strain = contact_radius / radius
-    extent = float(np.hypot(x - x.mean(), y - y.mean()).max()) if count else 0.0
     return Validity(
         n_contacts=count,
         max_strain=float(strain.max()) if count else np.nan,
         n_beyond_hertz=int(np.sum(strain > HERTZ_LIMIT)),
         n_overlapping=int(np.sum(overlapping(x, y, contact_radius))),
-        spacing_ratio=float(nearest_neighbours(x, y)[0].mean() / contact_radius.mean())
-        if count > 1
-        else np.nan,
         planes=planes,
-        thickness_ratio=(extent + float(contact_radius.max())) / thickness if count else 0.0,
     )

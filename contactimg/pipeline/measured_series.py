@@ -34,8 +34,15 @@ from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.pose import Pose
 from contactimg.pose.apex import STATED, Apex, find_apex, find_centre
-from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseFit, PoseSearch, fit_pose
-from contactimg.pose.global_search import LARGEST_TURN_RAD, LEAST_VOTING_POINTS, search_everywhere
+from contactimg.pose.fit import (
+    LARGEST_TURN_RAD,
+    LEAST_VOTING_POINTS,
+    SIGNIFICANT_FRACTION,
+    PoseFit,
+    PoseSearch,
+    fit_pose,
+    search_everywhere,
+)
 from contactimg.pose.pairs import pair_points, pairing_distance
 from contactimg.scene import Scene
 from contactimg.surfaces import equivalent_radii

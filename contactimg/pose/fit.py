@@ -7,10 +7,13 @@ comes first.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import uniform_filter
 from scipy.spatial import KDTree
+from scipy.special import bdtrc
 
 from contactimg.pose.pairs import pair_points, pairing_distance
 from contactimg.pose.pose import Pose
@@ -46,6 +49,37 @@ deviations."""
 
 POINTS_PER_VOTE = 3
 """One point in this many must agree on a shift. Chosen by hand; sensitivity not measured."""
+
+
+VOTING_POINTS = 40
+"""Contacts that vote, those closest together: few turn little when the rotation is a step off. Chosen: all
+rotations of a frame of 100 contacts over 2,500 asperities then take seconds."""
+
+LEAST_VOTING_POINTS = 10
+"""Fewer contacts do not vote: by the false-alarm rate they could not be accepted anyway."""
+
+LARGEST_TURN_RAD = np.deg2rad(3.0)
+"""Rotations that are tried around each of the quarter turns. Chosen: a camera that was aligned by hand."""
+
+LARGEST_SCALE_ERROR = 0.03
+"""Largest relative error of the stated pixel size that is tried. Chosen: a stage micrometer read badly."""
+
+MOST_VOTES = 600
+"""Rotations times scales that are tried at most; where contacts lie too far apart for that, fewer of them
+vote. Chosen: ten seconds."""
+
+REFINED_CANDIDATES = 5
+"""Shifts with the most votes that are refined. Chosen by hand; the true one has many times the votes of
+others."""
+
+FALSE_ALARM_RATE = 1e-6
+"""Probability that a pose is accepted although asperities and contacts have nothing to do with each other."""
+
+BLOCK_REACH = 1.5 * np.sqrt(2)
+"""From the middle of a block of three by three cells to its corner, in cells; theory."""
+
+AMBIGUOUS_FRACTION = 0.8
+"""A pose is not accepted if another one explains this fraction of its matches (a lattice). Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +128,8 @@ class PoseSearch:
     """
 
     shift: float
-    rotation: float = np.deg2rad(3.0)
-    scale: float = 0.03
+    rotation: float = LARGEST_TURN_RAD
+    scale: float = LARGEST_SCALE_ERROR
     mirror: bool = True
 
 
@@ -124,12 +158,7 @@ def fit_pose(
     -------
     PoseFit
     """
-    points = (
-        np.asarray(x_px, float)
-        - guess.image_centre[0]
-        + 1j * (np.asarray(y_px, float) - guess.image_centre[1])
-    )
-    spots = as_complex(np.asarray(targets, float).reshape(-1, 2))
+    points, spots = _in_plane(x_px, y_px, targets, guess)
     gate = pairing_distance(as_real(spots), guess)
     best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan)
     if len(points) < MIN_PAIRS or len(spots) < MIN_PAIRS:
@@ -146,44 +175,63 @@ def fit_pose(
     return best if significant else replace(best, pose=guess, fitted=False, length_relative_std=0.0)
 
 
+def _in_plane(
+    x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, guess: Pose
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Contacts from the centre of the image (px) and targets (m) as complex numbers."""
+    return (
+        as_complex(np.column_stack([x_px, y_px]) - guess.image_centre),
+        as_complex(np.asarray(targets, float).reshape(-1, 2)),
+    )
+
+
+def _grid(
+    reach: float, guess: Pose, gate: float, search: PoseSearch, quarter_turns: tuple[int, ...] = (0,)
+) -> Iterator[tuple[complex, bool]]:
+    """Rotations and scales, mirrored or not, nearest to the guess first.
+
+    No step moves a point within ``reach`` (m) by more than a pairing distance.
+    """
+    turns, scales = (
+        np.linspace(-limit, limit, 2 * int(np.ceil(limit * max(reach, gate) / gate)) + 1)
+        for limit in (search.rotation, search.scale)
+    )
+    grid = sorted(product(turns, scales), key=lambda item: abs(item[0]) + abs(item[1]))
+    mirrors = (guess.mirrored, not guess.mirrored) if search.mirror else (guess.mirrored,)
+    for mirrored, quarter, (turn, scale) in product(mirrors, quarter_turns, grid):
+        yield factor_of(guess, quarter * np.pi / 2 + turn, scale, mirrored), mirrored
+
+
 def _candidates(
     points: NDArray[np.complex128], tree: KDTree, guess: Pose, search: PoseSearch, gate: float
 ) -> Iterator[tuple[complex, complex, bool]]:
-    """Similarities (alpha, beta, mirrored) worth refining, nearest to the guess first."""
-    reach = float(np.abs(points).max()) * guess.pixel_size
-    step = gate / max(reach, gate)
-    turns = _outward(search.rotation, step)
-    scales = _outward(search.scale, step)
-    grid = sorted(((abs(t) + abs(s), t, s) for t in turns for s in scales), key=lambda item: item[0])
-    for mirrored in (guess.mirrored, not guess.mirrored) if search.mirror else (guess.mirrored,):
-        turned = oriented(points, mirrored)
-        for _, turn, scale in grid:
-            alpha = factor_of(guess, turn, scale, mirrored)
-            shift = _vote(alpha * turned + complex(*guess.centre), tree, search.shift + gate, gate)
-            if shift is not None:
-                yield alpha, complex(*guess.centre) + shift, mirrored
+    """Similarities (alpha, beta, mirrored) worth refining: enough of the points agree on a shift."""
+    spots, centre = as_complex(tree.data), complex(*guess.centre)
+    for alpha, mirrored in _grid(float(np.abs(points).max()) * guess.pixel_size, guess, gate, search):
+        moved = alpha * oriented(points, mirrored) + centre
+        pairs = KDTree(as_real(moved)).sparse_distance_matrix(
+            tree, search.shift + gate, output_type="coo_matrix"
+        )
+        count, shift = _vote(spots[pairs.col] - moved[pairs.row], gate)
+        if count >= max(MIN_PAIRS, len(points) / POINTS_PER_VOTE):
+            yield alpha, centre + shift, mirrored
 
 
-def _outward(limit: float, step: float) -> list[float]:
-    """0, +-step, +-2 step ... up to the limit."""
-    n = int(np.ceil(limit / step)) if limit > 0 else 0
-    return [k * limit / n for k in range(-n, n + 1)] if n else [0.0]
-
-
-def _vote(points: NDArray[np.complex128], tree: KDTree, reach: float, cell: float) -> complex | None:
-    """The shift on which most pairs (point, target) agree, if more than a third of the points do."""
-    pairs = KDTree(as_real(points)).sparse_distance_matrix(tree, reach, output_type="coo_matrix")
-    if pairs.nnz == 0:
-        return None
-    shifts = tree.data[pairs.col] - as_real(points)[pairs.row]
-    n = int(np.ceil(reach / cell)) + 1
-    count, x, y = np.histogram2d(shifts[:, 0], shifts[:, 1], bins=2 * n, range=[[-n * cell, n * cell]] * 2)
-    i, j = np.unravel_index(int(count.argmax()), count.shape)
-    peak = np.array([(x[i] + x[i + 1]) / 2, (y[j] + y[j + 1]) / 2])
-    close = np.linalg.norm(shifts - peak, axis=1) < 1.5 * cell
-    if close.sum() < max(MIN_PAIRS, len(points) / POINTS_PER_VOTE):
-        return None
-    return complex(*np.median(shifts[close], axis=0))
+def _vote(shifts: NDArray[np.complex128], cell: float) -> tuple[int, complex]:
+    """Number of pairs of a point and a target that agree on a shift, and the shift on which most do."""
+    if not shifts.size:
+        return 0, 0j
+    low = complex(shifts.real.min(), shifts.imag.min())
+    column, row = ((shifts - low).real // cell).astype(int), ((shifts - low).imag // cell).astype(int)
+    shape = (row.max() + 1, column.max() + 1)
+    counts = (
+        np.bincount(row * shape[1] + column, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
+    )
+    smooth = uniform_filter(counts, 3, mode="constant")
+    i, j = np.unravel_index(int(smooth.argmax()), shape)
+    peak = low + cell * complex(j + 0.5, i + 0.5)
+    close = np.abs(shifts - peak) < BLOCK_REACH * cell
+    return int(close.sum()), complex(np.median(shifts[close].real), np.median(shifts[close].imag))
 
 
 def refine(
@@ -254,3 +302,99 @@ def as_real(points: NDArray) -> NDArray[np.float64]:
 def oriented(points: NDArray[np.complex128], mirrored: bool) -> NDArray[np.complex128]:  # noqa: FBT001
     """Pixel points, conjugated if the image is mirrored."""
     return points.conj() if mirrored else points
+
+
+# --- anywhere over the sample, where the stated pose leads nowhere
+
+
+def search_everywhere(x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, guess: Pose) -> PoseFit | None:
+    """Search the pose among all positions over the sample: first as turned as stated, then at quarter turns.
+
+    Parameters
+    ----------
+    x_px, y_px : array_like, shape (n,)
+        Contact centres.
+    targets : array_like, shape (m, 2)
+        Where contacts can be, in sample coordinates, m.
+    guess : Pose
+        Its pixel size must be right to `LARGEST_SCALE_ERROR`; its centre is not used.
+
+    Returns
+    -------
+    PoseFit or None
+        None if no pose is significant, or several explain the contacts equally well.
+
+    Notes
+    -----
+    Votes of the contacts that lie closest together, for each rotation and scale on a grid, as in `fit_pose`.
+    A pose is accepted if so many matches would be chance with a probability
+    below `FALSE_ALARM_RATE`, all positions and rotations that were tried counted.
+    """
+    points, spots = _in_plane(x_px, y_px, targets, guess)
+    if len(points) < MIN_PAIRS or len(spots) < MIN_PAIRS:
+        return None
+    gate = pairing_distance(as_real(spots), guess)
+    for quarter_turns in ((0,), (1, 2, 3)):
+        found = _best_pose(points, spots, guess, gate, quarter_turns)
+        if found is not None:
+            return found
+    return None
+
+
+def _best_pose(
+    points: NDArray[np.complex128],
+    spots: NDArray[np.complex128],
+    guess: Pose,
+    gate: float,
+    quarter_turns: tuple[int, ...],
+) -> PoseFit | None:
+    """The pose that explains most contacts, if it is significant and the only one."""
+    middle, grid = _voters(points, guess, gate, quarter_turns)
+    if not grid:
+        return None
+    candidates = [
+        (*_vote((spots - alpha * oriented(middle, mirrored)[:, None]).ravel(), gate), alpha, mirrored)
+        for alpha, mirrored in grid
+    ]
+    candidates.sort(key=lambda candidate: -candidate[0])
+    fits = [
+        refine(points, spots, guess, (alpha, beta, mirrored), gate)
+        for _, beta, alpha, mirrored in candidates[:REFINED_CANDIDATES]
+    ]
+    fits.sort(key=lambda fit: -fit.n_matched)
+    best = fits[0]
+    area = np.ptp(spots.real) * np.ptp(spots.imag)
+    trials = max(area / gate**2, 1.0) * len(grid)
+    chance = min(best.chance / len(points), 1.0)
+    if bdtrc(best.n_matched - 1, len(points), chance) * trials > FALSE_ALARM_RATE:
+        return None
+    others = [fit for fit in fits[1:] if _differs(fit.pose, best.pose, gate)]
+    if any(fit.n_matched > AMBIGUOUS_FRACTION * best.n_matched for fit in others):
+        return None
+    return replace(best, fitted=True)
+
+
+def _voters(
+    points: NDArray[np.complex128], guess: Pose, gate: float, quarter_turns: tuple[int, ...]
+) -> tuple[NDArray[np.complex128], list[tuple[complex, bool]]]:
+    """Points that vote, and what they vote on; nothing if there are too few of them."""
+    ranked = points[np.argsort(np.abs(points - _densest(points)))]
+    for count in range(min(VOTING_POINTS, len(points)), LEAST_VOTING_POINTS - 1, -5):
+        reach = float(np.abs(ranked[:count] - ranked[:count].mean()).max()) * guess.pixel_size
+        grid = list(_grid(reach, guess, gate, PoseSearch(np.inf), quarter_turns))
+        if len(grid) <= MOST_VOTES:
+            return ranked[:count], grid
+    return ranked[:0], []
+
+
+def _densest(points: NDArray[np.complex128]) -> complex:
+    """The point whose neighbours are closest together."""
+    distance = np.sort(np.abs(points[:, None] - points[None, :]), axis=1)
+    return complex(points[np.argmin(distance[:, min(VOTING_POINTS, len(points)) - 1])])
+
+
+def _differs(one: Pose, other: Pose, gate: float) -> bool:
+    """Whether two poses show the middle or a corner of the image at places apart."""
+    corners = np.array([[0.0, 0.0], one.image_centre, 2 * one.image_centre]).T
+    apart = np.subtract(one.to_sample(*corners), other.to_sample(*corners))
+    return bool(np.hypot(*apart).max() > gate)

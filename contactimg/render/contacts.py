@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import InputError
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import RenderSettings, lamp
-from contactimg.optics.rough_edges import elliptic_outlines, rough_outlines
-from contactimg.optics.spots import FilmSpots, Spots, surround_with_film
+from contactimg.optics.spots import FilmSpots, Spots, elliptic_outlines, rough_outlines, surround_with_film
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 

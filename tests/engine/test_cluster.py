@@ -9,7 +9,7 @@ from functools import partial
 import pandas as pd
 import pytest
 from local_cluster import TIME_LIMIT_S, LocalCluster, files_of, start, wait_until
-from small_series import SCENE, write_small_series
+from small_series import TINY, write_small_series
 from stored_results import stored_results
 
 from contactimg import InputError, solve_ensemble
@@ -22,12 +22,6 @@ from contactimg.pipeline.analyse.places import open_place, predict_places
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 
 pytest.importorskip("distributed")
-
-TINY = SCENE | {
-    "indenter": {"radius_m": 0.1288, "apex_m": [0.0004, 0.0003]},
-    "asperities": SCENE["asperities"] | {"side_m": 0.0008},
-    "simulate": SCENE["simulate"] | {"loads_N": [0.002, 0.004, 0.008], "shape": [90, 120]},
-}
 
 
 @pytest.fixture(scope="module")
@@ -138,13 +132,13 @@ def test_no_call_waits_for_a_result_that_a_worker_may_lose(parts, tmp_path):
 
     with on_cluster(str(parts.file)) as cluster:
         call = partial(slow_square, tmp_path)
-        results = in_parallel(call, [(k,) for k in range(30)], count=30, workers=None)
+        results = in_parallel(call, [(k,) for k in range(12)], count=12, workers=None)
         assert next(results) == 0
         needed, plugins = cluster.client.run_on_scheduler(look)
         assert needed
         assert not any(needed)
         assert len(plugins) == 1
-        assert list(results) == [k**2 for k in range(1, 30)]
+        assert list(results) == [k**2 for k in range(1, 12)]
         assert cluster.client.run_on_scheduler(look)[1] == []
 
 
@@ -177,30 +171,32 @@ def test_a_frame_that_ends_its_workers_fails_and_the_others_are_kept(parts, seri
     wait_until(lambda: sum(worker.poll() is None for worker in parts.workers) == 1)
 
 
-def test_without_workers_or_scheduler_a_run_ends(tmp_path, monkeypatch, capfd):
+def test_without_workers_or_scheduler_a_run_ends(parts, tmp_path, monkeypatch, capfd):
+    """The last test of the cluster: it ends the workers and the scheduler."""
+
     def squares(count):
         return in_parallel(
             partial(slow_square, tmp_path), [(k,) for k in range(count)], count=2, workers=None
         )
 
-    with ExitStack() as stack:
-        parts = LocalCluster(stack, tmp_path / "parts", workers=0)
-        monkeypatch.setenv(PATIENCE_VARIABLE, "1")
-        with on_cluster(str(parts.file)), pytest.raises(ClusterError, match="has had no worker for 1 s"):
+    for worker in parts.workers:
+        worker.kill()
+    monkeypatch.setenv(PATIENCE_VARIABLE, "1")
+    with on_cluster(str(parts.file)) as cluster:
+        wait_until(lambda: not cluster.client.nthreads())
+        with pytest.raises(ClusterError, match="has had no worker for 1 s"):
             list(squares(1))
-        monkeypatch.delenv(PATIENCE_VARIABLE)
-        parts.start_worker()
-        with on_cluster(str(parts.file)):
-            assert list(squares(2)) == [0, 1]
-        monkeypatch.setenv(PATIENCE_VARIABLE, "2")
-        with on_cluster(str(parts.file)):
-            results = squares(1000)
-            assert next(results) == 0
-            parts.scheduler.kill()
-            begin = time.monotonic()
-            with pytest.raises(ClusterError, match=r"cannot go on \(.*start it and the same command again"):
-                list(results)
-        assert time.monotonic() - begin < TIME_LIMIT_S
+    monkeypatch.setenv(PATIENCE_VARIABLE, "20")
+    parts.start_worker()
+    with on_cluster(str(parts.file)):
+        results = squares(1000)
+        assert [next(results), next(results)] == [0, 1]
+        parts.scheduler.kill()
+        begin = time.monotonic()
+        with pytest.raises(ClusterError, match=r"cannot go on \(.*start it and the same command again"):
+            list(results)
+    assert time.monotonic() - begin < TIME_LIMIT_S
+    monkeypatch.setenv(PATIENCE_VARIABLE, "1")
     assert main(["process", str(tmp_path), "--cluster", "tcp://127.0.0.1:9"]) == 2
     assert "no scheduler answers at tcp://127.0.0.1:9" in capfd.readouterr().err
     assert main(["process", str(tmp_path), "--cluster", "nothing.json"]) == 2

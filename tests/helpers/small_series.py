@@ -31,6 +31,13 @@ SCENE = {
     },
 }
 
+TINY = SCENE | {
+    "indenter": {"radius_m": 0.1288, "apex_m": [0.0004, 0.0003]},
+    "asperities": SCENE["asperities"] | {"side_m": 0.0008},
+    "simulate": SCENE["simulate"] | {"loads_N": [0.002, 0.004, 0.008], "shape": [90, 120]},
+}
+"""Three frames of 120 x 90 pixels, for runs that are repeated often."""
+
 
 def write_small_series(folder: Path, scene: dict = SCENE, **simulate) -> Path:
     """Write the series of a scene, with other keys of [simulate], into a new folder."""

@@ -54,8 +54,8 @@ def test_a_refusal_must_say_why(words):
 def test_a_changed_law_is_seen(monkeypatch):
     """The sums one by one know nothing of the solver: a modulus that is off by 1e-6 fails."""
     monkeypatch.setitem(hard_cases.FLAT, "contact_modulus", MODULUS * (1 + 1e-6))
-    assert not CASES["SA+ of 10 mm under a lens, 1 N"]().passed
-    assert not run_cases()["passed"].all()
+    some = {name: CASES[name] for name in ("one cap, Hertz, 0.001 N", "SA+ of 10 mm under a lens, 1 N")}
+    assert run_cases(some)["passed"].tolist() == [False, False]
 
 
 def test_the_self_test_compares_with_the_stored_solutions():
@@ -72,13 +72,12 @@ def test_stored_forces_on_layers_are_those_of_boundary_elements(key):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key", [(2, 2.1), (7, 2.5)], ids=str)
-def test_stored_areas_of_groups_are_spectral_solutions(key):
+def test_a_stored_area_of_groups_is_a_spectral_solution():
     from spectral_contacts import CapProblem, solve_caps
 
-    count, distance = key
-    a, turn = 0.02, np.exp(1j * np.arange(6) * np.pi / 3) if count == 7 else np.ones(1)
-    place = a * distance * np.concatenate([[0], turn]).astype(complex)
+    count, distance = key = 2, 2.1
+    a = 0.02
+    place = a * distance * np.arange(2).astype(complex)
     load = count * 4 / 3 * a**3
 
     def gap(row, x, y):

@@ -101,7 +101,6 @@ def test_jump_in_and_pull_off_of_an_adhesive_asperity(stiffness):
     assert held.radius[0] > 0
     assert parted.radius[0] == 0
     assert parted.indentation == pytest.approx(1.001 * parting)
-    assert (held.stability, held.branch) == ("stable", "unloading")
 
 
 def jkr_curve(a):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from contactimg.optics.psf import gaussian_psf
-from contactimg.optics.rough_edges import elliptic_outlines, rough_outlines
-from contactimg.optics.spots import Spots, spots_image
+from contactimg.optics.spots import Spots, elliptic_outlines, rough_outlines, spots_image
 
 
 @pytest.mark.parametrize("rms", [0.0, 0.3])
