@@ -65,6 +65,9 @@ hand: half of what dust shows; theory: 3 standard errors of the pixels that are 
 LONGEST = 3.5
 """Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
 hand."""
+SHARP_PX2 = 2.5
+"""Counted pixels up to which a faint candidate that does not fit is a hot pixel or part of a hair. Theory: a
+point behind a blur of 0.5 px has four pixels above half height."""
 AGREEMENT_SIGMA = 2.0
 """Standard errors up to which the counted pixels of all contacts together agree with those expected."""
 DISAGREES_SIGMA = 4.0
@@ -112,6 +115,10 @@ RULES: list[Rule] = [
     (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
     (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
+    (
+        Reason.TOO_SHARP,
+        lambda e: e["undescribed"] & (e["counted"] <= SHARP_PX2) & (e["signal"] < LOW_SIGNAL_SIGMA),
+    ),
     (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
 ]
 """Reasons of rejection, in order; those after the first do not hold for what was drawn by hand."""
