@@ -45,7 +45,7 @@ STICKY: dict[str, Any] = {"sphere_radius": RADIUS, "work_of_adhesion": ADHESION}
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a case gave.
+    """Result of a case.
 
     Parameters
     ----------

@@ -502,7 +502,7 @@ def _layer_asked(series: JkrSeries) -> float | None:
 def _departures(
     series: JkrSeries, branch: NDArray[np.str_], used: Mask
 ) -> Sequence[tuple[str, JkrSeries, float]]:
-    """What the order of the loads shows: the likeliest departure, and the next if it is not unlikely.
+    """The likeliest departure that the order of the loads shows, and the next if it is not unlikely.
 
     Each has its name, the series with it and its probability; loads that do not return to where they were
     show none.

@@ -138,7 +138,7 @@ class Plan:
 
     @property
     def error_record(self) -> dict[str, Any]:
-        """What is left out, what that changes, and how well the model is known, for the provenance."""
+        """The effects left out, what that changes, and how well the model is known, for the provenance."""
         return {
             "left_out": list(self.left_out),
             "expected_errors": dict(self.expected_errors),

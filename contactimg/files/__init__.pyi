@@ -9,7 +9,6 @@ from .corrections import EVERY_FRAME as EVERY_FRAME
 from .csv_tables import read_asperities as read_asperities
 from .csv_tables import read_loads as read_loads
 from .csv_tables import read_table as read_table
-from .csv_tables import read_topography as read_topography
 from .csv_tables import write_table as write_table
 from .edits import EDITS_FILE as EDITS_FILE
 from .edits import MASK as MASK

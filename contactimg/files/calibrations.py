@@ -64,7 +64,6 @@ NUMBERS = (
     "threshold_low",
     "threshold_high",
     "edge_shift",
-    "edge_blur",
 )
 """Names of the numbers that a calibration may hold."""
 

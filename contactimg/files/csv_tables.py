@@ -18,7 +18,7 @@ import pandas as pd
 from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
 from contactimg.surfaces import check_asperities
-from contactimg.tables import ASPERITIES, LOADS, TOPOGRAPHY, Flag, Schema, flag_names
+from contactimg.tables import ASPERITIES, LOADS, Flag, Schema, flag_names
 from contactimg.timings import stage
 
 STANDARD_GRAVITY = 9.80665
@@ -299,28 +299,6 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
         )
     _check_unique(path, table, ["x_m", "y_m"])
     return table[list(ASPERITIES.filled(table).columns)]
-
-
-def read_topography(path: str | Path) -> pd.DataFrame:
-    """Read a profilometry table of asperities.
-
-    Parameters
-    ----------
-    path : str or Path
-        CSV with columns ``height_m, radius_m`` and, if known, ``height_std_m, radius_std_m``; others are
-        ignored.
-
-    Returns
-    -------
-    DataFrame
-        Columns of `contactimg.tables.TOPOGRAPHY`, m; an uncertainty that is not given is NaN.
-
-    Raises
-    ------
-    InputError
-        For a missing column or a cell that is no finite number.
-    """
-    return read_table(path, TOPOGRAPHY, required=("height_m", "radius_m"))
 
 
 def _check_unique(path: str | Path, table: pd.DataFrame, columns: list[str]) -> None:

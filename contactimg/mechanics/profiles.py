@@ -23,7 +23,7 @@ FEWEST_POINTS = 4
 
 @runtime_checkable
 class AxisymmetricProfile(Protocol):
-    """What a solver needs to know of the shape of an asperity: three functions of the contact radius (m)."""
+    """The shape of an asperity as a solver needs it: three functions of the contact radius (m)."""
 
     @property
     def widest(self) -> float:

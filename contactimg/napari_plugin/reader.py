@@ -30,7 +30,9 @@ FEATURES = ["frame", "label", "radius_px", "radius_std_px", "force_N"]
 
 
 def run_reader(path: str | Sequence[str]) -> Callable[[str], list[Layer]] | None:
-    """What reads a path, or None for what is no run folder; napari asks for every path that is opened.
+    """The function that reads a path, or None for what is no run folder.
+
+    napari asks for every path that is opened.
 
     Parameters
     ----------

@@ -375,7 +375,7 @@ class MeasuredSeries:
         return (part._finished(law) for part in self._parts())
 
     def of_blocks(self, make: Callable[[Run], Result]) -> Iterator[Result]:
-        """What a function makes of each block, in order; several processes share the blocks."""
+        """The results of a function for the blocks, in order; several processes share the blocks."""
         law = self._law
         return self._share(lambda block: make(block._finished(law)))
 

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 from contactimg.cli import main
-from contactimg.files import read_asperities, read_table, read_topography
+from contactimg.files import read_asperities, read_table
 from contactimg.tables import SUMMITS
 
 PIXEL_UM = 1.5
@@ -69,7 +69,7 @@ def test_a_plain_matrix_gives_the_table_that_other_commands_read(heights, tmp_pa
         assert row.height_m == pytest.approx(height * 1e-6, abs=5 * row.height_std_m)
         assert row.radius_m == pytest.approx(radius * 1e-6, abs=5 * row.radius_std_m)
     np.testing.assert_array_equal(read_asperities(out / "asperities.csv")["radius_m"], table["radius_m"])
-    assert read_topography(out / "asperities.csv")["radius_std_m"].notna().all()
+    assert table["radius_std_m"].notna().all()
     record = json.loads((out / "provenance.json").read_text())
     assert record["noise_m"] == pytest.approx(20e-9, rel=0.05)
     assert record["inputs"]

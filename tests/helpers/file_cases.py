@@ -24,7 +24,6 @@ from contactimg.files import (
     read_calibration,
     read_loads,
     read_scene,
-    read_topography,
 )
 from contactimg.pipeline.inputs import scene_asperities
 from contactimg.pipeline.simulate import write_simulation
@@ -286,15 +285,11 @@ def _without_none(value: object) -> object:
 
 
 def _table_case(samples: Samples, work: Path, rng: random.Random) -> str:
-    """Read a spoilt table of loads, asperities, topography or a calibration."""
+    """Read a spoilt table of loads, asperities or a calibration."""
     read, text = rng.choice(
         [
             (read_loads, (samples.series / "loads.csv").read_text()),
             (read_asperities, (samples.series / "asperities.csv").read_text()),
-            (
-                read_topography,
-                "height_m,radius_m,height_std_m,radius_std_m\n1e-5,1e-4,1e-6,1e-6\n2e-5,1e-4,,\n",
-            ),
             (read_calibration, '{"threshold": {"value": 0.4, "std": 0.1, "unit": ""}, "method": "disk"}'),
         ]
     )

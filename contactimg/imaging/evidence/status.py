@@ -69,7 +69,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class FrameEvidence:
-    """What the rules on a frame are decided on.
+    """The evidence on which the rules on a frame are decided.
 
     Parameters
     ----------

@@ -110,7 +110,7 @@ class LearnedEdge:
 
 
 def describe_edge(learned: LearnedEdge, *, binning: int) -> str:
-    """What to say of an edge that is not plain; empty for a plain one."""
+    """A sentence about an edge that is not plain; empty for a plain one."""
     edge, parts = learned.edge, []
     if "point spread" in learned.families:
         parts.append("a point spread function that is not a Gaussian")

@@ -82,7 +82,7 @@ LONGEST_BLUR_STEP = 0.2
 
 @dataclass(frozen=True)
 class FilmVerdict:
-    """What the rims of a frame say of an air film.
+    """The verdict of the rims of a frame on an air film.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class FilmVerdict:
         return self.asked != "auto" and self.doubt > 1.0 - DECIDED_DOUBT
 
     def remark(self) -> str:
-        """What to say of it; empty where no film was found and nothing is left open, or by hand only."""
+        """A sentence about the film; empty where none was found and nothing is left open, or by hand only."""
         rims = f"{self.rims} rims show {self.light:.2g} +- {self.std:.2g} of its light"
         other = "without it" if self.taken else "with it"
         area = f"{other} the area would be {100 * abs(self.area_change):.2g} % "
@@ -139,7 +139,7 @@ class FilmVerdict:
 
 @dataclass(frozen=True, eq=False)
 class Rims:
-    """What isolated rims share at the maximum of their likelihood.
+    """The quantities that isolated rims share at the maximum of their likelihood.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class Rims:
 
 @dataclass(frozen=True, eq=False)
 class WeighedFilm:
-    """The verdict, and what it takes to act on it.
+    """The verdict on a film, and the change of all radii with it.
 
     Parameters
     ----------

@@ -164,7 +164,7 @@ def fit_ellipse(
         squares = (image - level) ** 2 * weight
         share = np.minimum(OUTLIER_SIGMA / np.sqrt(np.maximum(squares, 1e-30)), 1.0)
         loss = float(squares @ (share * (2.0 - share))) + ((p[LIGHT] - contrast) / spread) ** 2
-        if loss < least:
+        if not loss >= least:  # the first, or a better one; NaN ends as parameters that are not finite
             small, best, least, damping = least - loss < LOSS_TOLERANCE, p, loss, 0.1 * damping
             slopes = profile[:, :7] * p[LIGHT]
             slopes[:, LIGHT] = profile[:, LIGHT]

@@ -170,7 +170,7 @@ class OpticsPrior:
         return cls(mean, np.asarray(np.linalg.inv(correlation * np.outer(std, std)), float))
 
     def with_exact_blur(self, blur: float) -> "OpticsPrior":
-        """The same with a blur that is held fixed."""
+        """The prior with a blur that is held fixed."""
         information = np.diag([self.information[0, 0], 1.0 / (EXACT_FRACTION * blur) ** 2])
         return OpticsPrior(np.array([self.mean[0], blur]), information)
 

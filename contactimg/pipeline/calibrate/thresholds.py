@@ -197,7 +197,7 @@ def _disk_forces(experiment: Experiment, series: ThresholdSeries, workers: int |
 
 
 def _notes(series: ThresholdSeries) -> list[str]:
-    """What the frames' rows have to say."""
+    """Sentences of the frames' rows."""
     kept = [f"{row['frame']}: {row['message']}" for row in series.frames.to_dict("records") if row["message"]]
     return kept + [str(text) for text in series.failed["message"]]
 

@@ -100,3 +100,10 @@ def test_shifts_are_those_of_fits_at_another_contrast_and_blur():
     ]
     for column, (above, below) in zip(shifts.T, ends, strict=True):
         np.testing.assert_allclose(column, 0.5 * (above - below), rtol=0.1, atol=2e-3)
+
+
+@pytest.mark.parametrize("hole", [np.nan, 0.0])
+def test_a_window_that_shows_nothing_raises_nothing(hole):
+    start = parameters(15.4, 16.1, 6.0, 1.4, 1.1, 100.0)
+    found = fitted(np.full((33, 33), hole, np.float32), start)
+    assert np.isfinite(found.parameters).all() == np.isfinite(hole)
