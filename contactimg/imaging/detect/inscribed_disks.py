@@ -79,7 +79,7 @@ def disks_in_region(
         closed = cv2.copyMakeBorder(own, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
         widest = float(cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_5).max())
         own = fill(own, holes, LARGEST_HOLE_SHARE * np.pi * widest**2)
-    disks = _inscribed(own, cut)
+    disks = inscribed_in(own, cut)
     if not len(disks):
         disks = np.array([[region["x"], region["y"], np.sqrt(region["area"] / np.pi)]]) - corner
     return disks + corner, False
@@ -142,7 +142,7 @@ def fill(
     return mask | small[labels] if small.any() else mask
 
 
-def _inscribed(mask: NDArray[np.uint8], cut: tuple[bool, bool, bool, bool]) -> NDArray[np.float64]:
+def inscribed_in(mask: NDArray[np.uint8], cut: tuple[bool, ...]) -> NDArray[np.float64]:
     """Disks inscribed in a mask, largest first; ``cut`` marks the sides beyond which the mask continues."""
     # a contact cut by the border continues: repeat the border instead of closing it
     closed = np.asarray(cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT), np.uint8)

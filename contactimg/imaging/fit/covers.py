@@ -21,6 +21,7 @@ from contactimg.imaging.detect.inscribed_disks import (
     as_one_contact,
     fill,
     find_holes,
+    inscribed_in,
 )
 from contactimg.imaging.detect.peaks import find_peaks_near
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, find_insignificant, fit_disks, render_disks
@@ -45,6 +46,8 @@ BAD_FIT_SIGMA = 6.0
 """... if it is so significant. False-alarm rate: 1e-9 for a normal deviate."""
 CHI_SQUARE_SLACK_SIGMA = 3.0
 """Excess chi-square that counts as none. False-alarm rate: 1e-3 for a normal deviate."""
+COARSE_BLUR_WIDTHS = 2.0
+"""Standard deviation of the additional blur of a coarser look at a group. By hand."""
 COVER_ROUNDS = 4
 """Rounds of trying covers at most. By hand."""
 DISK_PRICE = 40.0
@@ -60,7 +63,7 @@ LARGEST_USUAL_CHI_SQUARE = 2.0
 LEAST_GAIN = 1.0
 """Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
 uncertainty of one parameter."""
-UNDESCRIBED_RATIO = 3.0
+UNDESCRIBED_RATIO = 2.0
 """Mean squared residual over its usual value above which disks do not describe a group. By hand."""
 LIT_FRACTION = 0.02
 """Height from which pixels belong to a group, of the contrast. By hand."""
@@ -244,35 +247,54 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
             found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
             if any(_misfit(window, each, fit.blur) < window.chi_square(better) for each in found.fitted):
                 continue
-        single = _one_contact(window, better, usual)
-        better = better if single is None else single
+        simple = _simpler(window, better, usual)
+        better = better if simple is None else simple
         if better is not disks:
             replaced[members] = True
             new.append(better + window.offset)
-            one.append(np.full(len(better), single is not None))
+            one.append(np.full(len(better), simple is not None))
     return Replacement(replaced, np.vstack(new), np.concatenate(one))
 
 
-def _one_contact(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np.float64] | None:
-    """The disk of the area of a group that its disks do not describe, if it is one convex region; else None.
-
-    The region is that above half of the plateau, its holes filled: mottling makes holes, not contacts.
-    """
+def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np.float64] | None:
+    """Fewer disks, of a coarser look at a group, unless its disks describe it much better; else None."""
     lit = window.model(disks) > LIT_FRACTION * window.problem.contrast
     if not lit.any() or float(window.misfit(disks)[lit].mean()) < UNDESCRIBED_RATIO * usual:
         return None
-    plateau = float(np.median(disks[:, CONTRAST]))
-    above = (window.problem.image > 0.5 * plateau).astype(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
-    if count < 2:
+    coarse = _coarser_cover(window, disks)
+    moved = len(coarse) == len(disks) == 1 and np.abs(coarse - disks)[0, :3].max() > window.blur
+    if not len(coarse) or not (len(coarse) < len(disks) or moved):
         return None
-    own = (labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])).astype(np.uint8)
-    rim = np.concatenate([own[0], own[-1], own[:, 0], own[:, -1]])
-    whole = fill(own, find_holes(own), LARGEST_WHOLE_HOLES * float(own.sum()))
-    disk = None if rim.any() else as_one_contact(whole, own, LEAST_CONVEX)
-    if disk is None or (len(disks) == 1 and np.abs(disk[0] - disks[0, :3]).max() < window.blur):
-        return None
-    return np.append(disk[0], plateau)[None]
+    fitted, chi_square = window.fit(coarse, _bounds(window, coarse))
+    expected = usual * window.pixels
+    left = (window.chi_square(disks) - expected) * len(disks) / len(coarse)
+    return coarse if left > EXCESS_LEFT_FRACTION * (chi_square - expected) else None
+
+
+def _coarser_cover(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
+    """Disks inscribed in a group when its holes are filled and a wider blur hides its mottling.
+
+    The level is half of the median height within the disks of the group; a blur moves a rim there only in
+    second order.
+    """
+    image = window.problem.image
+    smooth = cv2.GaussianBlur(image, (0, 0), COARSE_BLUR_WIDTHS * window.blur, borderType=cv2.BORDER_REPLICATE)
+    inside = window.model(disks) > 0.5 * window.problem.contrast
+    if not inside.any():
+        return np.empty((0, 4))
+    plateau = float(np.median(smooth[inside]))
+    above = (smooth > 0.5 * plateau).astype(np.uint8)
+    count, labels = cv2.connectedComponents(above, connectivity=8)
+    found = [np.empty((0, 3))]
+    for own in ((labels == k).astype(np.uint8) for k in range(1, count)):
+        if not (own & inside).any():
+            continue
+        cut = tuple(bool(side.any()) for side in (own[0], own[-1], own[:, 0], own[:, -1]))
+        filled = fill(own, find_holes(own), LARGEST_WHOLE_HOLES * float(own.sum()))
+        one = None if any(cut) else as_one_contact(filled, own, LEAST_CONVEX)
+        found.append(inscribed_in(filled, cut) if one is None else one)
+    places = np.vstack(found)
+    return np.column_stack([places, np.full(len(places), plateau)])
 
 
 def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
