@@ -9,6 +9,7 @@ counted area is reported: a contact that is seen does not disappear.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe
@@ -32,6 +33,9 @@ DIRECTIONS, LEAST_SEEN = 32, 4
 that must be seen. By hand."""
 PERCENTILE = 70.0
 """Percentile of these falls that is taken. By hand: up to 30 % of the rim may touch neighbours."""
+OUTLINE_REACH = 1.6
+"""Half the side of the window in which the outline of a region is looked at, over the radius of its disk.
+Theory: 1.41 for an ellipse of 2 : 1."""
 SHARPEST_BLUR_PX, WIDEST_BLUR_PX = 1.0, 8.0
 """Limits of the blur used here: pixels are not interpolated, and no optics is as blurred as uneven light."""
 Columns = dict[str, NDArray]
@@ -213,6 +217,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     differs = shaped | (np.abs(count_z) > 2.0)
     use_count = ((undescribed & ~ellipse & differs) | hollow) & resolved
     use_count = (use_count | free) & (looked.area > 0)
+    places = np.column_stack([problem.in_frame(disks[:, [X, Y]]), radius * problem.binning])
     rows = np.full(n, -1) if joint is None else joint.prior.is_odd(disks)
     reach = radius + EDGE_GAP_BLUR_WIDTHS * blur
     gap = _gap_to_border(disks, problem.image.shape)
@@ -224,14 +229,8 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "signal": radius / (2.0 * std),
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring))
         / np.maximum(contrast, 1e-9),
-        "own_rise": own_rise(foreground, problem.in_frame(disks[:, [X, Y]]), radius * problem.binning, blur),
-        "fall": measure_fall(
-            foreground.image,
-            foreground.frame_pair.valid,
-            np.column_stack([problem.in_frame(disks[:, [X, Y]]), radius * problem.binning]),
-            blur * problem.binning,
-        )
-        / np.maximum(contrast, 1e-9),
+        "own_rise": own_rise(foreground, places[:, :2], places[:, 2], blur),
+        "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau) / np.maximum(contrast, 1e-9),
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
         "undescribed": undescribed,
@@ -431,6 +430,30 @@ def measure_fall(
     steep = np.take_along_axis(np.sort(fall, axis=1), rank[:, None], axis=1)[:, 0]  # NaN sorts last
     out[wide] = np.where(count >= LEAST_SEEN, steep, np.inf)
     return out
+
+
+def _fall_of_rims(
+    foreground: Foreground, disks: NDArray[np.float64], blur: float, plateau: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """`measure_fall`, across the outlines at half of their plateaus for regions that are no disks."""
+    image, valid = foreground.image, foreground.frame_pair.valid
+    fall = measure_fall(image, valid, disks, blur)
+    for row in np.flatnonzero(fall < RIM_FALL * plateau):
+        x, y, reach = disks[row, 0], disks[row, 1], OUTLINE_REACH * disks[row, 2] + 4.0 * blur
+        box = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 1, 0)) for at in (y, x))
+        window = image[box]
+        above = (window > 0.5 * plateau[row]).astype(np.uint8)
+        if not 0 < np.count_nonzero(above) < above.size:
+            continue
+        depth = cv2.distanceTransform(above, cv2.DIST_L2, cv2.DIST_MASK_5)
+        depth -= cv2.distanceTransform(1 - above, cv2.DIST_L2, cv2.DIST_MASK_5)
+        seen = np.ones(window.shape, np.bool_) if valid is None else valid[box] > 0
+        inside, outside = (
+            window[seen & (np.abs(depth + side * 2.0 * blur) < 1.0)] for side in (-1.0, 1.0)
+        )
+        if min(len(inside), len(outside)) >= LEAST_SEEN:
+            fall[row] = max(fall[row], float(np.median(inside) - np.median(outside)))
+    return fall
 
 
 def _values_at(image: NDArray, valid: Mask, points: NDArray[np.complex128]) -> NDArray[np.float64]:
