@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
-from contactimg.imaging.fit.covers import Replacement, find_better_covers, find_pairs_of_disks
+from contactimg.imaging.fit.covers import Replacement, find_better_covers, find_pairs_of_disks, join_disks
 from contactimg.imaging.fit.disks import (
     FitControl,
     FittedDisks,
@@ -123,6 +123,8 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes:
         work.add(_disks_of_peaks(peaks, fit.blur, contrast))
     if not limited:
         work.improve_covers()
+    if shapes == "auto":
+        work.join_ellipses()
     work.drop_insignificant(final=True)
     return Assembled(work.problem, work.fit, np.vstack(work.dropped), smallest, limited, work.ellipses)
 
@@ -209,15 +211,26 @@ class _Assembly:
     def find_ellipses(self, tried: NDArray[np.bool_]) -> None:
         """Replace the regions that are ellipses by disks of equal area in the image."""
         found = find_ellipses(self.problem, self.fit, self.problem.prior, EXACT_OPTICS, among=tried)
-        if not len(found.rows):
-            return
         pairs = find_pairs_of_disks(self.problem, self.fit, found)
         self._replace(pairs)
-        found = found.kept(~pairs.replaced)
+        self._make_round(found.kept(~pairs.replaced))
+
+    def join_ellipses(self) -> None:
+        """Replace touching disks by ellipses where most contacts are ellipses."""
+        joined = join_disks(self.problem, self.fit, self.ellipses)
+        self._replace(joined)
+        rows = len(self.fit.disks) - 1 - np.arange(len(joined.new))
+        self._make_round(
+            find_ellipses(self.problem, self.fit, self.problem.prior, EXACT_OPTICS, rows=rows)
+        )
+
+    def _make_round(self, found: Ellipses) -> None:
+        """Put disks of equal area in the place of ellipses, and fit all disks again."""
         if not len(found.rows):
             return
         self.problem, disks = made_round(self.problem, self.fit, found)
-        self.ellipses = found
+        rows = np.concatenate([self.ellipses.rows, found.rows])
+        self.ellipses = Ellipses(rows, [*self.ellipses.fitted, *found.fitted], found.blur)
         control = FitControl(free_blur=False, robust=False, iterations=3)
         self.fit = fit_disks(self.problem, disks, blur=self.fit.blur, control=control)
 

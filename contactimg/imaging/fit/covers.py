@@ -26,8 +26,15 @@ from contactimg.imaging.detect.inscribed_disks import (
 from contactimg.imaging.detect.peaks import find_peaks_near
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, find_insignificant, fit_disks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
-from contactimg.imaging.fit.shapes import EXACT_OPTICS, Ellipses, FittedEllipse, find_ellipses, render_ellipse
-from contactimg.imaging.kernels.pairs import find_pairs
+from contactimg.imaging.fit.shapes import (
+    EXACT_OPTICS,
+    Ellipses,
+    FittedEllipse,
+    find_ellipses,
+    fit_ellipse,
+    render_ellipse,
+)
+from contactimg.imaging.kernels.pairs import count_touching, find_pairs
 
 DISK_REACH_BLUR_WIDTHS = 2.0
 """Margin about a disk within which pixels count as its own. By hand."""
@@ -56,6 +63,9 @@ EXCESS_LEFT_FRACTION = 0.35
 """Fraction of the excess chi-square that a new cover may leave. By hand."""
 GROUP_GAP_BLUR_WIDTHS = 2.0
 """Gap between rims within one group. By hand."""
+JOINED_ELLIPTICITY, MOST_JOINED = 0.3, 4
+"""Ellipticity from which the fit of one ellipse to touching disks starts, and disks that it may replace. By
+hand: three disks in a row are an ellipse of 3 : 1."""
 LARGEST_GROUP = 20
 """Disks of the largest group for which covers are tried. By hand, for time."""
 LARGEST_USUAL_CHI_SQUARE = 2.0
@@ -320,6 +330,40 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
             new.append(two + window.offset)
     pairs = np.vstack(new)
     return Replacement(replaced, pairs, np.zeros(len(pairs), np.bool_))
+
+
+def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
+    """One disk, to become an ellipse, for disks that touch, where most contacts are ellipses.
+
+    An ellipse takes their place unless they lower chi-square by the price of more disks.
+    """
+    n = len(fit.disks)
+    replaced, new = np.zeros(n, np.bool_), [np.empty((0, 4))]
+    touching = count_touching(fit.disks, fit.blur) > 0
+    if not touching.any() or 2 * len(ellipses.rows) <= np.count_nonzero(~touching):
+        return Replacement(replaced, new[0], np.zeros(0, np.bool_))
+    touching[ellipses.rows] = False
+    for members in _groups_with(touching, fit.disks, fit.blur):
+        window = GroupWindow.about(_no_finer_than_shapes(problem), fit, members)
+        if window is None or len(members) > MOST_JOINED:
+            continue
+        disks = fit.disks[members] - window.offset
+        share = disks[:, RADIUS] ** 2 / np.sum(disks[:, RADIUS] ** 2)
+        centre, radius = share @ disks[:, :2], float(np.sqrt(np.sum(disks[:, RADIUS] ** 2)))
+        away = (disks[:, 0] - centre[0] + 1j * (disks[:, 1] - centre[1])) ** 2
+        turn = np.exp(1j * np.angle(share @ away)) * JOINED_ELLIPTICITY
+        start = np.array([*centre, radius, turn.real, turn.imag, problem.contrast])
+        ellipse = fit_ellipse(
+            window.problem, start, blur=fit.blur, prior=(problem.contrast, problem.contrast),
+            covariance=EXACT_OPTICS,
+        )  # fmt: skip
+        price = DISK_PRICE * (len(members) - 1)
+        if _misfit(window, ellipse, fit.blur) < window.chi_square(disks) + price:
+            replaced[members] = True
+            x, y, a, _, _, c = ellipse.parameters
+            new.append(np.array([[x, y, a, c]]))
+    joined = np.vstack(new)
+    return Replacement(replaced, joined, np.ones(len(joined), np.bool_))
 
 
 def _misfit(window: GroupWindow, ellipse: FittedEllipse, blur: float) -> float:
