@@ -87,8 +87,8 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes:
     shapes : {"auto", "disk", "ellipse", "free"}
         Whether ellipses are looked for.
     """
-    contrast, noise = problem.contrast, problem.pixel_noise
-    found = find_candidates(problem.image, contrast, noise, problem.valid, blur=blur)
+    contrast = problem.contrast
+    found = find_candidates(problem.image, contrast, problem.pixel_noise, problem.valid, blur=blur)
     most = min(int(MOST_DISKS_PER_PX2 * problem.image.size) + 1, MOST_DISKS)
     limited = len(found.places) > most
     (x, y, a), shape = found.places[:most].T, problem.image.shape
@@ -105,24 +105,10 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes:
         most = len(work.fit.disks)
     else:
         work.add_wide_residuals()
-    fit = work.fit
-    peaks, lowest = find_peaks(
-        problem.image, fit.model, width=fit.blur, height=0.0, background=problem.background
-    )
-    smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
-    at_rim = _near_rims(peaks, fit.disks, RIM_BLUR_WIDTHS * fit.blur)
-    peaks = peaks[(peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0)))]
-    scatter = _scatter_around(problem.image, fit.model, peaks, fit.blur)
-    # behind the filter white noise is smaller by this; rests of compression are less so
-    behind = 2.0 / (2.0 * np.sqrt(np.pi) * fit.blur)
-    rough = scatter > ROUGH_RATIO * noise
-    peaks = peaks[~rough | (peaks[:, 2] > FALSE_ALARM_SIGMA * behind * scatter)]
-    limited |= len(peaks) > most - len(fit.disks)
-    peaks = peaks[: max(most - len(fit.disks), 0)]
-    if len(peaks):
-        work.add(_disks_of_peaks(peaks, fit.blur, contrast))
-    if not limited:
-        work.improve_covers()
+    smallest, too_many = work.add_peaks(most)
+    limited |= too_many
+    if not limited and work.improve_covers():
+        work.add_peaks(most)
     if shapes == "auto":
         work.join_ellipses()
     work.drop_insignificant(final=True)
@@ -195,6 +181,29 @@ class _Assembly:
         self.problem = replace(problem, prior=replace(problem.prior, odd=odd))
         self.add(disks)
 
+    def add_peaks(self, most: int) -> tuple[float, bool]:
+        """Add a disk for each peak that the disks leave, at most ``most`` in all.
+
+        Radius of the smallest isolated disk that stands out of the noise, and whether peaks were left.
+        """
+        problem, fit, contrast = self.problem, self.fit, self.problem.contrast
+        peaks, lowest = find_peaks(
+            problem.image, fit.model, width=fit.blur, height=0.0, background=problem.background
+        )
+        smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
+        peaks = peaks[~_near_rims(peaks, fit.disks[self.whole], 0.0)]  # mottled insides
+        at_rim = _near_rims(peaks, fit.disks, RIM_BLUR_WIDTHS * fit.blur)
+        peaks = peaks[(peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0)))]
+        scatter = _scatter_around(problem.image, fit.model, peaks, fit.blur)
+        # behind the filter white noise is smaller by this; rests of compression are less so
+        behind = 2.0 / (2.0 * np.sqrt(np.pi) * fit.blur)
+        rough = scatter > ROUGH_RATIO * problem.pixel_noise
+        peaks = peaks[~rough | (peaks[:, 2] > FALSE_ALARM_SIGMA * behind * scatter)]
+        room = max(most - len(fit.disks), 0)
+        if len(peaks[:room]):
+            self.add(_disks_of_peaks(peaks[:room], fit.blur, contrast))
+        return smallest, len(peaks) > room
+
     def drop_insignificant(self, among: NDArray[np.bool_] | None = None, *, final: bool = False) -> None:
         """Drop the disks (all, or among some) that the pixels do not need."""
         dropped = find_insignificant(self.fit, self.problem, final=final)
@@ -234,9 +243,11 @@ class _Assembly:
         control = FitControl(free_blur=False, robust=False, iterations=3)
         self.fit = fit_disks(self.problem, disks, blur=self.fit.blur, control=control)
 
-    def improve_covers(self) -> None:
-        """Replace the disks of groups that fit badly by better covers of the same pixels."""
-        self._replace(find_better_covers(self.problem, self.fit, self.whole))
+    def improve_covers(self) -> bool:
+        """Replace the disks of groups that fit badly by better covers; whether some are simpler ones."""
+        covers = find_better_covers(self.problem, self.fit, self.whole)
+        self._replace(covers)
+        return bool(covers.whole.any())
 
     def _replace(self, covers: Replacement) -> None:
         """Put other disks in the place of some, and fit them and their neighbours."""
