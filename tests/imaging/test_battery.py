@@ -26,11 +26,6 @@ all."""
 CASES = [(name, 25) for name in WORLDS]
 CASES += [pytest.param(name, 140, marks=pytest.mark.slow) for name in list(WORLDS)[::3]]
 
-PIECES = "speckle as strong as the contrast cuts wide contacts into pieces"
-PAIRS = "some ellipses of 2 : 1 are covered by two disks"
-BELOW_COUNTING = {("speckled", 25): PIECES, ("speckled", 140): PIECES, ("ellipses 2", 25): PAIRS}
-"""Frames on which contacts are found worse than by Otsu's threshold, and why."""
-
 
 @cache
 def measured(world, count):
@@ -46,11 +41,11 @@ def measured(world, count):
 
 @pytest.mark.parametrize(("world", "count"), CASES)
 def test_a_frame_is_right_or_says_that_it_is_not_and_is_found_no_worse_than_by_otsu(world, count):
-    """No frame is wrong and called "ok"; one found as well as by Otsu's threshold must leave the list."""
+    """No frame is wrong and called "ok", and none is found worse than by Otsu's threshold."""
     row = measured(world, count)
     shown = {name: row[name] for name in ("area", "area_z", "cover2", "recall", "precision", "odd_z")}
     assert row["verdict"] in ("right", "said"), shown
-    assert bool(row["f1"] < row["f1_otsu"] - BELOW) is ((world, count) in BELOW_COUNTING), shown
+    assert row["f1"] >= row["f1_otsu"] - BELOW, shown
 
 
 @pytest.mark.parametrize("light", ["laser", "white"])

@@ -112,12 +112,7 @@ def test_other_shapes_are_one_contact_each_with_the_area_of_their_pixels(name):
     assert table["shape"].tolist() == ["disk", "disk", "free", "disk", "disk", "disk"]
 
 
-SPECKLED = "three of 18 wide contacts with speckle as strong as the contrast are cut into pieces"
-
-
-@pytest.mark.parametrize(
-    "world", ["holes", pytest.param("speckled", marks=pytest.mark.xfail(reason=SPECKLED, strict=True))]
-)
+@pytest.mark.parametrize("world", ["holes", "speckled"])
 def test_contacts_with_holes_or_speckles_are_all_found_and_said(world):
     scene = make_scene(world, 25, 13)
     result = measure_image(scene.frame, scene.reference)

@@ -230,7 +230,8 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring))
         / np.maximum(contrast, 1e-9),
         "own_rise": own_rise(foreground, places[:, :2], places[:, 2], blur),
-        "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau) / np.maximum(contrast, 1e-9),
+        "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau)
+        / np.maximum(contrast, 1e-9),
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
         "undescribed": undescribed,
@@ -448,9 +449,7 @@ def _fall_of_rims(
         depth = cv2.distanceTransform(above, cv2.DIST_L2, cv2.DIST_MASK_5)
         depth -= cv2.distanceTransform(1 - above, cv2.DIST_L2, cv2.DIST_MASK_5)
         seen = np.ones(window.shape, np.bool_) if valid is None else valid[box] > 0
-        inside, outside = (
-            window[seen & (np.abs(depth + side * 2.0 * blur) < 1.0)] for side in (-1.0, 1.0)
-        )
+        inside, outside = (window[seen & (np.abs(depth + side * 2.0 * blur) < 1.0)] for side in (-1.0, 1.0))
         if min(len(inside), len(outside)) >= LEAST_SEEN:
             fall[row] = max(fall[row], float(np.median(inside) - np.median(outside)))
     return fall

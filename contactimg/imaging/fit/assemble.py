@@ -6,6 +6,7 @@ matched filter finds small ones. Groups that fit badly get other covers of the s
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -108,7 +109,7 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes:
     smallest, too_many = work.add_peaks(most)
     limited |= too_many
     if not limited and work.improve_covers():
-        work.add_peaks(most)
+        work.add_peaks(most, outside=True)
     if shapes == "auto":
         work.join_ellipses()
     work.drop_insignificant(final=True)
@@ -181,17 +182,19 @@ class _Assembly:
         self.problem = replace(problem, prior=replace(problem.prior, odd=odd))
         self.add(disks)
 
-    def add_peaks(self, most: int) -> tuple[float, bool]:
+    def add_peaks(self, most: int, *, outside: bool = False) -> tuple[float, bool]:
         """Add a disk for each peak that the disks leave, at most ``most`` in all.
 
-        Radius of the smallest isolated disk that stands out of the noise, and whether peaks were left.
+        ``outside`` leaves out peaks in contacts of other shapes. Returned are the radius of the smallest
+        isolated disk that stands out of the noise, and whether peaks were left.
         """
         problem, fit, contrast = self.problem, self.fit, self.problem.contrast
         peaks, lowest = find_peaks(
             problem.image, fit.model, width=fit.blur, height=0.0, background=problem.background
         )
         smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
-        peaks = peaks[~_near_rims(peaks, fit.disks[self.whole], 0.0)]  # mottled insides
+        if outside:
+            peaks = peaks[~_in_regions(peaks, fit.disks[self.whole], problem.image, 0.5 * contrast)]
         at_rim = _near_rims(peaks, fit.disks, RIM_BLUR_WIDTHS * fit.blur)
         peaks = peaks[(peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0)))]
         scatter = _scatter_around(problem.image, fit.model, peaks, fit.blur)
@@ -229,9 +232,7 @@ class _Assembly:
         joined = join_disks(self.problem, self.fit, self.ellipses)
         self._replace(joined)
         rows = len(self.fit.disks) - 1 - np.arange(len(joined.new))
-        self._make_round(
-            find_ellipses(self.problem, self.fit, self.problem.prior, EXACT_OPTICS, rows=rows)
-        )
+        self._make_round(find_ellipses(self.problem, self.fit, self.problem.prior, EXACT_OPTICS, rows=rows))
 
     def _make_round(self, found: Ellipses) -> None:
         """Put disks of equal area in the place of ellipses, and fit all disks again."""
@@ -306,6 +307,19 @@ def _scatter_around(image, model, peaks, blur):
                     count += 1
         out[i] = np.sqrt(total / max(count, 1))
     return out
+
+
+def _in_regions(
+    peaks: NDArray, disks: NDArray, image: NDArray[np.float32], level: float
+) -> NDArray[np.bool_]:
+    """Peaks in some disks, or connected with their centres above a level: parts of a contact of any shape."""
+    if not len(disks) or not len(peaks):
+        return np.zeros(len(peaks), np.bool_)
+    labels = cv2.connectedComponents((image > level).astype(np.uint8), connectivity=8)[1]
+    (x, y), (u, v) = (np.rint(places[:, :2].T).astype(int) for places in (peaks, disks))
+    seen = (u >= 0) & (v >= 0) & (u < image.shape[1]) & (v < image.shape[0])
+    own = np.setdiff1d(labels[v[seen], u[seen]], [0])
+    return _near_rims(peaks, disks, 0.0) | np.isin(labels[y, x], own)
 
 
 def _near_rims(places: NDArray, disks: NDArray, reach: float) -> NDArray[np.bool_]:

@@ -25,7 +25,7 @@ from contactimg.imaging.detect.inscribed_disks import (
 )
 from contactimg.imaging.detect.peaks import find_peaks_near
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, find_insignificant, fit_disks, render_disks
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.shapes import (
     EXACT_OPTICS,
     Ellipses,
@@ -73,8 +73,9 @@ LARGEST_USUAL_CHI_SQUARE = 2.0
 LEAST_GAIN = 1.0
 """Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
 uncertainty of one parameter."""
-UNDESCRIBED_RATIO = 2.0
-"""Mean squared residual over its usual value above which disks do not describe a group. By hand."""
+POOR_RATIO, UNDESCRIBED_RATIO = 2.0, 3.0
+"""Mean squared residual over its usual value above which fewer disks may be as good, and above which disks
+do not describe a group. By hand."""
 LIT_FRACTION = 0.02
 """Height from which pixels belong to a group, of the contrast. By hand."""
 LEAST_CONVEX = 0.92
@@ -267,15 +268,22 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
 
 
 def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np.float64] | None:
-    """Fewer disks, of a coarser look at a group, unless its disks describe it much better; else None."""
+    """Fewer disks, of a coarser look at a group, in the place of disks that do not describe it; else None.
+
+    The more disks there are, the more of the excess chi-square of the fewer they must remove. Where they
+    describe nothing, one contact of any shape is simpler.
+    """
     lit = window.model(disks) > LIT_FRACTION * window.problem.contrast
-    if not lit.any() or float(window.misfit(disks)[lit].mean()) < UNDESCRIBED_RATIO * usual:
+    misfit = float(window.misfit(disks)[lit].mean()) / usual if lit.any() else 0.0
+    if misfit < POOR_RATIO:
         return None
     coarse = _coarser_cover(window, disks)
     moved = len(coarse) == len(disks) == 1 and np.abs(coarse - disks)[0, :3].max() > window.blur
     if not len(coarse) or not (len(coarse) < len(disks) or moved):
         return None
-    fitted, chi_square = window.fit(coarse, _bounds(window, coarse))
+    if len(coarse) == 1 and misfit > UNDESCRIBED_RATIO:
+        return coarse
+    _, chi_square = window.fit(coarse, _bounds(window, coarse))
     expected = usual * window.pixels
     left = (window.chi_square(disks) - expected) * len(disks) / len(coarse)
     return coarse if left > EXCESS_LEFT_FRACTION * (chi_square - expected) else None
@@ -288,7 +296,9 @@ def _coarser_cover(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
     second order.
     """
     image = window.problem.image
-    smooth = cv2.GaussianBlur(image, (0, 0), COARSE_BLUR_WIDTHS * window.blur, borderType=cv2.BORDER_REPLICATE)
+    smooth = cv2.GaussianBlur(
+        image, (0, 0), COARSE_BLUR_WIDTHS * window.blur, borderType=cv2.BORDER_REPLICATE
+    )
     inside = window.model(disks) > 0.5 * window.problem.contrast
     if not inside.any():
         return np.empty((0, 4))
@@ -301,8 +311,9 @@ def _coarser_cover(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
             continue
         cut = tuple(bool(side.any()) for side in (own[0], own[-1], own[:, 0], own[:, -1]))
         filled = fill(own, find_holes(own), LARGEST_WHOLE_HOLES * float(own.sum()))
-        one = None if any(cut) else as_one_contact(filled, own, LEAST_CONVEX)
-        found.append(inscribed_in(filled, cut) if one is None else one)
+        disks = inscribed_in(filled, cut)
+        one = None if any(cut) or len(disks) > 1 else as_one_contact(filled, own, LEAST_CONVEX)
+        found.append(disks if one is None else one)
     places = np.vstack(found)
     return np.column_stack([places, np.full(len(places), plateau)])
 
