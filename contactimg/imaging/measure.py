@@ -31,7 +31,7 @@ from contactimg.imaging.evidence.status import (
     judge_frame,
     unexplained_share,
 )
-from contactimg.imaging.fit.disks import render_disks
+from contactimg.imaging.fit.disks import erase_disks
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.fit.shapes import made_round
@@ -266,8 +266,8 @@ def measure_image(
             for covariance in (joint.covariance, joint.own_covariance)
         )
         own = replace(own, edge=None if result.edge is None else result.edge.knowledge)
-    model = render_disks(result.fit.disks[judged.rows], result.fit.blur, problem.image.shape)
-    model = made_round(replace(problem, image=model), result.fit, result.ellipses, -1.0)[0].image
+    erase_disks(problem, result.fit, ~np.isin(np.arange(len(result.fit.disks)), judged.rows))
+    model = made_round(replace(problem, image=result.fit.model), result.fit, result.ellipses, -1.0)[0].image
     seen = FrameEvidence(
         foreground, judged.contacts, judged.rejected, judged.evidence, own.contrast_relative_std, result,
         _background(foreground, judged.contacts, result.fit.blur * binning),

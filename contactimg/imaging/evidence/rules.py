@@ -16,7 +16,6 @@ from scipy.special import ellipe
 
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
-from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
 from contactimg.imaging.foreground import Foreground
@@ -188,9 +187,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     """The table: one row for each disk of the fit; lengths in px of the fit."""
     problem, fit, joint = result.problem, result.fit, result.joint
     disks, n, blur = fit.disks, len(fit.disks), fit.blur
-    model = render_disks(disks, blur, problem.image.shape)
-    complete = type(fit)(**{**vars(fit), "model": model})
-    looked = look_at_pixels(problem, complete)
+    looked = look_at_pixels(problem, fit)
     radius, contrast = disks[:, RADIUS], disks[:, CONTRAST]
     std = np.where(fit.std[:, RADIUS] > 0, fit.std[:, RADIUS], np.inf)
     poor = (fit.chi_square > POOR_CHI_SQUARE) & (looked.rim_chi_square > POOR_CHI_SQUARE)
@@ -198,7 +195,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     plateau = np.where(np.isfinite(looked.plateau), looked.plateau, contrast)
     again = np.flatnonzero(undescribed | free)
     if len(again):  # at half of their own plateau
-        looked = looked.updated(again, look_at_pixels(problem, complete, half=0.5 * plateau, rows=again))
+        looked = looked.updated(again, look_at_pixels(problem, fit, half=0.5 * plateau, rows=again))
     slope = np.maximum(contrast, 1e-9) / (blur * np.sqrt(2.0 * np.pi))
     place = COUNT_VARIANCE + fit.brightness**-1 * problem.noise.variance / slope**2
     count_std = np.sqrt(2.0 * np.pi * np.maximum(radius, 1.0) * place)

@@ -166,7 +166,9 @@ class _Assembly:
         """Add candidates from what the disks leave of the image: contacts that others hid or outshone."""
         problem, fit = self.problem, self.fit
         rest, least = problem.image - fit.model, LEAST_RIM_PEAK * problem.contrast
-        if float(block_means(rest, side=4).max()) < 0.5 * least:  # half of a square lies in any wide disk
+        # half of a square lies in any wide disk, and little of it in others
+        beside = block_means(fit.model, side=4) < 0.5 * problem.contrast
+        if float(np.max(block_means(rest, side=4)[beside], initial=0.0)) < 0.5 * least:
             return
         found = find_candidates(rest, problem.contrast, problem.pixel_noise, problem.valid, blur=fit.blur)
         wide = (found.places[:, 2] > 2.0 * fit.blur) & (found.plateau > least)
@@ -238,11 +240,16 @@ class _Assembly:
         """Put disks of equal area in the place of ellipses, and fit all disks again."""
         if not len(found.rows):
             return
+        changed = np.isin(np.arange(len(self.fit.disks)), found.rows)
+        erase_disks(self.problem, self.fit, changed)
         self.problem, disks = made_round(self.problem, self.fit, found)
-        rows = np.concatenate([self.ellipses.rows, found.rows])
-        self.ellipses = Ellipses(rows, [*self.ellipses.fitted, *found.fitted], found.blur)
-        control = FitControl(free_blur=False, robust=False, iterations=3)
-        self.fit = fit_disks(self.problem, disks, blur=self.fit.blur, control=control)
+        self.ellipses = Ellipses(
+            np.concatenate([self.ellipses.rows, found.rows]),
+            [*self.ellipses.fitted, *found.fitted],
+            found.blur,
+        )
+        self.largest = np.where(changed, 1.5 * disks[:, RADIUS] + 2.0 * self.fit.blur, self.largest)
+        self._refit(disks, np.where(changed, -1, np.arange(len(disks))), 3)
 
     def improve_covers(self) -> bool:
         """Replace the disks of groups that fit badly by better covers; whether some are simpler ones."""

@@ -31,7 +31,7 @@ from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement, with
 from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
-from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
+from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round, poor_disks
 from contactimg.imaging.fit.shared_optics import (
     FEWEST_WIDE_DISKS,
     OPTICS_STEPS,
@@ -81,6 +81,7 @@ class FrameFit:
     problem : FitProblem
         As fitted in the end, without halo and remaining background.
     fit : FittedDisks
+        In the end with all its disks in the model image.
     dropped : ndarray, shape (m, 3)
         x, y, radius (px) of disks that were tried and are not needed.
     smallest : float, px
@@ -146,7 +147,10 @@ def measure_by_fit(
     best = frame.settle(frame.problem, frame.blur, frame.prior)
     if shape in ("auto", "ellipse"):
         best = frame.with_ellipses(best, everywhere=shape == "ellipse")
-    return replace(frame.with_edge(best), known_edge=foreground.prior_optics.known_edge)
+    best = frame.with_edge(best)
+    model = render_disks(best.fit.disks, best.fit.blur, best.problem.image.shape)
+    known = foreground.prior_optics.known_edge
+    return replace(best, fit=replace(best.fit, model=model), known_edge=known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,6 +266,8 @@ class _Frame:
         best = plain
         for _ in range(ELLIPSE_ROUNDS):
             if best.joint is None or self.problem.image.shape != best.problem.image.shape:
+                break
+            if not (everywhere or len(best.ellipses.rows) or len(poor_disks(best.fit))):
                 break
             model = render_disks(best.fit.disks, best.fit.blur, best.problem.image.shape)
             shown = replace(best.fit, model=model)

@@ -258,10 +258,8 @@ def find_ellipses(
     """
     chosen = rows
     if chosen is None:
-        tried = count_touching(fit.disks, fit.blur) == 0
-        tried &= (fit.disks[:, RADIUS] > fit.blur) & (fit.disks[:, RADIUS] < LARGEST_RADIUS_PX)
-        tried = tried if among is None else tried & among
-        chosen = np.flatnonzero(tried if everywhere else tried & (fit.chi_square > POOR_CHI_SQUARE))
+        chosen = poor_disks(fit, 0.0 if everywhere else POOR_CHI_SQUARE)
+        chosen = chosen if among is None else chosen[among[chosen]]
         if not everywhere and len(chosen):
             looked = look_at_pixels(problem, fit, rows=chosen)
             chosen = chosen[(looked.elongation > LEAST_ELONGATION) & (looked.border == 0.0)]
@@ -275,6 +273,13 @@ def find_ellipses(
             kept.append(int(row))
             fitted.append(ellipse)
     return Ellipses(np.array(kept, np.intp), fitted, fit.blur)
+
+
+def poor_disks(fit: FittedDisks, chi_square: float = POOR_CHI_SQUARE) -> NDArray[np.intp]:
+    """Disks that touch no other, wide enough to show a shape, which fit worse than that."""
+    radius = fit.disks[:, RADIUS]
+    wide = (radius > fit.blur) & (radius < LARGEST_RADIUS_PX) & (fit.chi_square > chi_square)
+    return np.flatnonzero(wide & (count_touching(fit.disks, fit.blur) == 0))
 
 
 def _is_better(ellipse: FittedEllipse, disk_chi_square: float) -> bool:
