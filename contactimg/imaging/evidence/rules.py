@@ -439,16 +439,19 @@ def _fall_of_rims(
     for row in np.flatnonzero(fall < RIM_FALL * plateau):
         x, y, reach = disks[row, 0], disks[row, 1], OUTLINE_REACH * disks[row, 2] + 4.0 * blur
         box = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 1, 0)) for at in (y, x))
-        window = image[box]
-        above = (window > 0.5 * plateau[row]).astype(np.uint8)
-        if not 0 < np.count_nonzero(above) < above.size:
+        window = cv2.GaussianBlur(image[box], (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
+        labels = cv2.connectedComponents((window > 0.5 * plateau[row]).astype(np.uint8))[1]
+        middle = int(round(y)) - box[0].start, int(round(x)) - box[1].start
+        inside = all(0 <= at < size for at, size in zip(middle, window.shape, strict=True))
+        if not (inside and labels[middle]):
             continue
-        depth = cv2.distanceTransform(above, cv2.DIST_L2, cv2.DIST_MASK_5)
-        depth -= cv2.distanceTransform(1 - above, cv2.DIST_L2, cv2.DIST_MASK_5)
+        own = (labels == labels[middle]).astype(np.uint8)
+        depth = cv2.distanceTransform(own, cv2.DIST_L2, cv2.DIST_MASK_5)
+        depth -= cv2.distanceTransform(1 - own, cv2.DIST_L2, cv2.DIST_MASK_5)
         seen = np.ones(window.shape, np.bool_) if valid is None else valid[box] > 0
-        inside, outside = (window[seen & (np.abs(depth + side * 2.0 * blur) < 1.0)] for side in (-1.0, 1.0))
-        if min(len(inside), len(outside)) >= LEAST_SEEN:
-            fall[row] = max(fall[row], float(np.median(inside) - np.median(outside)))
+        near = [window[seen & (np.abs(depth + side * 2.0 * blur) < 1.0)] for side in (-1.0, 1.0)]
+        if min(map(len, near)) >= LEAST_SEEN:
+            fall[row] = max(fall[row], float(np.median(near[0]) - np.median(near[1])))
     return fall
 
 
