@@ -16,6 +16,7 @@ from scipy.special import ellipe
 
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
+from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
 from contactimg.imaging.foreground import Foreground
@@ -113,7 +114,7 @@ RULES: list[Rule] = [
     (Reason.OUT_OF_SIGHT, lambda e: e["visible"] < LEAST_VISIBLE),
     (
         Reason.NOISE,
-        lambda e: e["signal"] < np.where(e["poor"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
+        lambda e: e["light"] < np.where(e["poor"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
     ),
     (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
@@ -224,6 +225,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "radius_std": std,
         "blur": np.full(n, blur),
         "signal": radius / (2.0 * std),
+        "light": radius / (2.0 * std * _without_contrast(fit)),
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring))
         / np.maximum(contrast, 1e-9),
         "own_rise": own_rise(foreground, places[:, :2], places[:, 2], blur),
@@ -253,6 +255,12 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "excluded": np.zeros(n, np.bool_) if edited is None else edited.excluded,
         "manual": np.zeros(n, np.bool_) if edited is None else edited.new,
     }
+
+
+def _without_contrast(fit: FittedDisks) -> NDArray[np.float64]:
+    """Standard uncertainty of each radius at a known contrast over that at the contrast of the fit."""
+    both = [np.linalg.pinv(fit.information[:, :size, :size])[:, RADIUS, RADIUS] for size in (3, 4)]
+    return np.sqrt(np.clip(both[0] / np.maximum(both[1], 1e-300), 1e-6, 1.0))
 
 
 def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: float) -> NDArray[np.float64]:
@@ -441,7 +449,7 @@ def _fall_of_rims(
         box = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 1, 0)) for at in (y, x))
         window = cv2.GaussianBlur(image[box], (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
         labels = cv2.connectedComponents((window > 0.5 * plateau[row]).astype(np.uint8))[1]
-        middle = int(round(y)) - box[0].start, int(round(x)) - box[1].start
+        middle = round(y) - box[0].start, round(x) - box[1].start
         inside = all(0 <= at < size for at, size in zip(middle, window.shape, strict=True))
         if not (inside and labels[middle]):
             continue

@@ -6,14 +6,19 @@ matched filter finds small ones. Groups that fit badly get other covers of the s
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
-from contactimg.imaging.fit.covers import Replacement, find_better_covers, find_pairs_of_disks, join_disks
+from contactimg.imaging.fit.covers import (
+    Replacement,
+    are_parts,
+    find_better_covers,
+    find_pairs_of_disks,
+    join_disks,
+)
 from contactimg.imaging.fit.disks import (
     FitControl,
     FittedDisks,
@@ -196,7 +201,7 @@ class _Assembly:
         )
         smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
         if outside:
-            peaks = peaks[~_in_regions(peaks, fit.disks[self.whole], problem.image, 0.5 * contrast)]
+            peaks = peaks[~are_parts(peaks, fit.disks[self.whole], problem.image, 0.5 * contrast)]
         at_rim = _near_rims(peaks, fit.disks, RIM_BLUR_WIDTHS * fit.blur)
         peaks = peaks[(peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0)))]
         scatter = _scatter_around(problem.image, fit.model, peaks, fit.blur)
@@ -314,19 +319,6 @@ def _scatter_around(image, model, peaks, blur):
                     count += 1
         out[i] = np.sqrt(total / max(count, 1))
     return out
-
-
-def _in_regions(
-    peaks: NDArray, disks: NDArray, image: NDArray[np.float32], level: float
-) -> NDArray[np.bool_]:
-    """Peaks in some disks, or connected with their centres above a level: parts of a contact of any shape."""
-    if not len(disks) or not len(peaks):
-        return np.zeros(len(peaks), np.bool_)
-    labels = cv2.connectedComponents((image > level).astype(np.uint8), connectivity=8)[1]
-    (x, y), (u, v) = (np.rint(places[:, :2].T).astype(int) for places in (peaks, disks))
-    seen = (u >= 0) & (v >= 0) & (u < image.shape[1]) & (v < image.shape[0])
-    own = np.setdiff1d(labels[v[seen], u[seen]], [0])
-    return _near_rims(peaks, disks, 0.0) | np.isin(labels[y, x], own)
 
 
 def _near_rims(places: NDArray, disks: NDArray, reach: float) -> NDArray[np.bool_]:

@@ -25,7 +25,7 @@ from contactimg.imaging.detect.inscribed_disks import (
 )
 from contactimg.imaging.detect.peaks import find_peaks_near
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, find_insignificant, fit_disks, render_disks
-from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.shapes import (
     EXACT_OPTICS,
     Ellipses,
@@ -259,34 +259,53 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
             if any(_misfit(window, each, fit.blur) < window.chi_square(better) for each in found.fitted):
                 continue
         simple = _simpler(window, better, usual)
-        better = better if simple is None else simple
+        better, shaped = (better, np.zeros(len(better), np.bool_)) if simple is None else simple
         if better is not disks:
             replaced[members] = True
             new.append(better + window.offset)
-            one.append(np.full(len(better), simple is not None))
+            one.append(shaped)
     return Replacement(replaced, np.vstack(new), np.concatenate(one))
 
 
-def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np.float64] | None:
+def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray, NDArray[np.bool_]] | None:
     """Fewer disks, of a coarser look at a group, in the place of disks that do not describe it; else None.
 
     The more disks there are, the more of the excess chi-square of the fewer they must remove. Where they
-    describe nothing, one contact of any shape is simpler.
+    describe nothing, one contact of any shape is simpler. The second array says which are of such a look.
     """
     lit = window.model(disks) > LIT_FRACTION * window.problem.contrast
     misfit = float(window.misfit(disks)[lit].mean()) / usual if lit.any() else 0.0
     if misfit < POOR_RATIO:
         return None
     coarse = _coarser_cover(window, disks)
-    moved = len(coarse) == len(disks) == 1 and np.abs(coarse - disks)[0, :3].max() > window.blur
-    if not len(coarse) or not (len(coarse) < len(disks) or moved):
+    if not len(coarse):
         return None
-    if len(coarse) == 1 and misfit > UNDESCRIBED_RATIO:
-        return coarse
-    _, chi_square = window.fit(coarse, _bounds(window, coarse))
-    expected = usual * window.pixels
-    left = (window.chi_square(disks) - expected) * len(disks) / len(coarse)
-    return coarse if left > EXCESS_LEFT_FRACTION * (chi_square - expected) else None
+    beside = ~are_parts(disks, coarse, window.problem.image, 0.5 * float(np.median(disks[:, CONTRAST])))
+    beside &= disks[:, RADIUS] < coarse[:, RADIUS].max()
+    fewer = np.vstack([coarse, disks[beside]])
+    moved = len(fewer) == len(disks) == 1 and np.abs(fewer - disks)[0, :3].max() > window.blur
+    if misfit < UNDESCRIBED_RATIO or len(coarse) > 1 or not (len(fewer) < len(disks) or moved):
+        if len(fewer) > len(disks) - 2:
+            return None
+        _, chi_square = window.fit(fewer, _bounds(window, fewer))
+        expected = usual * window.pixels
+        left = (window.chi_square(disks) - expected) * len(disks) / len(fewer)
+        if left < EXCESS_LEFT_FRACTION * (chi_square - expected):
+            return None
+    return fewer, np.arange(len(fewer)) < len(coarse)
+
+
+def are_parts(places: NDArray, disks: NDArray, image: NDArray[np.float32], level: float) -> NDArray[np.bool_]:
+    """Places in disks, or connected with their centres above a level: parts of a contact of any shape."""
+    if not len(disks) or not len(places):
+        return np.zeros(len(places), np.bool_)
+    labels = cv2.connectedComponents((image > level).astype(np.uint8), connectivity=8)[1]
+    numbers = [
+        labels[tuple(np.clip(np.rint(points[:, k]), 0, image.shape[1 - k] - 1).astype(int) for k in (1, 0))]
+        for points in (places, disks)
+    ]
+    apart = np.hypot(*(places[:, None, k] - disks[:, k] for k in (0, 1)))
+    return (apart < disks[:, RADIUS]).any(axis=1) | np.isin(numbers[0], np.setdiff1d(numbers[1], [0]))
 
 
 def _coarser_cover(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
