@@ -281,7 +281,7 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     if not len(coarse):
         return None
     beside = ~are_parts(disks, coarse, window.problem.image, 0.5 * float(np.median(disks[:, CONTRAST])))
-    beside &= disks[:, RADIUS] < coarse[:, RADIUS].max()
+    beside &= (disks[:, RADIUS] < coarse[:, RADIUS].max()) & (disks[:, CONTRAST] > 0.5 * coarse[0, CONTRAST])
     fewer = np.vstack([coarse, disks[beside]])
     moved = len(fewer) == len(disks) == 1 and np.abs(fewer - disks)[0, :3].max() > window.blur
     if misfit < UNDESCRIBED_RATIO or len(coarse) > 1 or not (len(fewer) < len(disks) or moved):
