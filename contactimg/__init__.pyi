@@ -62,7 +62,6 @@ from .models.height_distributions import SampleHeights as SampleHeights
 from .models.height_distributions import UniformHeights as UniformHeights
 from .models.interacting import solve_interacting as solve_interacting
 from .models.interacting import solve_loads as solve_loads
-from .models.load_spring import LoadSpring as LoadSpring
 from .models.solution import InteractingSolution as InteractingSolution
 from .pipeline.analyse.analysis import AnalysisOptions as AnalysisOptions
 from .pipeline.analyse.analysis import analyse_places as analyse_places

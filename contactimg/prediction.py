@@ -28,7 +28,6 @@ from contactimg.models.greenwood_williamson import (
     solve_greenwood_williamson,
 )
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
-from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
@@ -41,7 +40,6 @@ from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, PROFILE, Status
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
-Prescribed = float | LoadSpring
 PURPOSE = "a contact model"
 
 COMPARED_MODELS = ("coupled", "uncoupled")
@@ -82,10 +80,9 @@ class Prediction:
     plan: Plan | None = None
 
     @classmethod
-    def failed(cls, load: Prescribed, reason: str) -> "Prediction":
-        """No solution at a load (N) or displacement: empty tables and a row that says why."""
-        known = np.nan if isinstance(load, LoadSpring) else load
-        frames = _frames(load_name(load), known, status=Status.FAILED, message=reason)
+    def failed(cls, load: float, reason: str) -> "Prediction":
+        """No solution at a load (N): empty tables and a row that says why."""
+        frames = _frames(load_name(load), load, status=Status.FAILED, message=reason)
         return cls(CONTACTS.empty(), frames, PROFILE.empty())
 
 
@@ -93,12 +90,12 @@ def predict_contacts(
     scene: Scene,
     asperities: pd.DataFrame,
     *,
-    load: Prescribed,
+    load: float,
     coupling: Coupling = "auto",
     annulus: float = ANNULUS,
     frame: str = "",
     tolerance: float | None = None,
-    history: Sequence[Prescribed] = (),
+    history: Sequence[float] = (),
     always_plan: bool = False,
 ) -> Prediction:
     """Solve the interacting-asperity model for a scene at one load.
@@ -110,8 +107,7 @@ def predict_contacts(
         "auto" are switched by the plan for ``[tolerance]`` (`contactimg.effects.plan.make_plan`).
     asperities : DataFrame
         Asperity table.
-    load : float, N, or LoadSpring
-        A `LoadSpring` prescribes the displacement of the stage; the load follows.
+    load : float, N
     coupling : {"auto", "none", "asymptotic", "hertz", "full"}
         ``"auto"`` follows the plan. Any other level: the paper's model with this coupling; other effects
         only where ``[effects]`` switches them on.
@@ -121,7 +117,7 @@ def predict_contacts(
         Name entered in the tables; default: the load's own name.
     tolerance : float, optional
         Of the solver, on its residual; default: its own, close to rounding.
-    history : sequence of float, N, or of LoadSpring
+    history : sequence of float, N
         Loads that came before, in order; default: those that ``[load] path`` lists. Adhesive contacts
         remember them, so that adhesion is not left out then unless the scene switches it off.
     always_plan : bool
@@ -160,7 +156,6 @@ def predict_contacts(
         contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
     )
     contacts = contacts.assign(force_hertz_N=hertz_forces)
-    borne = solution.load if isinstance(load, LoadSpring) else load
     sunk = 0.0 if field is None else field.sinking(shaped_asperities(asperities, scene))
     row = {
         "n_contacts": len(contacts),
@@ -171,22 +166,16 @@ def predict_contacts(
         "min_gap_m": solution.base_gap.least,
         "law": law_name(scene, shapes=solution.shapes),
     }
-    border = _around_the_table(scene, asperities, solution, field, borne)
+    border = _around_the_table(scene, asperities, solution, field, load)
     row |= _judgement(solution, scene, border, () if plan is None else plan.messages)
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
-    return Prediction(contacts, _frames(name, borne, **row), profile, plan)
+    return Prediction(contacts, _frames(name, load, **row), profile, plan)
 
 
-def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: Prescribed) -> Plan:
-    """The plan of a scene without optics and sensor; see `contactimg.effects.plan.make_plan`.
-
-    At a displacement it is made for the load that contacts coupled by point forces bear there.
-    """
-    if isinstance(load, LoadSpring):
-        level = "none" if scene.effects.coupling == "off" else "asymptotic"
-        load = solve_scene(scene, asperities, load=load, coupling=level).load
+def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
+    """The plan of a scene without optics and sensor; see `contactimg.effects.plan.make_plan`."""
     return make_plan(scene.model_copy(update={"simulate": None}), asperities, load=load)
 
 
@@ -204,7 +193,7 @@ def with_coupling(scene: Scene, coupling: str) -> Scene:
     return scene.with_effects(switches)
 
 
-def with_memory(scene: Scene, history: Sequence[Prescribed]) -> Scene:
+def with_memory(scene: Scene, history: Sequence[float]) -> Scene:
     """The scene with adhesion if loads that came before can matter and it is not switched off."""
     adheres = scene.elastic is not None and scene.elastic.work_of_adhesion > 0
     if not history or not adheres or scene.effects.adhesion != "auto":
@@ -245,15 +234,15 @@ BORDER_SHARE = 2e-3
 
 
 def surrounding_field(
-    scene: Scene, asperities: pd.DataFrame, load: Prescribed, *, coupled: bool
+    scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool
 ) -> MeanField | None:
     """The mean field around a table, if ``[asperities] surroundings`` asks for it."""
     if scene.asperities is None or scene.asperities.surroundings == "none":
         return None
-    if isinstance(load, LoadSpring) or scene.effects.adhesion == "on":
+    if scene.effects.adhesion == "on":
         raise InputError(
-            '[asperities] surroundings = "mean_field" bears a share of a load, without adhesion; state loads '
-            'and [effects] adhesion = "off", or leave it out'
+            '[asperities] surroundings = "mean_field" bears a share of a load without adhesion; state '
+            '[effects] adhesion = "off", or leave it out'
         )
     refused = _without_mean_field(scene, asperities)
     if refused:
@@ -582,9 +571,9 @@ def find_touching_load(
     )
 
 
-def load_name(load: Prescribed) -> str:
-    """One unique name a load or displacement, from its shortest exact decimal form."""
-    return f"displacement_{load.displacement!r}m" if isinstance(load, LoadSpring) else f"load_{load!r}N"
+def load_name(load: float) -> str:
+    """One unique name a load, from its shortest exact decimal form."""
+    return f"load_{load!r}N"
 
 
 def see_contacts(

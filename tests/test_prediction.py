@@ -8,13 +8,12 @@ from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
 from contactimg.mechanics.layer_contact import layer_factors
 from contactimg.pipeline.inputs import loads_before
-from contactimg.pipeline.predict import predict_loads, prescriptions
+from contactimg.pipeline.predict import predict_loads
 from contactimg.pose import Pose
 from contactimg.prediction import (
     asperity_density,
     hertz_circle,
     load_name,
-    make_mechanical_plan,
     predict_average,
     predict_contacts,
     see_contacts,
@@ -263,35 +262,6 @@ def test_averages_without_a_load_and_beyond_any_model(asperities, model):
     assert nothing.profile.empty
     with pytest.raises(ModelRangeError, match=r"on asperities of 100 um, outside every asperity model"):
         predict_average(scene_with(), asperities, load=1e5, model=model)
-
-
-def test_a_displacement_through_a_load_cell_gives_its_load(asperities):
-    scene = scene_with(load={"stiffness_N_m": 2000.0})
-    by_load = predict_contacts(scene, asperities, load=0.05)
-    depth = float(by_load.frames["indentation_m"][0])
-    sprung, rigid = (
-        predict_loads_of(asperities, scene, d)
-        for scene, d in ((scene, depth + 0.05 / 2000.0), (scene_with(), depth))
-    )
-    for prediction in (sprung, rigid):
-        row = prediction.frames.iloc[0]
-        assert row["load_N"] == pytest.approx(0.05, rel=1e-9)
-        assert row["indentation_m"] == pytest.approx(depth, rel=1e-9)
-        assert row["frame"].startswith("displacement_")
-        assert area(prediction) == pytest.approx(area(by_load), rel=1e-9)
-
-
-def predict_loads_of(asperities, scene, displacement):
-    (load,) = prescriptions(scene, [], [displacement])
-    return predict_contacts(scene, asperities, load=load)
-
-
-def test_a_displacement_is_planned_at_its_load(asperities):
-    scene = scene_with(effects={"model": "planned"}, load={"stiffness_N_m": 2000.0})
-    (load,) = prescriptions(scene, [], [4e-5])
-    prediction = predict_contacts(scene, asperities, load=load)
-    assert prediction.plan.load == pytest.approx(prediction.frames["load_N"][0], rel=0.01)
-    assert prediction.plan.coupling == make_mechanical_plan(scene, asperities, load=0.05).coupling
 
 
 def test_unloading_keeps_the_contacts_that_loading_has_made():

@@ -28,7 +28,6 @@ def predict(
     *,
     stated: shared.Stated,
     loads: Annotated[tuple[float, ...], "--load-N"] = (),
-    displacements_um: Annotated[tuple[float, ...], "--displacement-um"] = (),
     touching_load: bool = False,
     output: shared.Output = None,
     model: Literal["interacting", "gw", "gt"] = "interacting",
@@ -36,7 +35,7 @@ def predict(
     annulus_mm: shared.Annulus = 0.25,
     workers: shared.OneWorker = 1,
 ) -> int:
-    """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load or displacement.
+    """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
 
     For each load a plan decides which mechanical effects are computed (see `contactimg effects`).
 
@@ -56,9 +55,6 @@ def predict(
     ----------
     loads
         Normal load in newtons; repeat the option for more loads.
-    displacements_um
-        Displacement of the stage from first touch, um, instead of a load: the indentation, or with [load]
-        stiffness_N_m in the scene what a load cell of this stiffness leaves of it. Can be repeated.
     touching_load
         Also predict at the load at which the base planes of lens and rubber touch first, and print it.
     model
@@ -81,14 +77,12 @@ def predict(
         loads = (*loads, *([planes_touch_at] if planes_touch_at > 0 else []))
         touching = {"touching_load_N": planes_touch_at}
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
-    stages = [displacement / 1e6 for displacement in displacements_um]
-    prescribed = pipeline.prescriptions(described, loads, stages)
     with shared.results_in(
         output, described.folder, scene=described, inputs=inputs, main_files=RUN_TABLES
     ) as out:
         predictions = pipeline.predict_loads(
             described,
-            prescribed,
+            loads,
             model=model,
             coupling=coupling,
             annulus=annulus_mm * 1e-3,

@@ -35,7 +35,6 @@ from contactimg.models.asperity_laws import left_out_for
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.full_coupling import bounded_saddle
 from contactimg.models.interacting import solve_interacting
-from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.solution import InteractingSolution
 from contactimg.models.surroundings import MeanField
@@ -112,10 +111,10 @@ def solve_scene(
     scene: Scene,
     asperities: pd.DataFrame,
     *,
-    load: float | LoadSpring,
+    load: float,
     coupling: str,
     tolerance: float | None = None,
-    history: Sequence[float | LoadSpring] = (),
+    history: Sequence[float] = (),
     start: InteractingSolution | None = None,
     surroundings: MeanField | None = None,
 ) -> InteractingSolution:
@@ -142,7 +141,7 @@ def solve_scene(
     if tolerance is not None:
         solve = partial(solve, tolerance=tolerance)
     table = shaped_asperities(asperities, scene)
-    if surroundings is not None and not isinstance(load, LoadSpring):
+    if surroundings is not None:
         table, load = surroundings.around(table), load - surroundings.load
     return solve(
         table,

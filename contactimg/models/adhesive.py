@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.asperity_laws import LAWS, AdhesiveLaw
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.coupling import QUARTIC, DenseCoupling, Kernel
 from contactimg.models.full_coupling import CapCorrection, bounded_saddle, pressure_radius
 from contactimg.models.interacting import check_layer, solve_interacting
-from contactimg.models.load_spring import ContactConditions, LoadSpring, prescribed
 from contactimg.models.proof import (
     ADHESION_RANGE_J_M2,
     MAX_RELATIVE_ERROR,
@@ -73,7 +73,7 @@ def solve_adhesive(
     indenter_radius: float,
     contact_modulus: float,
     work_of_adhesion: float,
-    load: float | LoadSpring | None = None,
+    load: float | None = None,
     indentation: float | None = None,
     apex: tuple[float, float] = (0.0, 0.0),
     coupling: str = "asymptotic",
@@ -94,8 +94,7 @@ def solve_adhesive(
     contact_modulus : float, Pa
     work_of_adhesion : float, J/m^2
     load, indentation : float, N or m
-        Exactly one of the two. The load may be a pull and the indentation negative while contacts hold. A
-        `LoadSpring` as the load prescribes the displacement of a stage that presses through a spring.
+        Exactly one of the two. The load may be a pull and the indentation negative while contacts hold.
     apex : (float, float), m
     coupling : {"none", "asymptotic", "full"}
         As in `solve_interacting`.
@@ -158,9 +157,8 @@ def solve_adhesive(
     check_range("work_of_adhesion", w, ADHESION_RANGE_J_M2, "J/m^2")
     check_choice("coupling", coupling, COUPLINGS)
     check_choice("law", law, LAWS)
-    wanted = prescribed(load, indentation)
     conditions = ContactConditions(
-        indenter_radius, float(contact_modulus), apex, float(thickness), *wanted, poisson_ratio
+        indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation, poisson_ratio
     )
     conditions.check()
     problem = scale_problem(asperities, conditions, depth=_depth_unit(asperities, conditions, w))
@@ -171,13 +169,12 @@ def solve_adhesive(
     held = start is not None and bool(start.radius.any())  # without contacts nothing is remembered
     previous = start if start is not None and held else None
     if previous is None:  # the contacts without adhesion are the least that first loading brings about
-        free = conditions.load
         previous = solve_interacting(
             asperities,
             indenter_radius=indenter_radius,
             contact_modulus=conditions.contact_modulus,
-            load=free if free is None or isinstance(free, LoadSpring) else max(free, 0.0),
-            indentation=conditions.indentation,
+            load=None if load is None else max(load, 0.0),
+            indentation=indentation,
             apex=apex,
             coupling="none" if coupling == "none" else "asymptotic",
             law=law,
@@ -220,7 +217,7 @@ def solve_adhesive(
 def solve_adhesive_path(
     asperities: pd.DataFrame,
     *,
-    loads: Iterable[float | LoadSpring],
+    loads: Iterable[float],
     indenter_radius: float,
     contact_modulus: float,
     work_of_adhesion: float,
@@ -231,7 +228,7 @@ def solve_adhesive_path(
     Parameters
     ----------
     asperities : DataFrame
-    loads : iterable of float, N, or of LoadSpring
+    loads : iterable of float, N
         Up and down; a pull is negative.
     indenter_radius : float, m
     contact_modulus : float, Pa
@@ -258,7 +255,7 @@ def solve_adhesive_path(
             indenter_radius=indenter_radius,
             contact_modulus=contact_modulus,
             work_of_adhesion=work_of_adhesion,
-            load=load if isinstance(load, LoadSpring) else float(load),
+            load=float(load),
             start=previous,
             **options,
         )
@@ -266,10 +263,10 @@ def solve_adhesive_path(
 
 
 def solve_adhesive_after(
-    history: Iterable[float | LoadSpring],
+    history: Iterable[float],
     asperities: pd.DataFrame,
     *,
-    load: float | LoadSpring,
+    load: float,
     indenter_radius: float,
     contact_modulus: float,
     work_of_adhesion: float,
@@ -281,7 +278,7 @@ def solve_adhesive_after(
 
     Parameters
     ----------
-    history : iterable of float, N, or of LoadSpring
+    history : iterable of float, N
         The loads before, in order.
     asperities, load, indenter_radius, contact_modulus, work_of_adhesion
         As in `solve_adhesive`.
@@ -306,17 +303,18 @@ def solve_adhesive_after(
 def _continuous(
     solve: Callable[..., InteractingSolution],
     start: InteractingSolution,
-    first: float | LoadSpring,
-    last: float | LoadSpring,
+    first: float,
+    last: float,
 ) -> InteractingSolution:
     """Follow the contacts between two loads in steps so small that half of them lead to the same set."""
+    space = np.geomspace if first * last > 0 else np.linspace
     coarse: InteractingSolution | None = None
     steps = FIRST_SUBSTEPS
     while steps <= MOST_SUBSTEPS:
         fine: InteractingSolution | None = start
         try:
-            for level in _levels(first, last, steps):
-                fine = solve(load=level, start=fine)
+            for level in space(first, last, steps + 1)[1:]:
+                fine = solve(load=float(level), start=fine)
         except ConvergenceError:
             fine = None
         if fine is not None and coarse is not None and np.array_equal(fine.touching, coarse.touching):
@@ -328,27 +326,14 @@ def _continuous(
     )
 
 
-def _levels(first: float | LoadSpring, last: float | LoadSpring, steps: int) -> Iterator[float | LoadSpring]:
-    """Loads or displacements on the way; loads of one sign in equal ratios."""
-    if isinstance(first, LoadSpring) and isinstance(last, LoadSpring):
-        for way in np.linspace(first.displacement, last.displacement, steps + 1)[1:]:
-            yield replace(last, displacement=float(way))
-    elif isinstance(first, LoadSpring) or isinstance(last, LoadSpring):
-        raise InputError("a loading path is of loads or of displacements of the stage, not of both")
-    else:
-        space = np.geomspace if first * last > 0 else np.linspace
-        yield from map(float, space(first, last, steps + 1)[1:])
-
-
 def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of_adhesion: float) -> float:
     """Unit of height, m: the larger of the indentations by load and by adhesion of the median asperity."""
     if not len(asperities):
         raise InputError("the asperity table is empty: no asperity can adhere")
     radius, E = float(np.median(asperities["radius_m"])), conditions.contact_modulus
-    hertz = (0.75 * abs(conditions.force or 0.0) / E / np.sqrt(radius)) ** (2 / 3)
-    depth = abs(conditions.depth or 0.0)
-    pressed = min(hertz, depth) if conditions.spring is not None else max(hertz, depth)
-    return float(max(pressed, np.cbrt(radius * (work_of_adhesion / E) ** 2)))
+    hertz = (0.75 * abs(conditions.load or 0.0) / E / np.sqrt(radius)) ** (2 / 3)
+    depth = abs(conditions.indentation or 0.0)
+    return float(max(hertz, depth, np.cbrt(radius * (work_of_adhesion / E) ** 2)))
 
 
 def _status(
@@ -367,11 +352,9 @@ def _status(
     size = max(float(np.abs(depth).max(initial=0.0)), p.depth)
     punch = np.sqrt(8 * np.pi * law.adhesion * radius**3) * conditions.contact_modulus
     total, borne = float(np.sum(np.abs(force) + punch)), float(force.sum())
-    load = conditions.force if conditions.spring is None else None
+    load = conditions.load
     away = abs(borne - (load or 0.0))
     errors = {"sum of the forces": 0.0 if load is None else away / (abs(load) or total or 1.0)}
-    if conditions.spring is not None:
-        errors["sum of the forces"] = conditions.spring.imbalance(borne, solution.indentation)
     if rows.size:
         state.contacts.refuse_engulfed(state.contact_radius)
         caps = p.caps_in_metres(p.caps[rows])
@@ -464,7 +447,7 @@ class AdhesivePath:
         """
         p = self.problem
         radius = previous.radius[p.order] / p.length
-        reached = p.indentation >= 0 if p.load is None or p.stiffness else True
+        reached = p.load is not None or p.indentation >= 0
         if first and not radius.any() and reached:
             radius[0] = self.law.touch_radius(p.caps[:1])[0]
         return self._settle(radius, previous.indentation / p.depth, first=first)
@@ -559,18 +542,17 @@ class AdhesivePath:
     def _parted(self) -> AdhesiveState:
         """The state without contacts, after the last one has broken."""
         p = self.problem
-        loaded = p.load is not None and not p.stiffness
         if p.load is not None and p.load > 0:
             raise ConvergenceError(
                 f"no contacts were found in equilibrium under the load of {p.load * p.force_unit:.6g} N; "
                 "approach it in smaller steps, or start at a higher load"
             )
-        if loaded and p.load is not None and p.load < 0:
+        if p.load is not None and p.load < 0:
             raise ModelRangeError(
                 "load must not be below pull-off: the contacts cannot bear a pull of "
                 f"{-p.load * p.force_unit:.6g} N"
             )
-        none, depth = np.zeros(0), 0.0 if loaded else p.indentation
+        none, depth = np.zeros(0), p.indentation
         contacts = AdhesiveContacts(self, np.zeros(0, dtype=np.intp))
         return AdhesiveState(contacts, none, none, depth - p.gap, depth, 0.0)
 
@@ -625,7 +607,7 @@ class AdhesiveContacts:
         """Errors of the penetrations and of the load."""
         penetration = self.path.law.penetration(a, self.caps)
         force, load = self.path.law.force(a, self.caps), self.path.problem.load
-        missing = 0.0 if load is None else load - self.path.problem.stiffness * depth - float(force.sum())
+        missing = 0.0 if load is None else load - float(force.sum())
         return penetration + self.matrix @ force + self.gap - depth, missing
 
     def residual(self, error: Values, missing: float, depth: float) -> float:
@@ -652,7 +634,7 @@ class AdhesiveContacts:
     def balanced(self, a: Values, missing: float) -> bool:
         """Whether the forces sum to the load within `LOAD_TOLERANCE`, or within their rounding errors."""
         load = self.path.problem.load
-        if not load or self.path.problem.stiffness or abs(missing) <= LOAD_TOLERANCE * abs(load):
+        if not load or abs(missing) <= LOAD_TOLERANCE * abs(load):
             return True
         rounding = 8 * np.finfo(float).eps * float(np.sum(np.abs(self.path.law.force(a, self.caps))))
         return bool(abs(missing) <= rounding)
@@ -666,7 +648,7 @@ class AdhesiveContacts:
         back, sink = np.linalg.solve(jacobian, np.column_stack([error, np.ones(a.size)])).T
         if self.path.problem.load is None:
             return -back, 0.0
-        rise = float((missing + stiffness @ back) / (stiffness @ sink + self.path.problem.stiffness))
+        rise = float((missing + stiffness @ back) / (stiffness @ sink))
         return rise * sink - back, rise
 
     def state(self, a: Values, depth: float, residual: float) -> AdhesiveState:

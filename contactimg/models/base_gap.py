@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.errors import InputError
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.coupling import Kernel, displacement_excess, layer_deficit
 from contactimg.models.fast_coupling import FastCoupling
-from contactimg.models.load_spring import ContactConditions
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]

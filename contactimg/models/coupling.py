@@ -41,23 +41,19 @@ class NewtonSystem:
         ``s = sqrt(2 a)``.
     side : ndarray, shape (n,)
         ``b``.
-    missing : float
-        ``m``: by how much the sum of the forces is to rise; 0 at prescribed indentation.
-    stiffness : float
-        ``k`` of the load cell: 0 at prescribed load, infinite at prescribed indentation.
+    missing : float or None
+        By how much the sum of the forces is to rise; None at prescribed indentation.
     """
 
     scale: Values
     side: Values
-    missing: float = 0.0
-    stiffness: float = np.inf
+    missing: float | None = None
 
     def eliminate(self, from_side: Values, from_scale: Values) -> tuple[Values, float]:
         """The solution from those of ``A z = b`` and of ``A z = s``."""
-        if np.isinf(self.stiffness):
+        if self.missing is None:
             return from_side, 0.0
-        rise = self.missing - float(self.scale @ from_side)
-        rise /= float(self.scale @ from_scale) + self.stiffness
+        rise = (self.missing - float(self.scale @ from_side)) / float(self.scale @ from_scale)
         return from_side + rise * from_scale, rise
 
 
@@ -73,14 +69,14 @@ def conjugate_gradients(
     ``tolerance`` is that of the residual, relative to ``b`` and to what the rise adds to it.
     """
     scale, shared = system.scale, precondition(system.scale)
-    share = 1 / (system.stiffness + float(scale @ shared))
+    share = 0.0 if system.missing is None else 1 / float(scale @ shared)
 
     def conditioned(residual: Values) -> tuple[Values, float]:
         change = precondition(residual)
         rise = -share * float(scale @ change)
         return change + rise * shared, rise
 
-    rise = system.missing * share
+    rise = (system.missing or 0.0) * share
     solution = rise * shared
     residual = system.side + rise * scale - (apply(solution) if rise else 0.0)
     goal = tolerance**2 * float(system.side @ system.side + (rise * scale) @ (rise * scale))

@@ -19,9 +19,9 @@ from contactimg.mechanics.layer_contact import LARGEST_RATIO
 from contactimg.mechanics.profiles import AxisymmetricProfile, ProfileUnderLens
 from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, AsperityLaw, LayerLaw, asperity_law
 from contactimg.models.composite_summits import CompositeSummits
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
-from contactimg.models.load_spring import ContactConditions, LoadSpring, prescribed
 from contactimg.models.newton_iteration import ContactSystem
 from contactimg.models.profile_law import ProfileLaw
 from contactimg.models.proof import check_finite, judge, refuse_beyond_floats, relative_error
@@ -39,7 +39,7 @@ def solve_interacting(
     *,
     indenter_radius: float,
     contact_modulus: float,
-    load: float | LoadSpring | None = None,
+    load: float | None = None,
     indentation: float | None = None,
     apex: tuple[float, float] = (0.0, 0.0),
     coupling: str = "asymptotic",
@@ -64,8 +64,7 @@ def solve_interacting(
     contact_modulus : float, Pa
         ``E* = E/(1 - nu^2)``.
     load, indentation : float, N or m
-        Exactly one of the two; the indentation counts from first touch. A `LoadSpring` as the load prescribes
-        the displacement of a stage that presses through a spring.
+        Exactly one of the two; the indentation counts from first touch.
     apex : (float, float), m
         Where the lens's apex stands.
     coupling : {"none", "asymptotic", "hertz", "full"}
@@ -129,9 +128,8 @@ def solve_interacting(
     30.0
     """
     _check(coupling, law, method, load)
-    wanted = prescribed(load, indentation)
     conditions = ContactConditions(
-        indenter_radius, float(contact_modulus), apex, float(thickness), *wanted, poisson_ratio
+        indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation, poisson_ratio
     )
     problem = scale_problem(asperities, conditions)
     if not problem.touches:
@@ -179,15 +177,13 @@ def solve_interacting(
     return solution if status == solution.status else replace(solution, status=status)
 
 
-def _check(
-    coupling: str, law: str | AxisymmetricProfile, method: str, load: float | LoadSpring | None
-) -> None:
+def _check(coupling: str, law: str | AxisymmetricProfile, method: str, load: float | None) -> None:
     """Refuse choices that are unknown and a load that pulls."""
     check_choice("coupling", coupling, COUPLINGS)
     if isinstance(law, str):
         check_choice("law", law, LAWS)
     check_choice("method", method, METHODS)
-    if load is not None and not isinstance(load, LoadSpring) and load < 0:
+    if load is not None and load < 0:
         raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
 
 
@@ -264,18 +260,14 @@ def prove_forces(
     if not np.isfinite(total + radius.sum() + expected.sum() + solution.indentation):
         check_finite({"force": force, "contact radius": radius, "force at the indentation": expected})
         check_finite({"indentation": solution.indentation})
-    prescribed = conditions.force if conditions.spring is None else None
-    size = prescribed if prescribed is not None else total or 1.0
+    size = conditions.load if conditions.load is not None else total or 1.0
     if np.any(force < 0) or np.any((force > 0) != (radius > 0)):
         raise ConvergenceError(
             "a contact of the solution pulls, or has a force without a radius: loads, lengths and moduli may "
             "be too many orders of magnitude apart; check their units"
         )
-    balance = relative_error(total, size)
-    if conditions.spring is not None:
-        balance = conditions.spring.imbalance(total, solution.indentation)
     errors = {
-        "sum of the forces": balance,
+        "sum of the forces": relative_error(total, size),
         "forces at the indentation": float(np.abs(expected - force[rows]).sum()) / size,
     }
     return judge(errors, tolerance)
@@ -288,19 +280,17 @@ Measured: on SA+ and RA+ it saves a Newton step up to there; from a ratio of 1.6
 """
 
 
-def _is_similar(load: float | LoadSpring, previous: InteractingSolution | None) -> bool:
+def _is_similar(load: float, previous: InteractingSolution | None) -> bool:
     """Whether a solution is a good start at a load."""
     if previous is None or not previous.load > 0:
         return False
-    if isinstance(load, LoadSpring):
-        return True
     return previous.load / SIMILAR_LOADS <= load <= previous.load * SIMILAR_LOADS
 
 
 def solve_loads(
     asperities: pd.DataFrame | CompositeSummits,
     *,
-    loads: Iterable[float | LoadSpring],
+    loads: Iterable[float],
     indenter_radius: float,
     contact_modulus: float,
     **options: Any,
@@ -310,7 +300,7 @@ def solve_loads(
     Parameters
     ----------
     asperities : DataFrame or CompositeSummits
-    loads : iterable of float, N, or of LoadSpring
+    loads : iterable of float, N
     indenter_radius : float, m
     contact_modulus : float, Pa
     **options

@@ -11,7 +11,7 @@ from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.asperity_laws import Caps
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.composite_summits import CompositeSummits
-from contactimg.models.load_spring import ContactConditions
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.timings import stage
@@ -31,17 +31,15 @@ class ScaledProblem:
     x, y, gap, radius : ndarray
         Composite apexes; ``gap`` is the depth below the highest apex.
     load : float or None
-        None if the indentation is prescribed; with a load cell the load at zero indentation.
+        None if the indentation is prescribed.
     indentation : float
-        The prescribed indentation, or the displacement of the load cell; 0 if the load is prescribed.
+        The prescribed indentation; 0 if the load is prescribed.
     order : ndarray
         Rows of the asperities in the table.
     length, depth, force_unit : float
     summits : CompositeSummits
         In the order of the table, m.
     conditions : ContactConditions
-    stiffness : float
-        Of the load cell; 0 without one.
     shapes : CapShapes or None
         Of caps that are not spheres of one modulus, in the order of the table; ``radius`` is then that of the
         spheres with the same force at a penetration.
@@ -63,7 +61,6 @@ class ScaledProblem:
     force_unit: float
     summits: CompositeSummits
     conditions: ContactConditions
-    stiffness: float = 0.0
     shapes: CapShapes | None = None
     bases: Values | None = None
     bends: Values | None = None
@@ -99,7 +96,7 @@ class ScaledProblem:
     @property
     def touches(self) -> bool:
         """Whether the prescribed load or indentation brings any asperity into contact."""
-        if self.load and (self.load > 0 or not self.stiffness):
+        if self.load:
             if not self.order.size:
                 raise InputError("the asperity table is empty: nothing can bear the load")
             return True
@@ -211,15 +208,14 @@ def scale_problem(
         y=summits.y / length,
         gap=summits.gap / depth,
         radius=radius / highest,
-        load=None if setting.force is None else setting.force / unit,
-        indentation=(setting.depth or 0.0) / depth,
+        load=None if setting.load is None else setting.load / unit,
+        indentation=(setting.indentation or 0.0) / depth,
         order=order,
         length=length,
         depth=depth,
         force_unit=unit,
         summits=summits,
         conditions=setting,
-        stiffness=0.0 if setting.spring is None else setting.spring.stiffness * depth / unit,
         shapes=shapes,
         bases=None if bases is None else bases[order] * [length, 1 / length],
     )
@@ -227,8 +223,6 @@ def scale_problem(
 
 def _natural_depth(setting: ContactConditions, highest: float) -> float:
     """Unit of height for a load or an indentation, m; zero if neither is positive."""
-    depths = [max(setting.depth, 0.0)] if setting.depth is not None else []
-    if setting.force is not None:
-        hertz = 0.75 * setting.force / setting.contact_modulus / np.sqrt(highest)
-        depths.append(float(max(hertz, 0.0) ** (2 / 3)))
-    return min(depths)
+    if setting.load is None:
+        return max(setting.indentation or 0.0, 0.0)
+    return float((0.75 * max(setting.load, 0.0) / setting.contact_modulus / np.sqrt(highest)) ** (2 / 3))

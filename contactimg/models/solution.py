@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contactimg.models.base_gap import BaseGap, GapField
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.composite_summits import CompositeSummits
-from contactimg.models.load_spring import ContactConditions
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.validity import Validity, assess, contact_flags
 from contactimg.tables import CONTACTS
 

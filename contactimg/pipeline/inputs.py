@@ -14,9 +14,8 @@ from contactimg.frame import Frame
 from contactimg.imaging.background.pooled.references import average_references
 from contactimg.models.asperity_laws import left_out_for
 from contactimg.models.cap_shapes import CapShapes
-from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
-from contactimg.prediction import Prescribed, load_name
+from contactimg.prediction import load_name
 from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
@@ -146,7 +145,7 @@ def largest_load(scene: Scene) -> float:
     return max(loads)
 
 
-def refuse_repeated(loads: Sequence[Prescribed]) -> None:
+def refuse_repeated(loads: Sequence[float]) -> None:
     """Raise if a load is given twice: loads are told apart by their names."""
     repeated = [load for load in loads if list(loads).count(load) > 1]
     if repeated:
@@ -158,15 +157,15 @@ def solver_tolerance(relative: float | None) -> float | None:
     return None if relative is None else max(SOLVER_SHARE * relative, MIN_RESIDUAL)
 
 
-def loads_before(scene: Scene, load: Prescribed, loads: Sequence[Prescribed]) -> tuple[Prescribed, ...]:
+def loads_before(scene: Scene, load: float, loads: Sequence[float]) -> tuple[float, ...]:
     """The loads on the way to one of several loads.
 
     Parameters
     ----------
     scene : Scene
         ``[load] path``: first loading, unloading from the largest of the loads, or the loads before.
-    load : float, N, or LoadSpring
-    loads : sequence of float, N, or of LoadSpring
+    load : float, N
+    loads : sequence of float, N
         All loads of the command.
 
     Examples
@@ -180,10 +179,4 @@ def loads_before(scene: Scene, load: Prescribed, loads: Sequence[Prescribed]) ->
         return ()
     if path != "unloading":
         return tuple(path)
-    higher = [other for other in loads if type(other) is type(load) and _level(other) > _level(load)]
-    return tuple(sorted(higher, key=_level, reverse=True))
-
-
-def _level(load: Prescribed) -> float:
-    """Key by which loads, or displacements of the stage, are ordered."""
-    return load.displacement if isinstance(load, LoadSpring) else float(load)
+    return tuple(sorted((other for other in loads if other > load), reverse=True))

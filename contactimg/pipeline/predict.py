@@ -12,7 +12,6 @@ from contactimg.effects.plan import Plan, make_plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.files import write_table
-from contactimg.models.load_spring import LoadSpring
 from contactimg.pipeline.inputs import (
     largest_load,
     loads_before,
@@ -25,7 +24,6 @@ from contactimg.prediction import (
     Coupling,
     Model,
     Prediction,
-    Prescribed,
     find_touching_load,
     predict_average,
     predict_contacts,
@@ -40,7 +38,7 @@ BEYOND_AVERAGES = ("adhesion", "layer", "sphere_profile")
 
 def predict_loads(
     scene: Scene,
-    loads: Sequence[Prescribed],
+    loads: Sequence[float],
     *,
     model: Model,
     coupling: Coupling,
@@ -55,8 +53,8 @@ def predict_loads(
     scene : Scene
         With asperities. The effects of the interacting model are planned at each load
         (`contactimg.effects.plan`); a switch that ``[effects]`` sets is obeyed.
-    loads : sequence of float, N, or of LoadSpring
-        Each once. A `LoadSpring` prescribes the displacement of the stage (interacting model).
+    loads : sequence of float, N
+        Each once.
     model : {"interacting", "gw", "gt"}
         Row by row, or averages over random asperities.
     coupling : str
@@ -83,6 +81,8 @@ def predict_loads(
     ContactimgError
         If no load has a solution: the reason of the first.
     """
+    if not loads:
+        raise InputError("no load is given; give --load-N")
     refuse_repeated(loads)
     if model == "interacting":
         asperities = need_asperities(scene, "predicting contacts")
@@ -90,7 +90,7 @@ def predict_loads(
         how: dict[str, Any] = {"coupling": coupling, "annulus": annulus, "tolerance": tolerance}
         predict = partial(predict_contacts, scene, asperities, **how, always_plan=True)
     else:
-        _refuse_beyond_averages(scene, loads, model, coupling)
+        _refuse_beyond_averages(scene, model, coupling)
         if relative is not None:
             raise InputError(
                 f'model "{model}" has no cheaper method for a larger tolerance; leave the tolerance out'
@@ -118,7 +118,7 @@ def touching_load(scene: Scene, *, model: Model, coupling: Coupling) -> float:
     )
 
 
-def _refuse_beyond_averages(scene: Scene, loads: Sequence[Prescribed], model: str, coupling: str) -> None:
+def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
     """Raise `InputError` for what a statistical model cannot represent."""
     if coupling != "auto":
         raise InputError(
@@ -135,12 +135,10 @@ def _refuse_beyond_averages(scene: Scene, loads: Sequence[Prescribed], model: st
             f'model "{model}" cannot represent {", ".join(ordered)}, which [effects] switches on; '
             'take the model "interacting", or switch it off'
         )
-    if any(isinstance(load, LoadSpring) for load in loads):
-        raise InputError(f'model "{model}" takes loads, no displacements; take the model "interacting"')
 
 
 def _solve(
-    predict: Callable[..., Prediction], load: Prescribed, history: Sequence[Prescribed]
+    predict: Callable[..., Prediction], load: float, history: Sequence[float]
 ) -> Prediction | ContactimgError:
     """The prediction for a load, or why there is none."""
     try:
@@ -192,28 +190,6 @@ def write_predictions(
     plans = {name: plan for name, plan in planned if plan is not None}
     errors = {name: plan.error_record for name, plan in plans.items()}
     return frames, {"plans": {name: plan.record for name, plan in plans.items()}, "expected_errors": errors}
-
-
-def prescriptions(
-    scene: Scene, loads: Sequence[float], displacements: Sequence[float] = ()
-) -> list[Prescribed]:
-    """Loads (N) and displacements of the stage (m), these through the load cell of the scene.
-
-    Raises
-    ------
-    InputError
-        If there is neither.
-
-    Examples
-    --------
-    >>> from contactimg.scene import scene_from_dict
-    >>> prescriptions(scene_from_dict({"load": {"stiffness_N_m": 500.0}}), [0.1], [1e-5])
-    [0.1, LoadSpring(stiffness=500.0, displacement=1e-05)]
-    """
-    if not loads and not displacements:
-        raise InputError("no load is given; give --load-N, or --displacement-um")
-    stiffness = scene.load.stiffness if scene.load.stiffness is not None else float("inf")
-    return [*loads, *(LoadSpring(stiffness, displacement) for displacement in displacements)]
 
 
 def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:

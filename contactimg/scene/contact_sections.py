@@ -118,7 +118,7 @@ class Elastic(Section):
 
 
 class Load(Section):
-    """The load cell: its stiffness, and how well its zero and gain are known (errors of all loads)."""
+    """The load cell, how well its zero and gain are known (errors of all loads), and the path to a load."""
 
     zero_std: NonNegative | None = Field(
         None,
@@ -128,12 +128,6 @@ class Load(Section):
     )
     gain_std: Fraction | None = Field(
         None, description="Relative standard uncertainty of the gain of the load cell; 0.01 if not given."
-    )
-    stiffness: Positive | None = Field(
-        None,
-        alias="stiffness_N_m",
-        description="Stiffness of the load cell and the frame of the instrument, N/m, where `predict` is "
-        "given displacements of the stage; rigid if not given.",
     )
     path: Literal["loading", "unloading"] | Annotated[list[Number], Field(max_length=1000)] = Field(
         "loading",

@@ -103,7 +103,7 @@ export: --fiji --labels --napari --no-plausibility -o/--output --units --xlsx
 import-rois: --author --frame --no-plausibility -o/--output
 init: --force --lens-radius-mm --no-input --no-plausibility --pixel-size-um --young-modulus-MPa
 overlay: --min-radius-px --no-plausibility -o/--output --workers
-predict: --annulus-mm --cluster --coupling --displacement-um --load-N --model --no-plausibility
+predict: --annulus-mm --cluster --coupling --load-N --model --no-plausibility
     -o/--output --tolerance --workers
 process: --calibration --cluster --format --frames --loads --method --no-plausibility
     -o/--output --pictures/--no-pictures --pixel-size-um --polarity --reference
