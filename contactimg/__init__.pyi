@@ -48,9 +48,6 @@ from .matching import match_contacts as match_contacts
 from .mechanics import hertz as hertz
 from .mechanics import jkr as jkr
 from .mechanics import sphere as sphere
-from .mechanics.profiles import AxisymmetricProfile as AxisymmetricProfile
-from .mechanics.profiles import PowerLawProfile as PowerLawProfile
-from .mechanics.profiles import TabulatedProfile as TabulatedProfile
 from .models.adhesive import solve_adhesive as solve_adhesive
 from .models.adhesive import solve_adhesive_path as solve_adhesive_path
 from .models.ensemble import solve_ensemble as solve_ensemble

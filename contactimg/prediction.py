@@ -14,12 +14,11 @@ from scipy.special import ellipe
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
 from contactimg.effects.local_law import law_name
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, refuse_profile, solve_scene
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, solve_scene
 from contactimg.effects.output_change import ANNULUS
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.mechanics import hertz
-from contactimg.models.asperity_laws import left_out_for
 from contactimg.models.base_gap import MAX_TOUCHING_SHARE
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import (
@@ -28,15 +27,13 @@ from contactimg.models.greenwood_williamson import (
     solve_greenwood_williamson,
 )
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
-from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.models.surroundings import MeanField, rim_share
 from contactimg.pose import Pose
-from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
-from contactimg.surfaces import base_radius, equivalent_radii, refuse_own_caps
-from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, PROFILE, Status
+from contactimg.surfaces import base_radius
+from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
@@ -152,11 +149,11 @@ def predict_contacts(
     contacts = solution.contacts(name)
     hertz_forces = hertz.load(
         contacts["radius_m"].to_numpy(float),
-        sphere_radius=solution.law_radius[solution.touching],
+        sphere_radius=solution.composite_radius[solution.touching],
         contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
     )
     contacts = contacts.assign(force_hertz_N=hertz_forces)
-    sunk = 0.0 if field is None else field.sinking(shaped_asperities(asperities, scene))
+    sunk = 0.0 if field is None else field.sinking(asperities)
     row = {
         "n_contacts": len(contacts),
         "area_m2": float(contacts["area_m2"].sum()),
@@ -164,10 +161,10 @@ def predict_contacts(
         "force_hertz_sum_N": contacts["force_hertz_N"].sum(),
         "indentation_m": solution.indentation + sunk,
         "min_gap_m": solution.base_gap.least,
-        "law": law_name(scene, shapes=solution.shapes),
+        "law": law_name(scene),
     }
     border = _around_the_table(scene, asperities, solution, field, load)
-    row |= _judgement(solution, scene, border, () if plan is None else plan.messages)
+    row |= _judgement(solution, border, () if plan is None else plan.messages)
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
@@ -214,14 +211,9 @@ def scene_level(scene: Scene, coupling: str) -> str:
     return coupling_level(coupling=effects.coupling != "off", full_coupling=effects.full_coupling == "on")
 
 
-def _judgement(
-    solution: InteractingSolution, scene: Scene, border: str, more: Sequence[str]
-) -> dict[str, str]:
+def _judgement(solution: InteractingSolution, border: str, more: Sequence[str]) -> dict[str, str]:
     """Status and message of the row, from what the solver says of its solution, and more to say."""
-    own = "" if solution.shapes is None else solution.shapes.words
-    words = own if stated_profile(scene) is None else PROFILED
-    notes = [*solution.validity.messages(), *([left_out_for(words)] if words else [])]
-    notes += [*([border] if border else []), *more]
+    notes = [*solution.validity.messages(), *([border] if border else []), *more]
     lost = "runs off the table" in border
     if solution.status == CONVERGED and not solution.validity.planes_touch and not lost:
         return {"status": Status.OK, "message": "; ".join(notes)}
@@ -252,11 +244,8 @@ def surrounding_field(
 
 def _without_mean_field(scene: Scene, asperities: pd.DataFrame) -> str:
     """Why a table has no mean field; empty if it has."""
-    section, indenter = scene.asperities or Asperities(), scene.indenter
-    if section.profiled or any(name in asperities for name in ASPERITIES.later):
-        return "takes spherical caps of one modulus"
-    if scene.shaped or indenter is None or not np.isfinite(indenter.radius):
-        return "takes a flat sample under an upright lens"
+    if scene.indenter is None:
+        return "takes an indenter"
     spans = np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0) if len(asperities) else np.zeros(2)
     if len(asperities) < MIN_ASPERITIES_FOR_SIDES or not spans.min() > 0:
         return f"needs at least {MIN_ASPERITIES_FOR_SIDES} asperities spread over a rectangle"
@@ -283,7 +272,7 @@ def table_rectangle(section: Asperities, asperities: pd.DataFrame) -> NDArray[np
     """Limits in x and in y (m) of what a table describes: the generated square, or the caps' discs."""
     if section.generate is not None:
         return np.array([[0.0, section.side], [0.0, section.side]])
-    base = base_radius(asperities["height_m"], equivalent_radii(asperities))
+    base = base_radius(asperities["height_m"], asperities["radius_m"])
     places = asperities[["x_m", "y_m"]].to_numpy(float).T
     return np.stack([(places - base).min(axis=1), (places + base).max(axis=1)], axis=1)
 
@@ -400,9 +389,6 @@ def solve_average(
     """
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     section: Asperities = scene.need("asperities", "a statistical model")
-    refuse_profile(scene, f'model "{model}"')
-    if asperities is not None:
-        refuse_own_caps(asperities, f'model "{model}"')
     radius = _mean_radius(section, asperities)
     solve: Callable[..., RingSolution] = (
         solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp

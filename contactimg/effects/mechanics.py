@@ -31,15 +31,12 @@ from contactimg.effects.output_change import (
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.adhesive import solve_adhesive_after
-from contactimg.models.asperity_laws import left_out_for
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.full_coupling import bounded_saddle
 from contactimg.models.interacting import solve_interacting
-from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.solution import InteractingSolution
 from contactimg.models.surroundings import MeanField
 from contactimg.models.validity import close_pairs
-from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
@@ -48,9 +45,6 @@ Level = Literal["none", "asymptotic", "full"]
 PURPOSE = "planning the mechanical effects"
 
 MECHANICAL_EFFECTS = ("coupling", "full_coupling", "adhesion", "layer", "sphere_profile")
-
-OF_CAPS_ONLY = ("full_coupling", "adhesion", "sphere_profile")
-"""Effects whose equations hold for spherical caps of one modulus only."""
 
 THROUGH_COUPLING = ("full_coupling", "layer")
 """Effects that act only where the contacts are coupled, and are left out with coupling."""
@@ -98,15 +92,6 @@ def coupling_level(*, coupling: bool, full_coupling: bool) -> Level:
     return "full" if full_coupling else "asymptotic"
 
 
-def refuse_profile(scene: Scene, purpose: str) -> None:
-    """Refuse asperities of a stated profile for what is defined for caps."""
-    if scene.asperities is not None and scene.asperities.profiled:
-        raise InputError(
-            f"[asperities] states a profile, and {purpose} takes caps; leave out one of the two (of the "
-            "profile profile_exponent, profile_width_m, profile_drop_m and profile_points_m)"
-        )
-
-
 def solve_scene(
     scene: Scene,
     asperities: pd.DataFrame,
@@ -129,9 +114,6 @@ def solve_scene(
     indenter, elastic = scene.need("indenter", "a contact model"), scene.need("elastic", "a contact model")
     effects = scene.effects
     solve: Callable[..., InteractingSolution] = partial(solve_interacting, start=start)
-    profile = stated_profile(scene)
-    if "on" in (effects.adhesion, effects.sphere_profile):
-        refuse_profile(scene, '[effects] adhesion or sphere_profile = "on"')
     if effects.adhesion == "on":
         if coupling not in ADHESIVE_COUPLINGS:
             raise InputError(
@@ -140,17 +122,16 @@ def solve_scene(
         solve = partial(solve_adhesive_after, history, work_of_adhesion=elastic.work_of_adhesion)
     if tolerance is not None:
         solve = partial(solve, tolerance=tolerance)
-    table = shaped_asperities(asperities, scene)
     if surroundings is not None:
-        table, load = surroundings.around(table), load - surroundings.load
+        asperities, load = surroundings.around(asperities), load - surroundings.load
     return solve(
-        table,
+        asperities,
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
         apex=indenter.apex,
         load=load,
         coupling=coupling,
-        law=profile or ("sphere" if effects.sphere_profile == "on" else "hertz"),
+        law="sphere" if effects.sphere_profile == "on" else "hertz",
         thickness=elastic.thickness if effects.layer == "on" else np.inf,
         poisson_ratio=elastic.poisson_ratio,
     )
@@ -205,10 +186,6 @@ class Comparison:
         self.costs: dict[str, float] = {}
         self.reasons: dict[str, str] = {}
         self.alone = self.solve(())
-        shapes = self.alone.shapes
-        self.own_caps = "" if shapes is None else shapes.words
-        if stated_profile(scene) is not None:
-            self.own_caps = PROFILED
         off = scene.effects.switched_off(*MECHANICAL_EFFECTS)
         self.on = {"coupling"} - off
         self.on |= {name for name in ("adhesion", "layer") if name not in off and not self.lacks(name)}
@@ -257,8 +234,6 @@ class Comparison:
 
     def lacks(self, effect: str) -> str:
         """Why an effect cannot act here; empty where it can."""
-        if self.own_caps and effect in OF_CAPS_ONLY:
-            return f"not defined for asperities {self.own_caps}"
         if effect == "adhesion" and not self.elastic.work_of_adhesion > 0:
             return "no work of adhesion is stated"
         if effect == "layer" and self.elastic.thickness is None:
@@ -307,7 +282,7 @@ class Comparison:
             without = complete - stretch * np.sum(steps, axis=0)
             changes = output_changes(
                 distance,
-                self.base.law_radius,
+                self.base.composite_radius,
                 without=self.answer(without, may_form=may_form),
                 complete=self.answer(complete, may_form=may_form),
             )
@@ -328,7 +303,7 @@ class Comparison:
         force, radius, penetration, depth = state
         forms = penetration > 0
         touches = np.where(self.by_depth, forms, (forms & may_form) | (radius > 0))
-        R, ratio = self.base.law_radius, self.elastic.work_of_adhesion / self.elastic.contact_modulus
+        R, ratio = self.base.composite_radius, self.elastic.work_of_adhesion / self.elastic.contact_modulus
         least = np.cbrt(2 * np.pi * ratio * R**2) if "adhesion" in self.on else 0 * R
         radius = np.where(radius > 0, radius, np.maximum(least, np.finfo(float).tiny))
         return Answer(np.where(touches, force, 0.0), np.where(touches, radius, 0.0), float(depth[0]))
@@ -338,10 +313,10 @@ class Comparison:
         """Squares of what the neighbours change of the curvatures of each contact, mean and saddle."""
         base = self.base
         rows = base.touching
-        if "coupling" not in self.on or self.own_caps or rows.size < 2:
+        if "coupling" not in self.on or rows.size < 2:
             return np.zeros(rows.size)
         pressed, a = base.force[rows] / self.elastic.contact_modulus, base.radius[rows]
-        R = base.law_radius[rows]
+        R = base.composite_radius[rows]
         fields = DenseCoupling(base.x[rows], base.y[rows], Kernel.of_thickness(np.inf)).fields
         own = fields(pressed, a, bounded_saddle(fields(pressed, a), R))
         return np.asarray(R**2 * (own.curvature**2 + own.saddle_x**2 + own.saddle_y**2))
@@ -358,14 +333,16 @@ class Comparison:
         x, y, force = base.x[rows], base.y[rows], base.force[rows]
         lowered = DenseCoupling(x, y, Kernel.of_thickness(np.inf)).displacement(force)
         # by Hertz's law of a half-space, which has no layer below the contact itself
-        hertz = np.cbrt(9 / 16 * (force / self.elastic.contact_modulus) ** 2 / base.law_radius[rows])
+        radius = base.composite_radius[rows]
+        hertz = np.cbrt(9 / 16 * (force / self.elastic.contact_modulus) ** 2 / radius)
         height = np.where(force > 0, hertz, base.penetration[rows]) + lowered / self.elastic.contact_modulus
         height += float(np.max(base.height)) - height.min()
-        table = pd.DataFrame({"x_m": x, "y_m": y, "height_m": height, "radius_m": base.law_radius[rows]})
-        flat = self.scene.need("indenter", PURPOSE).model_copy(update={"radius": FLAT_RADIUS_M, "tilt": 0.0})
+        table = pd.DataFrame(
+            {"x_m": x, "y_m": y, "height_m": height, "radius_m": base.composite_radius[rows]}
+        )
+        flat = self.scene.need("indenter", PURPOSE).model_copy(update={"radius": FLAT_RADIUS_M})
         elastic = self.elastic.model_copy(update={"thickness": None})
-        changed = {"sample": None, "indenter": flat, "elastic": elastic}
-        scene = self.scene.model_copy(update=changed)
+        scene = self.scene.model_copy(update={"indenter": flat, "elastic": elastic})
         return Comparison(scene, table, float(force.sum()))
 
 
@@ -525,10 +502,7 @@ def _limits(whole: Comparison, load: float) -> list[str]:
     gap = whole.base.base_gap
     if gap.beyond_models:
         raise ModelRangeError(f"at {load:g} N {gap.sentence}; lower the load")
-    limits = list(whole.base.validity.messages())
-    if whole.own_caps:
-        limits.append(left_out_for(whole.own_caps))
-    return limits
+    return whole.base.validity.messages()
 
 
 def _model_error(near: Comparison) -> ModelError:
@@ -537,8 +511,6 @@ def _model_error(near: Comparison) -> ModelError:
     total = float(np.abs(force).sum())
     square = float(np.abs(force) @ near.curvature_changes) / total if total > 0 else 0.0
     source = "estimated from the square of what the neighbours change of the curvatures"
-    if near.own_caps:
-        source += f"; for asperities {near.own_caps} there is no solution to compare with"
     if "adhesion" in near.on:
         source += "; with adhesion compared on pairs and hexagons only"
     return ModelError({name: factor * square for name, factor in SECOND_ORDER.items()}, source)

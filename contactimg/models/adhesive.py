@@ -162,10 +162,6 @@ def solve_adhesive(
     )
     conditions.check()
     problem = scale_problem(asperities, conditions, depth=_depth_unit(asperities, conditions, w))
-    if problem.shapes is not None:
-        raise InputError(
-            f"the caps are {problem.shapes.words}; adhesion is defined for spherical caps of one modulus"
-        )
     held = start is not None and bool(start.radius.any())  # without contacts nothing is remembered
     previous = start if start is not None and held else None
     if previous is None:  # the contacts without adhesion are the least that first loading brings about

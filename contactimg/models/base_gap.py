@@ -103,7 +103,7 @@ class GapField:
     contacts : ndarray, shape (4, m)
         Positions, forces (N) and radii of their contacts, lengths in m.
     base : ndarray or None
-        Height of the sample below each cap on a curved sample, or under a tilted lens, m.
+        Height of the sample below each cap where it is not flat, m.
     """
 
     conditions: ContactConditions

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.asperity_laws import Caps
-from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.conditions import ContactConditions
 from contactimg.models.proof import CONVERGED
@@ -40,11 +39,6 @@ class ScaledProblem:
     summits : CompositeSummits
         In the order of the table, m.
     conditions : ContactConditions
-    shapes : CapShapes or None
-        Of caps that are not spheres of one modulus, in the order of the table; ``radius`` is then that of the
-        spheres with the same force at a penetration.
-    bases : ndarray, shape (n, 2), or None
-        Their bases.
     bends : ndarray, shape (n, 2), or None
         What the neighbours add to the profiles (`Caps.bends`), where they adhere under full coupling.
     """
@@ -61,14 +55,12 @@ class ScaledProblem:
     force_unit: float
     summits: CompositeSummits
     conditions: ContactConditions
-    shapes: CapShapes | None = None
-    bases: Values | None = None
     bends: Values | None = None
 
     @property
     def caps(self) -> Caps:
         """What the law of an asperity needs to know of each."""
-        return Caps(self.radius, self.bases, self.bends)
+        return Caps(self.radius, self.bends)
 
     @property
     def height(self) -> Values:
@@ -88,10 +80,9 @@ class ScaledProblem:
 
     def caps_in_metres(self, caps: Caps) -> Caps:
         """The caps of a law in SI units."""
-        bases = None if caps.bases is None else caps.bases * [1 / self.length, self.length]
         length, depth = self.length, self.depth
         bends = None if caps.bends is None else caps.bends * [depth / length**2, depth / length**4]
-        return Caps(caps.radius * self.radius_unit, bases, bends)
+        return Caps(caps.radius * self.radius_unit, bends)
 
     @property
     def touches(self) -> bool:
@@ -117,7 +108,6 @@ class ScaledProblem:
             gap=self.gap[rows],
             radius=self.radius[rows],
             order=self.order[rows],
-            bases=None if self.bases is None else self.bases[rows],
             bends=None if self.bends is None else self.bends[rows],
         )
 
@@ -160,13 +150,9 @@ class ScaledProblem:
         residual: float = 0.0,
     ) -> InteractingSolution:
         """The solution in SI units, from dimensionless numbers."""
-        radius = self.scattered(contact_radius * self.length)
-        if self.shapes is not None:
-            radius = self.shapes.contact_radius(self.scattered(force * self.length * self.depth))
-            self.shapes.check(radius)
         return InteractingSolution(
             force=self.scattered(force * self.force_unit),
-            radius=radius,
+            radius=self.scattered(contact_radius * self.length),
             summits=self.summits,
             conditions=self.conditions,
             penetration=self.scattered(penetration * self.depth, fill=-np.inf),
@@ -196,8 +182,7 @@ def scale_problem(
     """
     setting.check()
     summits = CompositeSummits.of(asperities, indenter_radius=setting.indenter_radius, apex=setting.apex)
-    shapes, radius, order = summits.shapes, summits.radius, summits.order
-    bases = None if shapes is None else shapes.bases
+    radius, order = summits.radius, summits.order
     highest = float(radius[0]) if order.size else 1.0
     if depth is None:
         depth = _natural_depth(setting, highest) or highest
@@ -216,8 +201,6 @@ def scale_problem(
         force_unit=unit,
         summits=summits,
         conditions=setting,
-        shapes=shapes,
-        bases=None if bases is None else bases[order] * [length, 1 / length],
     )
 
 

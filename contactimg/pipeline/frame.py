@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.effects.mechanics import refuse_profile
 from contactimg.effects.optics import measuring
 from contactimg.errors import FrameWarning, InputError
 from contactimg.files import read_part
@@ -316,15 +315,13 @@ def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None
     InputError
         If the film is switched on, and the pixel size or the asperities' radius is not known.
     """
-    asked, profiled = scene.effects.film, scene.asperities is not None and scene.asperities.profiled
+    asked = scene.effects.film
     if scene.measure.method != "disk":
         return None
-    if asked == "on":
-        refuse_profile(scene, '[effects] film = "on"')
     radius = common_radius(scene, None)
     if not np.isfinite(radius) and sites is not None and len(sites):
         radius = float(sites["radius_m"].mean())
-    if profiled or (asked != "on" and (scene.camera is None or not np.isfinite(radius))):
+    if asked != "on" and (scene.camera is None or not np.isfinite(radius)):
         return None
     camera = scene.need("camera", 'measuring with [effects] film = "on"')
     if not np.isfinite(radius):

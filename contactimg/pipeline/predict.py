@@ -7,7 +7,6 @@ from typing import Any
 
 import pandas as pd
 
-from contactimg.effects.mechanics import refuse_profile
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
@@ -125,10 +124,6 @@ def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
             f'model "{model}" has no levels of coupling, got coupling "{coupling}"; leave it out, or '
             'take the model "interacting"'
         )
-    if scene.shaped:
-        raise InputError(
-            f'model "{model}" takes a flat sample under an upright lens; take the model "interacting"'
-        )
     ordered = [name for name in BEYOND_AVERAGES if getattr(scene.effects, name) == "on"]
     if ordered:
         raise InputError(
@@ -229,7 +224,6 @@ def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
     >>> plan.coupling, plan.is_on("layer")
     ('asymptotic', False)
     """
-    refuse_profile(scene, "`effects`")
     asperities = need_asperities(scene, "planning the effects")
     chosen = largest_load(scene) if load is None else finite_number(load, "load", "N")
     return make_plan(scene, asperities, load=chosen)

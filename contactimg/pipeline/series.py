@@ -75,7 +75,8 @@ def measure_parts(
     With ``relative``, a tolerance of the scene's output, each frame is measured by the cheapest method that
     is estimated to meet it (`contactimg.tradeoff.choice`).
     """
-    scene, asperities, sites = asperities_and_sites(experiment.scene)
+    scene = experiment.scene
+    asperities, sites = asperities_and_sites(scene)
     edits = edits_by_frame(experiment, relative=relative)
     options = FrameOptions.of(scene, sites, relative)
     parts, shape = _measure_frames(experiment, options, edits, workers=workers, advance=advance, store=store)

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.mechanics import refuse_profile
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import InputError
@@ -127,8 +126,6 @@ def simulate_series(
         If a section is missing or there is no load.
     """
     simulate = scene.need("simulate", "simulating frames")
-    if scene.effects.film == "on":
-        refuse_profile(scene, '[effects] film = "on"')
     if not simulate.loads:
         raise InputError("simulating frames needs at least one load in [simulate] loads_N; add it")
     seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)

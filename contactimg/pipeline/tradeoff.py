@@ -7,14 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from contactimg.effects.mechanics import refuse_profile
 from contactimg.errors import InputError, finite_number
 from contactimg.files import open_experiment, write_figures, write_table
 from contactimg.pipeline.inputs import largest_load, read_reference, scene_asperities
 from contactimg.plots import caption_of
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene
-from contactimg.surfaces import refuse_own_caps
 from contactimg.tables import TRADEOFF
 from contactimg.tradeoff.knobs import Case, OwnFrame, applicable_knobs
 from contactimg.tradeoff.measure import Knob, Tradeoff, run_knobs
@@ -96,7 +94,6 @@ def prepare_tradeoff(
     scene, load, knobs
         As for `measure_tradeoff`.
     """
-    refuse_profile(scene, "`tradeoff`")
     if load is None:
         load = nan
         with suppress(InputError):
@@ -104,8 +101,6 @@ def prepare_tradeoff(
     else:
         load = finite_number(load, "load", "N")
     asperities = scene_asperities(scene)
-    if asperities is not None:
-        refuse_own_caps(asperities, "tradeoff")
     case = Case(scene, asperities, load, measured=_own_frame(scene, load))
     return applicable_knobs(case, knobs)
 

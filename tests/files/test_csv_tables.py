@@ -82,10 +82,6 @@ def test_asperities(tmp_path):
     )
     assert list(table) == list(ASPERITIES.first)
     np.testing.assert_array_equal(table.to_numpy(), [[1e-3, 2e-3, 4e-5, 1e-4], [0, 0, -1e-5, 2e-4]])
-    header = "x_m,y_m,height_m,radius_m,azimuth_rad,young_modulus_Pa"
-    own = asperities_of(tmp_path, f"{header}\n1e-3,0,0,1e-4,,\n0,0,0,1e-4,,2e6\n")
-    assert list(own) == [*ASPERITIES.first, "young_modulus_Pa"]
-    assert own["young_modulus_Pa"].fillna(0).tolist() == [0.0, 2e6]
 
 
 def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):

@@ -6,11 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
 from spectral_contacts import CapProblem, solve_caps
 from spectral_truth import MODULUS, Case, solved, stored_cases
 
 from contactimg import solve_adhesive, solve_interacting
-from contactimg.mechanics import hertz_ellipse, sphere
+from contactimg.mechanics import sphere
 from contactimg.models.asperity_laws import Caps, HertzLaw, SphereLaw
 from contactimg.models.coupling import DenseCoupling, Fields, Kernel
 from contactimg.models.full_coupling import CapCorrection
@@ -49,11 +51,17 @@ def elliptic_summit(saddle, degree=10):
 
 def test_one_ellipse_is_hertzs():
     force, area = elliptic_summit(0.1)
-    ratio, equivalent = hertz_ellipse.axis_ratio(1.1 / 0.9), 1 / np.sqrt(1.1 * 0.9)
-    depth = (9 * force**2 / (16 * equivalent)) ** (1 / 3) * hertz_ellipse.depth_factor(ratio)
-    squared = (0.75 * force * equivalent * hertz_ellipse.area_factor(ratio)) ** (2 / 3)
-    assert depth == pytest.approx(0.01, rel=1e-6)
-    assert np.pi * squared == pytest.approx(area, rel=1e-6)
+
+    # Johnson, Contact Mechanics, section 4.2, with m = (b/a)^2
+    def moments(m):
+        return ellipe(1 - m) / m - ellipk(1 - m), ellipk(1 - m) - ellipe(1 - m)
+
+    m = brentq(lambda m: np.divide(*moments(m)) - 1.1 / 0.9, 0.5, 0.999, xtol=1e-15)
+    equivalent = 1 / np.sqrt(1.1 * 0.9)
+    factor = 4 / (np.pi * (1 - m)) * m**0.75 * np.sqrt(np.prod(moments(m)))
+    depth = (9 * force**2 / (16 * equivalent)) ** (1 / 3) * 2 / np.pi * m**0.25 * ellipk(1 - m)
+    assert depth / factor ** (1 / 3) == pytest.approx(0.01, rel=1e-6)
+    assert np.pi * (0.75 * force * equivalent * factor) ** (2 / 3) == pytest.approx(area, rel=1e-6)
 
 
 # patterns
