@@ -49,7 +49,8 @@ def solve(scene, table, load, effects):
 
 def everything(scene):
     """Effects that the scene can have."""
-    able = {"adhesion": scene.elastic.work_of_adhesion > 0, "layer": scene.elastic.thickness is not None}
+    adheres = scene.elastic.work_of_adhesion > 0
+    able = {"adhesion": adheres, "full_coupling": not adheres, "layer": scene.elastic.thickness is not None}
     return {effect for effect in MECHANICAL_EFFECTS if able.get(effect, True)}
 
 

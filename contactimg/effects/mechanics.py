@@ -117,7 +117,8 @@ def solve_scene(
     if effects.adhesion == "on":
         if coupling not in ADHESIVE_COUPLINGS:
             raise InputError(
-                f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "full"'
+                f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "asymptotic", '
+                'full_coupling = "off"'
             )
         solve = partial(solve_adhesive_after, history, work_of_adhesion=elastic.work_of_adhesion)
     if tolerance is not None:
@@ -238,6 +239,8 @@ class Comparison:
             return "no work of adhesion is stated"
         if effect == "layer" and self.elastic.thickness is None:
             return "no thickness is stated, so the body is a half-space"
+        if effect == "full_coupling" and "adhesion" in self.on:
+            return "not defined for contacts that adhere"
         if effect in THROUGH_COUPLING and "coupling" not in self.on:
             return "coupling, through which it acts, is switched off"
         return ""
@@ -321,6 +324,17 @@ class Comparison:
         own = fields(pressed, a, bounded_saddle(fields(pressed, a), R))
         return np.asarray(R**2 * (own.curvature**2 + own.saddle_x**2 + own.saddle_y**2))
 
+    def change_by_fields(self) -> dict[str, float]:
+        """Change of each output by full coupling, without adhesion; 1 where that has no solution."""
+        dry = self.on - {"adhesion"}
+        try:
+            states = [self.state(self.solve(effects)) for effects in (dry, dry | {"full_coupling"})]
+        except (ConvergenceError, ModelRangeError):
+            return dict.fromkeys(WRITTEN, 1.0)
+        without, complete = (self.answer(state, may_form=False) for state in states)
+        distance = np.hypot(self.base.x - self.apex[0], self.base.y - self.apex[1])
+        return output_changes(distance, self.base.composite_radius, without=without, complete=complete)
+
     def part(self, contacts: int) -> "Comparison":
         """The asperities about the apex among which so many are in contact, lowered as by all the others.
 
@@ -337,9 +351,7 @@ class Comparison:
         hertz = np.cbrt(9 / 16 * (force / self.elastic.contact_modulus) ** 2 / radius)
         height = np.where(force > 0, hertz, base.penetration[rows]) + lowered / self.elastic.contact_modulus
         height += float(np.max(base.height)) - height.min()
-        table = pd.DataFrame(
-            {"x_m": x, "y_m": y, "height_m": height, "radius_m": base.composite_radius[rows]}
-        )
+        table = pd.DataFrame({"x_m": x, "y_m": y, "height_m": height, "radius_m": radius})
         flat = self.scene.need("indenter", PURPOSE).model_copy(update={"radius": FLAT_RADIUS_M})
         elastic = self.elastic.model_copy(update={"thickness": None})
         scene = self.scene.model_copy(update={"indenter": flat, "elastic": elastic})
@@ -510,7 +522,9 @@ def _model_error(near: Comparison) -> ModelError:
     force = near.base.force[near.base.touching]
     total = float(np.abs(force).sum())
     square = float(np.abs(force) @ near.curvature_changes) / total if total > 0 else 0.0
+    errors = {name: factor * square for name, factor in SECOND_ORDER.items()}
     source = "estimated from the square of what the neighbours change of the curvatures"
-    if "adhesion" in near.on:
-        source += "; with adhesion compared on pairs and hexagons only"
-    return ModelError({name: factor * square for name, factor in SECOND_ORDER.items()}, source)
+    if {"adhesion", "coupling"} <= near.on:
+        errors = {name: errors.get(name, 0.0) + change for name, change in near.change_by_fields().items()}
+        source += ", and from full coupling without adhesion"
+    return ModelError(errors, source)

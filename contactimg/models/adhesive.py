@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.asperity_laws import LAWS, AdhesiveLaw
 from contactimg.models.conditions import ContactConditions
-from contactimg.models.coupling import QUARTIC, DenseCoupling, Kernel
-from contactimg.models.full_coupling import CapCorrection, bounded_saddle, pressure_radius
+from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.interacting import check_layer, solve_interacting
 from contactimg.models.proof import (
     ADHESION_RANGE_J_M2,
@@ -36,7 +35,7 @@ from contactimg.models.solution import InteractingSolution
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-COUPLINGS = ("none", "asymptotic", "full")
+COUPLINGS = ("none", "asymptotic")
 
 FIRST_SUBSTEPS, MOST_SUBSTEPS = 8, 128
 """Steps between two loads of a path, at first and at most. Chosen: in one step from 20 to 1 mN a pattern lost
@@ -60,10 +59,6 @@ of the error up to which a solution counts as converged."""
 
 MIN_STEP_FRACTION = 2.0**-30
 """Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
-
-MAX_FIELD_UPDATES, FIELD_UPDATE_CHANGE = 30, 1e-10
-"""Most updates of the field corrections of full coupling, and the change of the contact radii, relative to
-the largest, at which they have converged. Chosen by hand, close to the tolerance of the radii."""
 
 
 @refuse_beyond_floats
@@ -96,8 +91,8 @@ def solve_adhesive(
     load, indentation : float, N or m
         Exactly one of the two. The load may be a pull and the indentation negative while contacts hold.
     apex : (float, float), m
-    coupling : {"none", "asymptotic", "full"}
-        As in `solve_interacting`.
+    coupling : {"none", "asymptotic"}
+        As in `solve_interacting`; full coupling is that of Hertz's pressure, not of JKR's.
     law : {"hertz", "sphere"}
         Profile of an asperity: the paraboloid of JKR's law, or the exact sphere.
     thickness : float, m
@@ -124,7 +119,7 @@ def solve_adhesive(
     ModelRangeError
         If the load is a stronger pull than the contacts bear.
     ConvergenceError
-        If the field corrections of full coupling do not converge.
+        If no set of contacts is found in equilibrium.
 
     Notes
     -----
@@ -195,8 +190,6 @@ def solve_adhesive(
         max_iterations,
     )
     state, steps = path.follow(previous, first=not held)
-    if coupling == "full":
-        path, state, steps = path.refined(state, steps)
     solution = problem.record(
         *state.scattered(problem.order.size),
         indentation=state.indentation,
@@ -356,9 +349,7 @@ def _status(
         caps = p.caps_in_metres(p.caps[rows])
         law_force = law.force(radius, caps) * conditions.contact_modulus
         errors["forces at the contact radii"] = float(np.abs(law_force - force).sum()) / total
-        lowered = (
-            p.gap[rows] - path.bare_gap[rows] + state.contacts.matrix @ (force / p.force_unit)
-        ) * p.depth
+        lowered = state.contacts.matrix @ (force / p.force_unit) * p.depth
         errors["penetrations"] = float(np.abs(law.penetration(radius, caps) - depth + lowered).max()) / size
     below = load and errors["sum of the forces"] > MAX_RELATIVE_ERROR and away <= ROUNDING_FRACTION * total
     if below:
@@ -368,11 +359,6 @@ def _status(
         return (
             f"the load of {load:.6g} N is below the accuracy of the adhesive forces, {total:.3g} N: "
             f"they sum to the load within {away:.3g} N"
-        )
-    if state.unsettled > MAX_RELATIVE_ERROR:
-        return (
-            "full coupling of the adhesive contacts did not settle: with the fields of the neighbours "
-            f"the contact radii still change by {state.unsettled:.2g} of the largest"
         )
     overlap = path.penetration(state.contacts, state.force, state.indentation, np.arange(p.gap.size))
     overlap[rows] = -np.inf
@@ -396,7 +382,6 @@ class AdhesiveState:
     penetration: Values
     indentation: float
     residual: float
-    unsettled: float = 0.0
 
     @property
     def rows(self) -> Rows:
@@ -419,12 +404,6 @@ class AdhesivePath:
     kernel: Kernel | None
     tolerance: float
     max_iterations: int
-    base: ScaledProblem | None = None
-
-    @property
-    def bare_gap(self) -> Values:
-        """Gaps without what full coupling adds to them."""
-        return (self.base or self.problem).gap
 
     def penetration(self, contacts: "AdhesiveContacts", force: Values, depth: float, rows: Rows) -> Values:
         """Overlaps of some asperities with the indenter as the contacts displace the surface."""
@@ -448,68 +427,9 @@ class AdhesivePath:
             radius[0] = self.law.touch_radius(p.caps[:1])[0]
         return self._settle(radius, previous.indentation / p.depth, first=first)
 
-    def refined(self, state: AdhesiveState, steps: int) -> tuple["AdhesivePath", AdhesiveState, int]:
-        """Full coupling from the state with point forces: alternate field corrections and contacts.
-
-        If they do not settle, the iteration that came closest, with what the radii still changed by.
-        """
-        path, closest, difference = self, (np.inf, self, state), np.inf
-        for _ in range(MAX_FIELD_UPDATES):
-            if not state.rows.size:
-                return path, state, steps
-            guess = np.zeros(self.problem.order.size)
-            guess[state.rows] = state.contact_radius
-            path = replace(self, problem=self._refine(path.problem, state, guess), base=self.problem)
-            following, steps = path._settle(guess.copy(), state.indentation, first=False, steps=steps)
-            _, radius, _ = following.scattered(guess.size)
-            difference, state = float(np.abs(radius - guess).max() / guess.max()), following
-            if difference <= FIELD_UPDATE_CHANGE:
-                return path, state, steps
-            if difference < closest[0]:
-                closest = difference, path, state
-        unsettled, path, state = closest
-        return path, replace(state, unsettled=unsettled), steps
-
-    def _refine(self, at: ScaledProblem, state: AdhesiveState, contact_radius: Values) -> ScaledProblem:
-        """The problem with the neighbours' fields over the width of each contact, at a state.
-
-        ``at`` holds the shifted summits. The terms are those of `contactimg.models.full_coupling` with JKR's
-        pressure: Hertz's at the same contact radius minus that of a flat punch. What makes a contact elliptic
-        is taken as without adhesion at the same contact radius.
-        """
-        p, aspect = self.problem, self.law.aspect
-        near = np.flatnonzero((contact_radius > 0) | (state.indentation > p.gap))
-        x, y, a, radius = at.x[near], at.y[near], contact_radius[near], p.radius[near]
-        force, pull = state.scattered(p.gap.size)[0][near], np.sqrt(8 * np.pi * self.law.adhesion * a**3)
-        kernel = self.kernel if self.kernel is not None else Kernel.of_thickness(np.inf)
-        pairs = DenseCoupling(x, y, kernel)
-        wide = pressure_radius(a, radius, aspect)
-        fields = pairs.fields(force, wide, bounded_saddle(pairs.fields(force, wide), radius))
-        # the punch of the same force displaces by p a^2/(15 r^3) more, of which these are the derivatives
-        moment, weight = pull * a**2, (pull > 0).astype(np.float64)
-        own = pairs.fields(moment, weight)
-        fields = fields._replace(
-            excess=fields.excess - _punch_over_hertz(x, y, pull, a),
-            curvature=fields.curvature - own.quartic * 0.3 / QUARTIC,
-        )
-        if kernel.thinness:  # and of a layer 1/15 of the sum of p a^2 times the Laplacian of its deficit
-            half_space = DenseCoupling(x, y, Kernel.of_thickness(np.inf)).fields(moment, weight)
-            fields.excess[:] += (half_space.curvature - own.curvature) * 2 / 15
-        terms = CapCorrection.of(fields, radius, a, aspect)
-        gap, bends, place = p.gap.copy(), np.zeros((p.gap.size, 2)), np.stack([p.x, p.y])
-        place[:, near] += np.stack([terms.shift_x, terms.shift_y])
-        gap[near] += terms.shifted_rise
-        bends[near] = terms.bends
-        return replace(p, x=place[0], y=place[1], gap=gap, bends=bends)
-
-    def _settle(
-        self, guess: Values, depth: float, *, first: bool, steps: int = 0
-    ) -> tuple[AdhesiveState, int]:
-        """Newton for one set of contacts after the other, from guessed radii and indentation.
-
-        ``steps`` were taken before for the same solution; they are in the number returned.
-        """
-        p, rows = self.problem, np.flatnonzero(guess)
+    def _settle(self, guess: Values, depth: float, *, first: bool) -> tuple[AdhesiveState, int]:
+        """Newton for one set of contacts after the other, from guessed radii and indentation."""
+        p, rows, steps = self.problem, np.flatnonzero(guess), 0
         broken = np.zeros(guess.size, dtype=bool)
         while rows.size:
             if first:
@@ -658,20 +578,3 @@ class AdhesiveContacts:
         penetration[near] = path.penetration(self, force, depth, near)
         penetration[self.rows] = path.law.penetration(a, self.caps)
         return AdhesiveState(self, a, force, penetration, depth, residual)
-
-
-def _punch_over_hertz(x: Values, y: Values, pull: Values, a: Values) -> Values:
-    """Displacement of a half-space by flat punches minus that by Hertz's pressure of the same forces."""
-    loaded = np.flatnonzero(a)
-    r = np.hypot(x[:, None] - x[loaded], y[:, None] - y[loaded])
-    apart = r > 0
-    ratio = a[loaded] / np.where(apart, r, np.inf)
-    inner = np.clip(ratio, 1e-3, 1.0)
-    punch = np.arcsin(inner) / inner
-    hertz = 0.75 * ((2 * inner**2 - 1) * punch + np.sqrt(1 - inner**2)) / inner**2
-    close = np.where(ratio > 1e-3, punch - hertz, ratio**2 / 15)
-    inside = np.pi / 2 / np.maximum(ratio, 1.0) - 0.75 * np.pi * (1 - 0.5 / np.maximum(ratio, 1.0) ** 2) / (
-        np.maximum(ratio, 1.0)
-    )
-    difference = np.where(ratio > 1, inside, close)
-    return np.where(apart, difference / np.where(apart, r, 1.0), 0.0) @ pull[loaded] / np.pi

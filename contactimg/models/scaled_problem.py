@@ -39,8 +39,6 @@ class ScaledProblem:
     summits : CompositeSummits
         In the order of the table, m.
     conditions : ContactConditions
-    bends : ndarray, shape (n, 2), or None
-        What the neighbours add to the profiles (`Caps.bends`), where they adhere under full coupling.
     """
 
     x: Values
@@ -55,12 +53,11 @@ class ScaledProblem:
     force_unit: float
     summits: CompositeSummits
     conditions: ContactConditions
-    bends: Values | None = None
 
     @property
     def caps(self) -> Caps:
         """What the law of an asperity needs to know of each."""
-        return Caps(self.radius, self.bends)
+        return Caps(self.radius)
 
     @property
     def height(self) -> Values:
@@ -108,7 +105,6 @@ class ScaledProblem:
             gap=self.gap[rows],
             radius=self.radius[rows],
             order=self.order[rows],
-            bends=None if self.bends is None else self.bends[rows],
         )
 
     def duplicates(self) -> tuple[int, int] | None:

@@ -31,8 +31,8 @@ def answer(scene, table, load):
 
 def applicable(scene):
     """Effects that the scene can have."""
-    elastic = scene.elastic
-    able = {"adhesion": elastic.work_of_adhesion > 0, "layer": elastic.thickness is not None}
+    adheres = scene.elastic.work_of_adhesion > 0
+    able = {"adhesion": adheres, "full_coupling": not adheres, "layer": scene.elastic.thickness is not None}
     return {name for name in MECHANICAL_EFFECTS if able.get(name, True)}
 
 
@@ -205,7 +205,7 @@ def test_of_many_adhesive_contacts_only_the_part_adheres():
     whole, part = found.compared
     for solved, adheres in ((whole.base, False), (part.base, True)):
         a = solved.radius
-        hertz = 4 / 3 * solved.conditions.contact_modulus * a**3 / solved.law_radius
+        hertz = 4 / 3 * solved.conditions.contact_modulus * a**3 / solved.composite_radius
         assert np.allclose(solved.force, hertz, rtol=1e-6, atol=0) != adheres
     # of a mean contact: a^3 grows by sqrt(6 pi w R/p) = 2.7 %, its area by two thirds of that
     p = load / whole.base.touching.size

@@ -111,7 +111,7 @@ def _withdrawn(share):
 
 @hard_case("adhesion of {:g} J/m2, RA-, 0.1 N", 1e-15)
 def _vanishing_adhesion(adhesion):
-    where = ROUGH | {"load": 0.1, "coupling": "full"}
+    where = ROUGH | {"load": 0.1}
     table = pattern("RA-", 2e-3)
     solution = solve_adhesive(table, work_of_adhesion=adhesion, **where)
     true = solve_interacting(table, **where).force
@@ -184,7 +184,7 @@ def _base_gap(load):
         for i in solution.touching:
             r = np.hypot(x - solution.x[i], y - solution.y[i])
             gap += hertz.surface_displacement(
-                r, radius=solution.radius[i], sphere_radius=solution.law_radius[i]
+                r, radius=solution.radius[i], sphere_radius=solution.composite_radius[i]
             )
         least = min(least, float(gap.min()) - solution.indentation)
         centre, half = np.array([x[gap.argmin()], y[gap.argmin()]]), half / 15
