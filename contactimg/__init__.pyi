@@ -20,11 +20,6 @@ from .analysis.radial_profiles import hertz_profile as hertz_profile
 from .analysis.radial_profiles import normalise_profile as normalise_profile
 from .analysis.radial_profiles import radial_profile as radial_profile
 from .analysis.radial_profiles import ring_profile as ring_profile
-from .analysis.spatial_order import choose_in_rings as choose_in_rings
-from .analysis.spatial_order import count_pairs as count_pairs
-from .analysis.spatial_order import nearest_distances as nearest_distances
-from .analysis.spatial_order import pair_correlation as pair_correlation
-from .analysis.spatial_order import turn_points as turn_points
 from .analysis.topography import describe_topography as describe_topography
 from .calibration.jkr import calibrate_jkr as calibrate_jkr
 from .calibration.modulus import calibrate_modulus as calibrate_modulus
