@@ -91,7 +91,6 @@ def predict_contacts(
     coupling: Coupling = "auto",
     annulus: float = ANNULUS,
     frame: str = "",
-    tolerance: float | None = None,
     history: Sequence[float] = (),
     always_plan: bool = False,
 ) -> Prediction:
@@ -112,8 +111,6 @@ def predict_contacts(
         Width of the profile's annuli, m.
     frame : str
         Name entered in the tables; default: the load's own name.
-    tolerance : float, optional
-        Of the solver, on its residual; default: its own, close to rounding.
     history : sequence of float, N
         Loads that came before, in order; default: those that ``[load] path`` lists. Adhesive contacts
         remember them, so that adhesion is not left out then unless the scene switches it off.
@@ -141,7 +138,7 @@ def predict_contacts(
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
     field = surrounding_field(scene, asperities, load, coupled=level != "none")
-    how: dict[str, Any] = {"tolerance": tolerance, "history": history, "surroundings": field}
+    how: dict[str, Any] = {"history": history, "surroundings": field}
     solution = solve_scene(scene, asperities, load=load, coupling=level, **how)
     if solution.base_gap.beyond_models:
         raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")

@@ -17,8 +17,7 @@ from contactimg.timings import stage
         "--tolerance",
         "tolerance",
         "relative",
-        "Effects, coupling and solver accuracy are the cheapest that meet it.",
-        default="the scene's tolerance for the effects, rounding error for the solver",
+        "Effects and coupling are the cheapest that meet it.",
     )
 )
 @shared.no_plausibility
@@ -70,7 +69,6 @@ def predict(
     from contactimg.tables import FAILED
 
     described, inputs = scene_at(scene, stated)
-    relative = stated.get("tolerance", {}).get("relative")
     touching = {}
     if touching_load:
         planes_touch_at = pipeline.touching_load(described, model=model, coupling=coupling)
@@ -86,7 +84,6 @@ def predict(
             model=model,
             coupling=coupling,
             annulus=annulus_mm * 1e-3,
-            relative=relative,
             workers=workers,
         )
         frames, record = pipeline.write_predictions(predictions, described, out.folder)
@@ -94,7 +91,7 @@ def predict(
         level = f", coupling {coupling}" if model == "interacting" else ""
         echo_frames(frames, title=f"{scene}, model {model}{level}")
         planned = [one for one in predictions if one.plan is not None]
-        say(*(pipeline.choice_sentence(one, relative=relative) for one in planned))
+        say(*(pipeline.choice_sentence(one) for one in planned))
     return int((frames["status"] == FAILED).any())
 
 

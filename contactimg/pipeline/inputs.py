@@ -17,13 +17,6 @@ from contactimg.surfaces import composite_apexes, generate_asperities
 
 logger = logging.getLogger(__name__)
 
-SOLVER_SHARE = 0.01
-"""Fraction of a tolerance that the residual of the solver may use up; the effects that are left out have the
-rest. Chosen by hand; sensitivity not measured."""
-
-MIN_RESIDUAL = 1e-11
-"""Smallest residual that is requested. Chosen: every solver reaches it in double precision."""
-
 
 @lru_cache(maxsize=1)
 def read_reference(experiment: Experiment) -> Frame | None:
@@ -113,11 +106,6 @@ def refuse_repeated(loads: Sequence[float]) -> None:
     repeated = [load for load in loads if list(loads).count(load) > 1]
     if repeated:
         raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")
-
-
-def solver_tolerance(relative: float | None) -> float | None:
-    """Residual at which the solver stops for a relative tolerance of the output; None for its own."""
-    return None if relative is None else max(SOLVER_SHARE * relative, MIN_RESIDUAL)
 
 
 def loads_before(scene: Scene, load: float, loads: Sequence[float]) -> tuple[float, ...]:

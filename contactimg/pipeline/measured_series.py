@@ -435,7 +435,7 @@ def write_run(
     frames : DataFrame
         The frames table.
     record : dict
-        What the provenance must state of pose, law of the forces, air film and methods.
+        What the provenance must state of pose, law of the forces and air film.
     """
     record: dict[str, Any] = {} if series.pose is None else {"pose": pose_record(series.pose)}
     if series.apex is not None:
@@ -459,10 +459,7 @@ def write_run(
     films = [part.film for part in series.parts if part.film is not None]
     if films:
         record["film_summary"] = summarise_films(films)
-    for name, matter in (("film", "film"), ("methods", "choice")):
-        said = [(part.row["frame"], getattr(part, matter)) for part in series.parts]
-        record[name] = {frame: asdict(found) for frame, found in said if found is not None}
-    record = {name: value for name, value in record.items() if value}
+        record["film"] = {p.row["frame"]: asdict(p.film) for p in series.parts if p.film is not None}
     return FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True)), record
 
 

@@ -17,7 +17,6 @@ from contactimg.pipeline.inputs import (
     need_asperities,
     refuse_repeated,
     scene_asperities,
-    solver_tolerance,
 )
 from contactimg.prediction import (
     Coupling,
@@ -42,7 +41,6 @@ def predict_loads(
     model: Model,
     coupling: Coupling,
     annulus: float,
-    relative: float | None = None,
     workers: int | None = 1,
 ) -> list[Prediction]:
     """Predict the contacts of a scene at each load.
@@ -61,9 +59,6 @@ def predict_loads(
         other effects act only where ``[effects]`` switches them on.
     annulus : float
         Width of the profile's annuli (interacting model), m.
-    relative : float, optional
-        Tolerance of the output; the solver stops at a residual of `SOLVER_SHARE` times it. Default: it solves
-        to rounding.
     workers : int or None
         Processes that share the loads, as for `contactimg.engine.calls.in_parallel`.
 
@@ -85,15 +80,10 @@ def predict_loads(
     refuse_repeated(loads)
     if model == "interacting":
         asperities = need_asperities(scene, "predicting contacts")
-        tolerance = solver_tolerance(relative)
-        how: dict[str, Any] = {"coupling": coupling, "annulus": annulus, "tolerance": tolerance}
+        how: dict[str, Any] = {"coupling": coupling, "annulus": annulus}
         predict = partial(predict_contacts, scene, asperities, **how, always_plan=True)
     else:
         _refuse_beyond_averages(scene, model, coupling)
-        if relative is not None:
-            raise InputError(
-                f'model "{model}" has no cheaper method for a larger tolerance; leave the tolerance out'
-            )
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
     jobs = [(load, loads_before(scene, load, loads)) for load in loads]
     found = list(in_parallel(partial(_solve, predict), jobs, count=len(jobs), workers=workers))
@@ -142,20 +132,16 @@ def _solve(
         return error
 
 
-def choice_sentence(prediction: Prediction, *, relative: float | None = None) -> str:
-    """One sentence on a prediction: level of coupling, effects left out and what that changes.
-
-    ``relative`` is the tolerance of the solver, where one was asked for.
-    """
+def choice_sentence(prediction: Prediction) -> str:
+    """One sentence on a prediction: level of coupling, effects left out and what that changes."""
     plan, row = prediction.plan, prediction.frames.iloc[0]
     if plan is None:
         return f"{row['frame']}: {row['message'] or 'averages over random patterns'}"
     level = {"none": "no coupling", "asymptotic": "coupling by point forces", "full": "full coupling"}
     what = {"all": "every output"}.get(plan.output, f"the {plan.output}")
-    solver = "" if relative is None else f", to a residual of {solver_tolerance(relative):.0e}"
     return (
         f"{row['frame']}: {level[plan.coupling]} for {100 * plan.relative:g} % of {what}, "
-        f"law {row['law']}{solver}; {plan.sentence()}"
+        f"law {row['law']}; {plan.sentence()}"
     )
 
 

@@ -107,7 +107,7 @@ predict: --annulus-mm --cluster --coupling --load-N --model --no-plausibility
     -o/--output --tolerance --workers
 process: --calibration --cluster --format --frames --loads --method --no-plausibility
     -o/--output --pictures/--no-pictures --pixel-size-um --polarity --reference
-    --scene --shape --threshold --tolerance --workers
+    --scene --shape --threshold --workers
 report: --max-pictures -o/--output --with
 review: --no-browser --origin --port --workers
 simulate: --cluster --no-plausibility -o/--output --plan --workers

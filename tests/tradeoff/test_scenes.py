@@ -1,19 +1,15 @@
-"""Trade-offs of whole scenes, and commands that choose the cheapest method for a tolerance."""
+"""Trade-offs of whole scenes, and the command that chooses the cheapest model for a tolerance."""
 
 import json
 import shutil
-from functools import partial
 
-import numpy as np
 import pandas as pd
 import pytest
 from small_series import SCENE
 
 from contactimg import (
-    measure_image,
     measure_tradeoff,
     plan_effects,
-    read_frames,
     read_scene,
     scene_from_dict,
 )
@@ -23,8 +19,7 @@ from contactimg.files import read_table, write_scene
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.tradeoff import prepare_tradeoff
 from contactimg.prediction import solve_scene
-from contactimg.tables import CONTACTS, TRADEOFF
-from contactimg.tradeoff.choice import count_error
+from contactimg.tables import TRADEOFF
 from contactimg.tradeoff.knobs import KNOBS
 from contactimg.tradeoff.measure import run_knobs
 
@@ -209,60 +204,6 @@ def test_the_command_says_why_nothing_applies(small_series, tmp_path, capsys):
 # --- the cheapest for a tolerance -----------------------------------------------------------------------
 
 
-def test_the_error_of_a_count_is_told_from_the_frame(small_series):
-    reference = read_frames(small_series / "reference.tif")[0].image
-    truth = read_table(small_series / "truth.csv", CONTACTS)
-    frame = read_frames(small_series / "frame_3.tif")[0]
-    fit = partial(measure_image, polarity="bright")
-    measured = fit(frame.image, reference, method="threshold")
-    true = truth.loc[truth["frame"] == frame.name, "radius_px"].to_numpy(float)
-    counted = measured.disks["radius_px"].to_numpy(float)
-    for output, power in (("area", 2), ("force", 3)):
-        actual = abs(np.sum(counted**power) / np.sum(true**power) - 1)
-        estimate = count_error(measured.disks, frame.image, reference, fit=fit, output=output)
-        # of a part of the contacts; scatter and the contrast's error come on top
-        assert 0.75 * actual < estimate < 1.5 * actual
-
-
-def test_nothing_counted_has_no_known_error():
-    blank = np.full((60, 80), 50, np.uint8)
-    measured = measure_image(blank, blank, method="threshold")
-    assert count_error(measured.disks, blank, blank, fit=measure_image, output="area") == float("inf")
-
-
-def process(small_series, tmp_path, tolerance):
-    out = tmp_path / f"out_{tolerance}"
-    arguments = ["process", str(small_series), "-o", str(out), "--no-pictures", "--workers", "1"]
-    assert main([*arguments, "--tolerance", str(tolerance)]) == 0
-    record = json.loads((out / "provenance.json").read_text())
-    return pd.read_csv(out / "frames.csv"), record["methods"]
-
-
-@pytest.mark.parametrize(("tolerance", "method"), [(0.5, "threshold"), (0.02, "disk")])
-def test_process_takes_the_cheapest_method_that_serves(small_series, tmp_path, capsys, tolerance, method):
-    frames, methods = process(small_series, tmp_path, tolerance)
-    truth = pd.read_csv(small_series / "truth.csv").groupby("frame")["area_m2"].sum()
-    for row in frames.to_dict("records"):
-        assert abs(row["area_m2"] / truth[row["frame"]] - 1) < tolerance
-        choice = methods[row["frame"]]
-        if (
-            choice["error"] is None
-        ):  # no contact is wide enough to show the contrast: the count is not trusted
-            assert row["load_N"] < 0.05
-            assert choice["method"] == "disk"
-        else:
-            assert choice["method"] == method
-            assert (choice["error"] <= tolerance) == (method == "threshold")
-    printed = " ".join(capsys.readouterr().out.split())  # a long line is broken anywhere
-    assert f"{100 * tolerance:g} %" in printed
-
-
-def test_process_refuses_a_method_beside_a_tolerance(small_series, tmp_path, capsys):
-    arguments = ["process", str(small_series), "-o", str(tmp_path / "out"), "--tolerance", "0.1"]
-    assert main([*arguments, "--method", "disk"]) == 2
-    assert "give only one of the two" in capsys.readouterr().err
-
-
 @pytest.fixture(scope="module")
 def planned_series(small_series, tmp_path_factory):
     """The series with a scene that orders no effect, so that the plan decides."""
@@ -299,9 +240,3 @@ def test_predict_takes_the_cheapest_model_that_serves(planned_series, tmp_path, 
         coupling="full",
     ).area
     assert abs(area / converged - 1) < tolerance
-
-
-def test_predict_gives_averages_no_tolerance(planned_series, tmp_path, capsys):
-    arguments = ["predict", str(planned_series), "--load-N", "0.05", "-o", str(tmp_path / "out")]
-    assert main([*arguments, "--model", "gt", "--tolerance", "0.1"]) == 2
-    assert "no cheaper method" in capsys.readouterr().err
