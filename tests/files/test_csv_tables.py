@@ -103,8 +103,10 @@ def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
     [
         (
             "frame,load\na,1\n",
-            "column load_N is missing; the header must name frame, load_N, got frame, load; "
-            "a load may be load_mN or load_g too",
+            (
+                "column load_N is missing; the header must name frame, load_N, got frame, load; "
+                "a load may be load_mN or load_g too"
+            ),
         ),
         ("", "column frame is missing; the header must name frame, load_N, got nothing"),
         ("frame,LOAD_N\na,1\n", "column 'LOAD_N' must be written 'load_N'"),
