@@ -91,7 +91,6 @@ def predict_contacts(
     coupling: Coupling = "auto",
     annulus: float = ANNULUS,
     frame: str = "",
-    history: Sequence[float] = (),
     always_plan: bool = False,
 ) -> Prediction:
     """Solve the interacting-asperity model for a scene at one load.
@@ -111,9 +110,6 @@ def predict_contacts(
         Width of the profile's annuli, m.
     frame : str
         Name entered in the tables; default: the load's own name.
-    history : sequence of float, N
-        Loads that came before, in order; default: those that ``[load] path`` lists. Adhesive contacts
-        remember them, so that adhesion is not left out then unless the scene switches it off.
     always_plan : bool
         Whether effects are planned, for their expected errors, where ``[effects]`` sets every switch.
 
@@ -131,15 +127,13 @@ def predict_contacts(
     ConvergenceError
         If the solver stops above its tolerance.
     """
-    history = history or scene.load.before
-    scene, plan = with_memory(with_coupling(scene, coupling), history), None
+    scene, plan = with_coupling(scene, coupling), None
     if always_plan or any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
     field = surrounding_field(scene, asperities, load, coupled=level != "none")
-    how: dict[str, Any] = {"history": history, "surroundings": field}
-    solution = solve_scene(scene, asperities, load=load, coupling=level, **how)
+    solution = solve_scene(scene, asperities, load=load, coupling=level, surroundings=field)
     if solution.base_gap.beyond_models:
         raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
@@ -185,14 +179,6 @@ def with_coupling(scene: Scene, coupling: str) -> Scene:
         "full_coupling": "on" if coupling == "full" else "off",
     }
     return scene.with_effects(switches)
-
-
-def with_memory(scene: Scene, history: Sequence[float]) -> Scene:
-    """The scene with adhesion if loads that came before can matter and it is not switched off."""
-    adheres = scene.elastic is not None and scene.elastic.work_of_adhesion > 0
-    if not history or not adheres or scene.effects.adhesion != "auto":
-        return scene
-    return scene.with_effects({"adhesion": "on"})
 
 
 def scene_of_model(scene: Scene, model: str) -> Scene:

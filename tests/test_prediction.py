@@ -7,7 +7,6 @@ import pytest
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
 from contactimg.mechanics.layer_contact import layer_factors
-from contactimg.pipeline.inputs import loads_before
 from contactimg.pipeline.predict import predict_loads
 from contactimg.pose import Pose
 from contactimg.prediction import (
@@ -263,27 +262,6 @@ def test_averages_without_a_load_and_beyond_any_model(asperities, model):
     assert nothing.profile.empty
     with pytest.raises(ModelRangeError, match=r"on asperities of 100 um, outside every asperity model"):
         predict_average(scene_with(), asperities, load=1e5, model=model)
-
-
-def test_unloading_keeps_the_contacts_that_loading_has_made():
-    x = 2e-3 + 2e-4 * np.arange(5)
-    heights = 4e-5 - 1e-6 * np.array([0.0, 0.9, 0.6, 1.9, 1.4])
-    level = pd.DataFrame({"x_m": x, "y_m": 2e-3, "height_m": heights, "radius_m": 1e-4})
-    sections = {
-        "indenter": {"radius_m": 10.0},
-        "elastic": {"work_of_adhesion_J_m2": 0.05},
-        "effects": {"adhesion": "auto", "model": "planned"},
-        "tolerance": {"relative": 0.5},
-    }
-    down = {"path": "unloading"}
-    up = predict_contacts(scene_with(**sections), level, load=1e-4)
-    assert loads_before(scene_with(load=down), 1e-4, [1e-4, 2e-3]) == (2e-3,)
-    back = predict_contacts(scene_with(**sections, load=down), level, load=1e-4, history=(2e-3,))
-    listed = predict_contacts(scene_with(**sections, load={"path": [2e-3]}), level, load=1e-4)
-    assert back.frames["law"][0].endswith("+jkr")  # a stated path keeps adhesion on
-    assert len(back.contacts) > len(up.contacts)
-    assert area(back) > 1.01 * area(up)
-    assert area(listed) == area(back)
 
 
 def test_ellipses_are_seen_as_ellipses(asperities):

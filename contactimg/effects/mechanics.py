@@ -12,7 +12,7 @@ about the apex.
 """
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Literal
@@ -30,7 +30,7 @@ from contactimg.effects.output_change import (
 )
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
-from contactimg.models.adhesive import solve_adhesive_after
+from contactimg.models.adhesive import solve_adhesive
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.full_coupling import bounded_saddle
 from contactimg.models.interacting import solve_interacting
@@ -99,13 +99,12 @@ def solve_scene(
     load: float,
     coupling: str,
     tolerance: float | None = None,
-    history: Sequence[float] = (),
     start: InteractingSolution | None = None,
     surroundings: MeanField | None = None,
 ) -> InteractingSolution:
     """Solve the interacting model with the effects that the scene switches on.
 
-    Scene, table, load, tolerance, history and errors are those of `contactimg.prediction.predict_contacts`;
+    Scene, table, load and errors are those of `contactimg.prediction.predict_contacts`;
     ``coupling`` is one of the levels "none", "asymptotic", "hertz" and "full", and ``[effects]`` does not
     enter there. ``start`` is a solution of the same table, from which contacts without adhesion start.
     ``surroundings`` bear their share of the load.
@@ -120,7 +119,7 @@ def solve_scene(
                 f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "asymptotic", '
                 'full_coupling = "off"'
             )
-        solve = partial(solve_adhesive_after, history, work_of_adhesion=elastic.work_of_adhesion)
+        solve = partial(solve_adhesive, work_of_adhesion=elastic.work_of_adhesion)
     if tolerance is not None:
         solve = partial(solve, tolerance=tolerance)
     if surroundings is not None:

@@ -6,10 +6,8 @@ becomes unstable. The set of contacts is therefore passed on from load to load; 
 method finds radii and indentation, with a dense, unsymmetric system.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -36,10 +34,6 @@ Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 COUPLINGS = ("none", "asymptotic")
-
-FIRST_SUBSTEPS, MOST_SUBSTEPS = 8, 128
-"""Steps between two loads of a path, at first and at most. Chosen: in one step from 20 to 1 mN a pattern lost
-two of its twelve contacts, in eight none."""
 
 ROUNDING_FRACTION = 1e-11
 """Error of the sum of adhesive forces, relative to the sum of their magnitudes, that counts as rounding.
@@ -218,7 +212,7 @@ def solve_adhesive_path(
     ----------
     asperities : DataFrame
     loads : iterable of float, N
-        Up and down; a pull is negative.
+        Up and down, in steps so small that half of them lead to the same contacts; a pull is negative.
     indenter_radius : float, m
     contact_modulus : float, Pa
     work_of_adhesion : float, J/m^2
@@ -249,70 +243,6 @@ def solve_adhesive_path(
             **options,
         )
         yield previous
-
-
-def solve_adhesive_after(
-    history: Iterable[float],
-    asperities: pd.DataFrame,
-    *,
-    load: float,
-    indenter_radius: float,
-    contact_modulus: float,
-    work_of_adhesion: float,
-    **options: Any,
-) -> InteractingSolution:
-    """The solution at a load that is reached slowly after other loads.
-
-    Between two loads the contacts are followed in steps so small that half of them lead to the same contacts.
-
-    Parameters
-    ----------
-    history : iterable of float, N
-        The loads before, in order.
-    asperities, load, indenter_radius, contact_modulus, work_of_adhesion
-        As in `solve_adhesive`.
-    **options
-        Further keywords of `solve_adhesive`.
-    """
-    solve = partial(
-        solve_adhesive,
-        asperities,
-        indenter_radius=indenter_radius,
-        contact_modulus=contact_modulus,
-        work_of_adhesion=work_of_adhesion,
-        **options,
-    )
-    levels = [*history, load]
-    solution = solve(load=levels[0])
-    for before, after in pairwise(levels):
-        solution = _continuous(solve, solution, before, after)
-    return solution
-
-
-def _continuous(
-    solve: Callable[..., InteractingSolution],
-    start: InteractingSolution,
-    first: float,
-    last: float,
-) -> InteractingSolution:
-    """Follow the contacts between two loads in steps so small that half of them lead to the same set."""
-    space = np.geomspace if first * last > 0 else np.linspace
-    coarse: InteractingSolution | None = None
-    steps = FIRST_SUBSTEPS
-    while steps <= MOST_SUBSTEPS:
-        fine: InteractingSolution | None = start
-        try:
-            for level in space(first, last, steps + 1)[1:]:
-                fine = solve(load=float(level), start=fine)
-        except ConvergenceError:
-            fine = None
-        if fine is not None and coarse is not None and np.array_equal(fine.touching, coarse.touching):
-            return fine
-        coarse, steps = fine, 2 * steps
-    raise ConvergenceError(
-        "the adhesive contacts on the loading path still depend on its steps: "
-        f"{MOST_SUBSTEPS} from one load to the next hold other contacts than half as many; state more loads"
-    )
 
 
 def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of_adhesion: float) -> float:

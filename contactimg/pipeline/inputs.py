@@ -106,28 +106,3 @@ def refuse_repeated(loads: Sequence[float]) -> None:
     repeated = [load for load in loads if list(loads).count(load) > 1]
     if repeated:
         raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")
-
-
-def loads_before(scene: Scene, load: float, loads: Sequence[float]) -> tuple[float, ...]:
-    """The loads on the way to one of several loads.
-
-    Parameters
-    ----------
-    scene : Scene
-        ``[load] path``: first loading, unloading from the largest of the loads, or the loads before.
-    load : float, N
-    loads : sequence of float, N
-        All loads of the command.
-
-    Examples
-    --------
-    >>> from contactimg.scene import scene_from_dict
-    >>> loads_before(scene_from_dict({"load": {"path": "unloading"}}), 0.1, [0.1, 0.5, 0.01, 0.2])
-    (0.5, 0.2)
-    """
-    path = scene.load.path
-    if path == "loading":
-        return ()
-    if path != "unloading":
-        return tuple(path)
-    return tuple(sorted((other for other in loads if other > load), reverse=True))

@@ -13,7 +13,6 @@ from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.files import write_table
 from contactimg.pipeline.inputs import (
     largest_load,
-    loads_before,
     need_asperities,
     refuse_repeated,
     scene_asperities,
@@ -85,7 +84,7 @@ def predict_loads(
     else:
         _refuse_beyond_averages(scene, model, coupling)
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
-    jobs = [(load, loads_before(scene, load, loads)) for load in loads]
+    jobs = [(load,) for load in loads]
     found = list(in_parallel(partial(_solve, predict), jobs, count=len(jobs), workers=workers))
     errors = [one for one in found if isinstance(one, ContactimgError)]
     if len(errors) == len(found):
@@ -122,12 +121,10 @@ def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
         )
 
 
-def _solve(
-    predict: Callable[..., Prediction], load: float, history: Sequence[float]
-) -> Prediction | ContactimgError:
+def _solve(predict: Callable[..., Prediction], load: float) -> Prediction | ContactimgError:
     """The prediction for a load, or why there is none."""
     try:
-        return predict(load=load, history=history) if history else predict(load=load)
+        return predict(load=load)
     except ContactimgError as error:
         return error
 

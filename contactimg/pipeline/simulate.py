@@ -16,8 +16,8 @@ from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.frame import Frame
 from contactimg.optics.render_settings import read_render_settings
-from contactimg.pipeline.inputs import contact_sites, loads_before
-from contactimg.prediction import make_mechanical_plan, predict_contacts, with_memory
+from contactimg.pipeline.inputs import contact_sites
+from contactimg.prediction import make_mechanical_plan, predict_contacts
 from contactimg.render import render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
@@ -64,7 +64,6 @@ def plan_simulation(
     pressed = [load for load in simulate.loads if load > 0] or simulate.loads
     make = make_plan if optics else make_mechanical_plan
     plans = tuple(make(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)}))
-    scene = with_memory(scene, loads_before(scene, min(simulate.loads), simulate.loads))
     decisions = [decision for plan in plans for decision in plan.decisions]
     on = {decision.effect for decision in decisions if decision.on}
     switches = {one.effect: "on" if one.effect in on else "off" for one in decisions}
@@ -151,8 +150,7 @@ def _render(
     if asperities is None or sphere_radius is None:
         rendered = render_smooth_contact(load, scene, rng=rng, name=name)
     else:
-        history = loads_before(scene, load, scene.need("simulate", "simulating frames").loads)
-        contacts = predict_contacts(scene, asperities, load=load, frame=name, history=history).contacts
+        contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
         radii = sphere_radius[contacts["asperity"].to_numpy(int)]
         rendered = render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
     return SimulatedFrame(load, rendered.frame, rendered.contacts)

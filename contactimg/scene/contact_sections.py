@@ -60,7 +60,7 @@ class Elastic(Section):
 
 
 class Load(Section):
-    """The load cell, how well its zero and gain are known (errors of all loads), and the path to a load."""
+    """The load cell: how well its zero and gain are known (errors of all loads)."""
 
     zero_std: NonNegative | None = Field(
         None,
@@ -71,17 +71,6 @@ class Load(Section):
     gain_std: Fraction | None = Field(
         None, description="Relative standard uncertainty of the gain of the load cell; 0.01 if not given."
     )
-    path: Literal["loading", "unloading"] | Annotated[list[Number], Field(max_length=1000)] = Field(
-        "loading",
-        description="How adhesive contacts reach a load: at first loading, by unloading from the larger "
-        "loads of the same command one after the other, or after these loads (N) in this order. Contacts "
-        "that have formed last until they break.",
-    )
-
-    @property
-    def before(self) -> tuple[float, ...]:
-        """The loads (N) before every load, where they are listed."""
-        return () if isinstance(self.path, str) else tuple(self.path)
 
 
 class Asperities(Section):

@@ -18,7 +18,7 @@ from contactimg.engine.calls import in_parallel
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.files import Run, open_experiment, read_calibration, read_run
 from contactimg.files.runs import frame_shift
-from contactimg.pipeline.inputs import loads_before, scene_asperities
+from contactimg.pipeline.inputs import scene_asperities
 from contactimg.pose import Pose
 from contactimg.prediction import load_name, predict_contacts, scene_of_model
 from contactimg.scene import Scene
@@ -357,7 +357,6 @@ def _solve(places: dict[str, Place], model: str, name: str, row: dict[Hashable, 
             cast("pd.DataFrame", place.asperities),
             load=load,
             frame=str(row["frame"]),
-            history=loads_before(place.scene, load, usable_frames(place)["load_N"].tolist()),
         )
     except (ModelRangeError, ConvergenceError) as error:
         return str(error)
