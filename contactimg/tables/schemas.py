@@ -18,7 +18,7 @@ pd.set_option("mode.string_storage", "python")
 
 RUN_MODELS = ("measured", "predicted")
 """Names that an analysis gives to the contacts of a run itself: those of `process` and those of `predict`."""
-VARIANTS = ("_here", "_another_surface", "_excess_scatter", "_p_value")
+VARIANTS = ("_excess_scatter", "_p_value")
 """Endings of quantities of `RESULTS` that are other intervals of a result, or judge it; not printed."""
 
 
@@ -366,7 +366,7 @@ FRICTION = Schema(
 RESULTS = Schema(
     "results",
     {
-        "quantity": ("str", "name; `_here`: of these places, `_another_surface`: of another one"),
+        "quantity": ("str", "name of the number"),
         "model": MODEL,
         "value": ("float64", "value of the quantity, in `unit`"),
         "std": ("float64", "standard uncertainty of the value, in `unit`"),
