@@ -339,12 +339,7 @@ class DenseCoupling:
     @stage("coupling sums")
     def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
         """The neighbours' fields, summed pair by pair."""
-        k = self._kernel
-        loaded = np.flatnonzero(force * contact_radius)
-        long = elongation(contact_radius, saddle)
-        table = k.thinness, k.value, k.slope
-        sums = _pair_fields(self._x, self._y, loaded, force, contact_radius, long, *table)
-        return k.relieved(Fields(*sums), force, contact_radius)
+        return summed_fields((self._x, self._y), self._kernel, force, contact_radius, saddle)
 
     def at_positions(self, x: Values, y: Values) -> "DenseCoupling":
         """A coupling of the same kind between candidates at other places."""
@@ -538,6 +533,21 @@ def _distant_fields(dx, dy, strength, size2, long_x, long_y):  # type: ignore[no
         cubic_x -= CUBIC * weight * inverse2 * dx[j]
         cubic_y -= CUBIC * weight * inverse2 * dy[j]
     return excess, slope_x, slope_y, curvature, quartic, saddle_x, saddle_y, cubic_x, cubic_y
+
+
+def summed_fields(
+    places: tuple[Values, Values],
+    kernel: Kernel,
+    force: Values,
+    contact_radius: Values,
+    saddle: Values | None,
+) -> Fields:
+    """The fields at candidates by those that bear a force, pair by pair."""
+    loaded = np.flatnonzero(force * contact_radius)
+    long = elongation(contact_radius, saddle)
+    table = kernel.thinness, kernel.value, kernel.slope
+    sums = _pair_fields(*places, loaded, force, contact_radius, long, *table)
+    return kernel.relieved(Fields(*sums), force, contact_radius)
 
 
 @njit(cache=True)

@@ -34,19 +34,6 @@ def test_displacements_agree(points, thickness):
     np.testing.assert_allclose(fast, dense, atol=ACCURACY * np.abs(dense).max())
 
 
-@pytest.mark.parametrize("thickness", [np.inf, 0.4])
-def test_fields_agree(points, thickness):
-    x, y, force = points
-    radius = 1e-3 * np.sqrt(force)
-    kernel = Kernel.of_thickness(thickness)
-    dense, fast = (c(x, y, kernel).fields(force, radius) for c in (DenseCoupling, FastCoupling))
-    for name, tolerance in (("slope_x", ACCURACY), ("slope_y", ACCURACY), ("curvature", ACCURACY)):
-        expected = getattr(dense, name)
-        np.testing.assert_allclose(getattr(fast, name), expected, atol=tolerance * np.abs(expected).max())
-    # beyond the cutoff r_c the fast excess keeps the first term of its series in a/r: the rest is (a/r_c)^4
-    np.testing.assert_allclose(fast.excess, dense.excess, atol=1e-4 * np.abs(dense.excess).max())
-
-
 BORDERS = [None, 0.0, 0.3]  # by how much the sum of the forces is to rise, if the load is prescribed
 
 
