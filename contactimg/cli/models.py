@@ -105,7 +105,6 @@ def simulate(
     scene: shared.Existing,
     *,
     output: shared.Output = None,
-    optics: Annotated[bool, "--plan"] = False,
     workers: shared.OneWorker = 1,
 ) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
@@ -127,12 +126,6 @@ def simulate(
     Examples:
       contactimg simulate scene.toml -o frames
       contactimg process frames
-
-    Parameters
-    ----------
-    optics
-        Render an effect of optics or sensor only if leaving it out would change a requested output by more
-        than allowed, instead of all that [simulate] states.
     """
     from contactimg.cli.scenes import scene_at
     from contactimg.pipeline.inputs import need_asperities
@@ -143,7 +136,7 @@ def simulate(
     smooth = described.asperities is None
     asperities = None if smooth else need_asperities(described, "simulating frames")
     count = 1 + len(described.need("simulate", "simulating frames").loads)
-    planned, plans = plan_simulation(described, asperities, optics=optics)
+    planned, plans = plan_simulation(described, asperities)
     main_files = ["truth.csv", "scene.toml"]
     with shared.results_in(
         output, described.folder, scene=described, inputs=inputs, main_files=main_files

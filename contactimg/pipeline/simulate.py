@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.plan import Plan, make_plan
+from contactimg.effects.plan import Plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
@@ -23,14 +23,11 @@ from contactimg.scene import Scene
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
 
 
-def plan_simulation(
-    scene: Scene, asperities: pd.DataFrame | None, *, optics: bool = False
-) -> tuple[Scene, tuple[Plan, ...]]:
+def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> tuple[Scene, tuple[Plan, ...]]:
     """Decide which effects the frames of a series show.
 
     A mechanical effect is computed if the plan of the smallest or of the largest load calls for it. Optics
-    and sensor are rendered as ``[simulate]`` states them; with ``optics`` they too follow the plan: small
-    contacts are lost in noise and blur, large ones saturate and touch each other.
+    and sensor are rendered as ``[simulate]`` states them.
 
     Parameters
     ----------
@@ -38,8 +35,6 @@ def plan_simulation(
         Sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]`` (with loads) are needed.
     asperities : DataFrame or None
         Asperity table; None for a smooth flat.
-    optics : bool
-        Whether the plan decides on optics and sensor too.
 
     Returns
     -------
@@ -62,8 +57,9 @@ def plan_simulation(
     if asperities is None or not simulate.loads:
         return explicit_switches(scene), ()
     pressed = [load for load in simulate.loads if load > 0] or simulate.loads
-    make = make_plan if optics else make_mechanical_plan
-    plans = tuple(make(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)}))
+    plans = tuple(
+        make_mechanical_plan(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)})
+    )
     decisions = [decision for plan in plans for decision in plan.decisions]
     on = {decision.effect for decision in decisions if decision.on}
     switches = {one.effect: "on" if one.effect in on else "off" for one in decisions}

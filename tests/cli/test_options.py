@@ -110,7 +110,7 @@ process: --calibration --cluster --format --frames --loads --method --no-plausib
     --scene --shape --threshold --workers
 report: --max-pictures -o/--output --with
 review: --no-browser --origin --port --workers
-simulate: --cluster --no-plausibility -o/--output --plan --workers
+simulate: --cluster --no-plausibility -o/--output --workers
 tradeoff: --knob --load-N --no-plausibility -o/--output --tolerance
 """
 """Names that users script against, beside --quiet, --verbose and --timings, which every command has."""
