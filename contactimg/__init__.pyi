@@ -8,7 +8,6 @@ from .analysis.area_against_load import fit_area_law as fit_area_law
 from .analysis.contacts_against_pressure import fit_contact_law as fit_contact_law
 from .analysis.contacts_against_pressure import pressure_points as pressure_points
 from .analysis.estimates import Estimate as Estimate
-from .analysis.friction import compare_areas as compare_areas
 from .analysis.friction import compare_stress as compare_stress
 from .analysis.friction import fit_shear_stress as fit_shear_stress
 from .analysis.friction import stress_by_velocity as stress_by_velocity
