@@ -266,7 +266,7 @@ def fill_forces(
     ----------
     scene : Scene
         With ``[effects] sphere_profile = "on"`` the sphere's exact law replaces Hertz's; with
-        ``adhesion = "on"`` contacts adhere (`contactimg.effects.local_law.plan_law` sets both). Without
+        ``adhesion = "on"`` contacts adhere (`contactimg.effects.local_law.decide_law` sets both). Without
         ``[elastic]`` there are no forces.
     contacts, frames : DataFrame
         The tables of a run; a frame without a number of contacts was not measured and gets no sums.

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -364,20 +364,14 @@ def solve_average(
     *,
     load: float,
     model: Literal["gw", "gt"],
-    rings: int | None = None,
 ) -> RingSolution:
-    """Solve a statistical model for a scene: the rings behind `predict_average`, with its arguments.
-
-    ``rings`` is their number; by default the solver's own.
-    """
+    """Solve a statistical model for a scene: the rings behind `predict_average`, with its arguments."""
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     section: Asperities = scene.need("asperities", "a statistical model")
     radius = _mean_radius(section, asperities)
     solve: Callable[..., RingSolution] = (
         solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
     )
-    if rings is not None:
-        solve = partial(solve, rings=rings)
     return solve(
         _height_law(section, asperities),
         density=asperity_density(section, asperities),

@@ -95,7 +95,10 @@ class LawEvidence:
 
     @classmethod
     def of(cls, scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> "LawEvidence":
-        """The evidence of frames; parameters as for `plan_law`."""
+        """The evidence of frames with ``frame`` and ``radius_m`` of each contact.
+
+        ``sphere_radius`` (m) is the composite radius of each contact's asperity; NaN where it is not known.
+        """
         elastic = scene.need("elastic", "local forces")
         a, modulus = contacts["radius_m"].to_numpy(float), elastic.contact_modulus
         parabola = pressing_force(a, sphere_radius, contact_modulus=modulus)
@@ -115,28 +118,8 @@ class LawEvidence:
         return LawEvidence(changes, max(self.largest_radius, other.largest_radius))
 
 
-def plan_law(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> LawPlan:
-    """Decide on the law of the local forces.
-
-    Parameters
-    ----------
-    scene : Scene
-        With ``[elastic]``.
-    contacts : DataFrame
-        Contacts tables of all frames, with ``frame`` and ``radius_m``.
-    sphere_radius : ndarray, shape (n,), m
-        Composite radius of each contact's asperity; NaN where it is not known.
-
-    Returns
-    -------
-    LawPlan
-        One law for all frames: that which the worst of them calls for.
-    """
-    return decide_law(scene, LawEvidence.of(scene, contacts, sphere_radius))
-
-
 def decide_law(scene: Scene, evidence: LawEvidence) -> LawPlan:
-    """Decide on the law of the local forces from what the contacts of all frames say of it."""
+    """Decide on the law of the local forces: one for all frames, that which the worst of them calls for."""
     elastic = scene.need("elastic", "local forces")
     estimates = [
         EffectEstimate(name, change, "from the measured radii", changes={"force": change, "profile": change})

@@ -52,11 +52,6 @@ THROUGH_COUPLING = ("full_coupling", "layer")
 PART_CONTACTS = 300
 """Contacts up to which every effect is solved on the whole scene. Chosen by time."""
 
-RESIDUAL, RESIDUAL_FRACTION = 1e-4, 1e-2
-"""Residual of the compared solutions: this, or this fraction of the tolerance where that is smaller. Chosen
-below the smallest changes that decide."""
-
-
 FLAT_RADIUS_M = 1e6
 """Radius of the flat that presses the part of a scene."""
 
@@ -98,7 +93,6 @@ def solve_scene(
     *,
     load: float,
     coupling: str,
-    tolerance: float | None = None,
     start: InteractingSolution | None = None,
     surroundings: MeanField | None = None,
 ) -> InteractingSolution:
@@ -120,8 +114,6 @@ def solve_scene(
                 'full_coupling = "off"'
             )
         solve = partial(solve_adhesive, work_of_adhesion=elastic.work_of_adhesion)
-    if tolerance is not None:
-        solve = partial(solve, tolerance=tolerance)
     if surroundings is not None:
         asperities, load = surroundings.around(asperities), load - surroundings.load
     return solve(
@@ -216,11 +208,8 @@ class Comparison:
         scene = self.scene.model_copy(update={"effects": self.scene.effects.model_copy(update=switches)})
         level = coupling_level(coupling="coupling" in effects, full_coupling="full_coupling" in effects)
         load = self.load if "adhesion" in effects else max(self.load, 0.0)
-        residual = (
-            None if "adhesion" in effects else min(RESIDUAL, RESIDUAL_FRACTION * scene.tolerance.relative)
-        )
         began = time.thread_time()
-        solution = solve_scene(scene, self.table, load=load, coupling=level, tolerance=residual, start=start)
+        solution = solve_scene(scene, self.table, load=load, coupling=level, start=start)
         self.seconds[key] = time.thread_time() - began
         return self.solved.setdefault(key, solution)
 

@@ -45,9 +45,6 @@ LEVELS = {
 }
 """Level of coupling -> name in the table."""
 
-TOLERANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-CONVERGED_RESIDUAL = 1e-13
-RINGS, MANY_RINGS = (10, 20, 50, 100, 200, 400), 800
 PATTERNS = (1, 2, 4, 8, 16, 32)
 DEPTHS, CONVERGED_DEPTH = (1, 2, 3, 4, 8), 16
 
@@ -136,13 +133,13 @@ class Case:
             raise InputError("the scene has no asperities")
         return self.asperities
 
-    def solve(self, coupling: str, tolerance: float | None = None) -> InteractingSolution:
+    def solve(self, coupling: str) -> InteractingSolution:
         """The contacts at a level of coupling."""
-        return solve_scene(self.scene, self.table(), load=self.load, coupling=coupling, tolerance=tolerance)
+        return solve_scene(self.scene, self.table(), load=self.load, coupling=coupling)
 
-    def converged(self, coupling: str, tolerance: float | None = None) -> InteractingSolution:
+    def converged(self, coupling: str) -> InteractingSolution:
         """A solution to compare with; raise if most of the planes between the asperities touch."""
-        solution = self.solve(coupling, tolerance)
+        solution = self.solve(coupling)
         if solution.base_gap.beyond_models:
             raise ModelRangeError(f"{solution.base_gap.sentence}; lower the load")
         return solution
@@ -304,32 +301,6 @@ def model_settings(case: Case) -> Iterator[Setting]:
             yield Setting(name, partial(case.solve, level), level_error, compared)
 
 
-def solver_settings(case: Case) -> Iterator[Setting]:
-    """The residual of the solver, with coupling by point forces."""
-    reference = cache(lambda: case.converged("asymptotic", CONVERGED_RESIDUAL))
-
-    def error(answer: InteractingSolution) -> float:
-        return case.change(answer, reference())
-
-    for tolerance in TOLERANCES:
-        run = partial(case.solve, "asymptotic", tolerance)
-        compared = f"the same equations to a residual of {CONVERGED_RESIDUAL:.0e}"
-        yield Setting(f"residual {tolerance:.0e}", run, error, compared)
-
-
-def ring_settings(case: Case) -> Iterator[Setting]:
-    """The number of rings of the Greenwood-Tripp model."""
-    solve = partial(solve_average, case.scene, case.asperities, load=case.load, model="gt")
-    reference = cache(lambda: solve(rings=MANY_RINGS))
-
-    def error(answer: RingSolution) -> float:
-        edges = np.linspace(0.0, float(reference().r[-1]), COMPARED_RINGS + 1)
-        return average_rings(answer, edges=edges).change(case.output, average_rings(reference(), edges=edges))
-
-    for rings in RINGS:
-        yield Setting(f"{rings} rings", partial(solve, rings=rings), error, f"{MANY_RINGS} rings")
-
-
 def pattern_settings(case: Case) -> Iterator[Setting]:
     """The number of random patterns that are averaged."""
     most = PATTERNS[-1]
@@ -386,25 +357,21 @@ def _draw_pattern(case: Case, rng: np.random.Generator) -> tuple[pd.DataFrame, f
 
 
 def lacks(case: Case, kind: str) -> str:
-    """What a scene lacks for "mechanics", "averages", "rendering" or "frames"; empty for nothing."""
-    scene, section = case.scene, case.scene.asperities
+    """What a scene lacks for "mechanics", "rendering" or "frames"; empty for nothing."""
+    scene = case.scene
     if kind == "frames":
         missing = lacks(case, "rendering") if case.measured is None else ""
         return f"{missing} or frames of its own" if missing else ""
     sections = [*(("camera", "simulate") if kind == "rendering" else ()), "indenter", "elastic", "asperities"]
     missing = ", ".join(f"[{name}]" for name in sections if getattr(scene, name) is None)
     if not missing and case.asperities is None:
-        stated = section is not None and section.height_law is not None and section.radius is not None
-        if not (kind == "averages" and stated):  # statistical models need no table
-            missing = "[asperities] with a file or a generator"
+        missing = "[asperities] with a file or a generator"
     return f"needs {missing}" if missing else "" if case.load > 0 else "needs a load above 0"
 
 
 KNOBS: dict[str, tuple[str, Callable[[Case], Iterator[Setting]], str]] = {
     "image": ("measurement of a frame", image_settings, "frames"),
     "model": ("contact model", model_settings, "mechanics"),
-    "solver": ("tolerance of the solver", solver_settings, "mechanics"),
-    "rings": ("rings of Greenwood-Tripp", ring_settings, "averages"),
     "patterns": ("patterns of an ensemble", pattern_settings, "mechanics"),
     "supersampling": ("sampling of rendered frames", supersampling_settings, "rendering"),
 }
