@@ -226,10 +226,7 @@ class Bank:
 
 
 def coverage_on_contacts(kind: str, counts: Sequence[int], given: argparse.Namespace) -> pd.DataFrame:
-    """How often intervals hold what the same places give on average over many patterns of the kind.
-
-    Also how often those for another surface hold what another draw of as many places gave.
-    """
+    """How often intervals hold what the same places give on average over many patterns of the kind."""
     bank, rows = Bank.of(kind, given), {}
     for count in counts:
         rng, expected = np.random.default_rng([given.seed, count]), bank.expected(count)
@@ -244,17 +241,7 @@ def coverage_on_contacts(kind: str, counts: Sequence[int], given: argparse.Names
             inside.append(profile_hits(loads, pressure))
         for name in truth:
             found = [surface[name].exponent for surface in surfaces]
-            others = [surface[name].another_surface for surface in surfaces]
-            next_one = np.roll([estimate.value for estimate in found], 1)
-            rows[f"{kind}, {name}, {count} places"] = describe(found, truth[name].exponent.value) | {
-                "another, std": np.mean([estimate.std for estimate in others]),
-                "another, 68 %": np.mean(
-                    [abs(e.value - t) < half_width_68(e) for e, t in zip(others, next_one, strict=True)]
-                ),
-                "another, 95 %": np.mean(
-                    [e.low <= t <= e.high for e, t in zip(others, next_one, strict=True)]
-                ),
-            }
+            rows[f"{kind}, {name}, {count} places"] = describe(found, truth[name].exponent.value)
         rows[f"{kind}, p(r), {count} places"] = profile_coverage(np.array(inside), expected)
     return pd.DataFrame(rows).T
 

@@ -38,7 +38,7 @@ NOT_RUN = ("--cluster", "contactimg review", ".sur")
 SHORTENED = {
     "contactimg process": " --no-pictures",
     "contactimg analyse runs": " --no-models",
-    "contactimg tradeoff": " --knob solver",
+    "contactimg tradeoff": " --knob model",
     "contactimg calibrate jkr": " --frames frame_0[1-3].tif",
     "contactimg calibrate threshold": " --frames frame_[1-2].tif",
     "contactimg calibrate plateau": " --frames frame_1.tif",

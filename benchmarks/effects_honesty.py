@@ -15,7 +15,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
-from effect_scenes import SCENES, mechanical_scene
+from effect_scenes import SCENES, mechanical_scene, possible_effects
 
 from contactimg import generate_asperities, solve_adhesive, solve_interacting
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
@@ -47,15 +47,9 @@ def solve(scene, table, load, effects):
     return solution.force, solution.radius
 
 
-def everything(scene):
-    """Effects that the scene can have."""
-    able = {"adhesion": scene.elastic.work_of_adhesion > 0, "layer": scene.elastic.thickness is not None}
-    return {effect for effect in MECHANICAL_EFFECTS if able.get(effect, True)}
-
-
 def compare(scene, table, load):
     """Rows of effect, output, truth and estimate."""
-    all_on = everything(scene)
+    all_on = possible_effects(scene)
     complete = solve(scene, table, load, all_on)
     without = {effect: solve(scene, table, load, all_on - {effect}) for effect in all_on}
     for output in OUTPUTS:
@@ -139,7 +133,7 @@ def time_saved():
     totals = np.zeros(3)
     for name in SCENES:
         scene, table, load = mechanical_scene(name)
-        all_on = everything(scene)
+        all_on = possible_effects(scene)
         planned(scene, table, load)
         solve(scene, table, load, all_on)
         took = by_turns(

@@ -55,7 +55,8 @@ def draw(number: int, seed: int) -> tuple[str, Scene, pd.DataFrame, float]:
 
 def everything(scene: Scene) -> Scene:
     """The scene with every effect on that it can have."""
-    able = {"adhesion": scene.elastic.work_of_adhesion > 0, "layer": scene.elastic.thickness is not None}
+    adheres = scene.elastic.work_of_adhesion > 0
+    able = {"adhesion": adheres, "full_coupling": not adheres, "layer": scene.elastic.thickness is not None}
     switches = {name: "on" if able.get(name, True) else "off" for name in MECHANICAL_EFFECTS}
     return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
 

@@ -8,7 +8,6 @@ from .analysis.area_against_load import fit_area_law as fit_area_law
 from .analysis.contacts_against_pressure import fit_contact_law as fit_contact_law
 from .analysis.contacts_against_pressure import pressure_points as pressure_points
 from .analysis.estimates import Estimate as Estimate
-from .analysis.friction import compare_areas as compare_areas
 from .analysis.friction import compare_stress as compare_stress
 from .analysis.friction import fit_shear_stress as fit_shear_stress
 from .analysis.friction import stress_by_velocity as stress_by_velocity
@@ -20,11 +19,6 @@ from .analysis.radial_profiles import hertz_profile as hertz_profile
 from .analysis.radial_profiles import normalise_profile as normalise_profile
 from .analysis.radial_profiles import radial_profile as radial_profile
 from .analysis.radial_profiles import ring_profile as ring_profile
-from .analysis.spatial_order import choose_in_rings as choose_in_rings
-from .analysis.spatial_order import count_pairs as count_pairs
-from .analysis.spatial_order import nearest_distances as nearest_distances
-from .analysis.spatial_order import pair_correlation as pair_correlation
-from .analysis.spatial_order import turn_points as turn_points
 from .analysis.topography import describe_topography as describe_topography
 from .calibration.jkr import calibrate_jkr as calibrate_jkr
 from .calibration.modulus import calibrate_modulus as calibrate_modulus
@@ -48,9 +42,6 @@ from .matching import match_contacts as match_contacts
 from .mechanics import hertz as hertz
 from .mechanics import jkr as jkr
 from .mechanics import sphere as sphere
-from .mechanics.profiles import AxisymmetricProfile as AxisymmetricProfile
-from .mechanics.profiles import PowerLawProfile as PowerLawProfile
-from .mechanics.profiles import TabulatedProfile as TabulatedProfile
 from .models.adhesive import solve_adhesive as solve_adhesive
 from .models.adhesive import solve_adhesive_path as solve_adhesive_path
 from .models.ensemble import solve_ensemble as solve_ensemble
@@ -62,7 +53,6 @@ from .models.height_distributions import SampleHeights as SampleHeights
 from .models.height_distributions import UniformHeights as UniformHeights
 from .models.interacting import solve_interacting as solve_interacting
 from .models.interacting import solve_loads as solve_loads
-from .models.load_spring import LoadSpring as LoadSpring
 from .models.solution import InteractingSolution as InteractingSolution
 from .pipeline.analyse.analysis import AnalysisOptions as AnalysisOptions
 from .pipeline.analyse.analysis import analyse_places as analyse_places

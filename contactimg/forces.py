@@ -22,7 +22,6 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.effects.local_law import law_name
-from contactimg.mechanics import hertz_ellipse
 from contactimg.mechanics.contact_force import (
     HERTZ_EXPONENT,
     ForceLaw,
@@ -30,9 +29,6 @@ from contactimg.mechanics.contact_force import (
     force_exponents,
     pressing_force,
 )
-from contactimg.mechanics.profiles import AxisymmetricProfile
-from contactimg.models.cap_shapes import CapShapes
-from contactimg.models.profile_law import pressed_profile
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
 from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
@@ -87,9 +83,8 @@ def assign_forces(
     *,
     contact_modulus: float,
     modulus_relative_std: float = 0.0,
-    law: ForceLaw | AxisymmetricProfile = "hertz",
+    law: ForceLaw = "hertz",
     work_of_adhesion: float = 0.0,
-    elliptic: bool = False,
 ) -> pd.DataFrame:
     """Fill ``force_N``, ``force_std_N`` and ``force_hertz_N``; flag ``BEYOND_HERTZ``.
 
@@ -107,13 +102,9 @@ def assign_forces(
         E*, Pa.
     modulus_relative_std : float
         Relative standard uncertainty of E*; it enters every force alike.
-    law : {"hertz", "sphere"} or AxisymmetricProfile
-        A profile is that of asperity and lens together (`contactimg.mechanics.profiles.ProfileUnderLens`).
+    law : {"hertz", "sphere"}
     work_of_adhesion : float, J/m^2
         w; 0 for contacts that do not adhere.
-    elliptic : bool
-        Whether contacts measured as ellipses follow Hertz's law of elliptic contacts
-        (`contactimg.mechanics.hertz_ellipse.load_ratio`), not that of the circle of equal area.
 
     Returns
     -------
@@ -148,8 +139,6 @@ def assign_forces(
     pressed = hertzian = pressing_force(a, R, contact_modulus=contact_modulus)
     if law != "hertz":
         pressed = pressing_force(a, R, contact_modulus=contact_modulus, law=law)
-    if elliptic:
-        pressed = pressed * _elliptic_ratio(contacts)
     pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
     slope = force_exponents(a, R, law=law) * pressed - ADHESION_EXPONENT * pulled
     std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
@@ -165,13 +154,6 @@ def _flags_beyond_hertz(contacts: pd.DataFrame, radius: NDArray[np.float64]) -> 
     beyond[finite] = a[finite] > HERTZ_LIMIT * radius[finite]
     flags = contacts["flags"].to_numpy(np.int64) & ~int(Flag.BEYOND_HERTZ)
     return flags | np.where(beyond, int(Flag.BEYOND_HERTZ), 0)
-
-
-def _elliptic_ratio(contacts: pd.DataFrame) -> NDArray[np.float64]:
-    """Load of each ellipse over that of the circle of equal area; 1 for all other contacts."""
-    axes = contacts[["semi_major_px", "semi_minor_px"]].to_numpy(float, copy=True)
-    axes[(contacts["shape"] != "ellipse").to_numpy(bool)] = 1.0
-    return hertz_ellipse.load_ratio(*axes.T)
 
 
 def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relative_std: float = 0.0) -> Total:
@@ -284,7 +266,7 @@ def fill_forces(
     ----------
     scene : Scene
         With ``[effects] sphere_profile = "on"`` the sphere's exact law replaces Hertz's; with
-        ``adhesion = "on"`` contacts adhere (`contactimg.effects.local_law.plan_law` sets both). Without
+        ``adhesion = "on"`` contacts adhere (`contactimg.effects.local_law.decide_law` sets both). Without
         ``[elastic]`` there are no forces.
     contacts, frames : DataFrame
         The tables of a run; a frame without a number of contacts was not measured and gets no sums.
@@ -306,7 +288,7 @@ def fill_forces(
     exponent = np.full(len(contacts), HERTZ_EXPONENT)
     if scene.elastic is not None:
         contacts, exponent = local_forces(scene, contacts, sites)
-    law = law_name(scene, elliptic=scene.measure.hertz == "ellipse", shapes=_shapes(sites))
+    law = law_name(scene)
     groups, rows = contacts.groupby("frame").indices, []
     for row in frames.to_dict("records"):
         sums: dict[str, Any] = {}
@@ -400,8 +382,8 @@ def local_forces(
         Composite summits of the asperities.
     """
     elastic = scene.need("elastic", "local forces")
-    sphere: ForceLaw = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
-    law, modulus = pressed_profile(scene) or sphere, elastic.contact_modulus
+    law: ForceLaw = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
+    modulus = elastic.contact_modulus
     adhesion = elastic.work_of_adhesion if scene.effects.adhesion == "on" else 0.0
     radii = sphere_radii(contacts, scene, sites)
     contacts = assign_forces(
@@ -411,56 +393,22 @@ def local_forces(
         modulus_relative_std=elastic.young_modulus_std / elastic.young_modulus,
         law=law,
         work_of_adhesion=adhesion,
-        elliptic=scene.measure.hertz == "ellipse",
     )
     a = contacts["radius_m"].to_numpy(float)
     share = (
         adhesive_pull(a, contact_modulus=modulus, work_of_adhesion=adhesion) / contacts["force_N"].to_numpy()
     )
     exponent = force_exponents(a, radii, law=law) * (1 + share) - ADHESION_EXPONENT * share
-    shapes = _shapes(sites)
-    if shapes is not None:
-        strain = _of_asperities(contacts, shapes.strain_radius, np.full(len(contacts), np.nan))
-        contacts = contacts.assign(flags=_flags_beyond_hertz(contacts, strain))
     return contacts, exponent
 
 
 def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
-    """Radius R with which Hertz's formula is the law of a contact: that of its asperity, or of all, or NaN.
-
-    Of spherical caps it is the composite radius; otherwise `contactimg.models.cap_shapes.CapShapes` says what
-    stands for it. Where the half-axes measured decide, the ratio of the half-axes is not part of it.
-    """
+    """Composite radius R of each contact: that of its asperity, or of all, or NaN."""
     radii = np.full(len(contacts), common_radius(scene, sites))
-    if sites is None:
-        return radii
-    radii = _of_asperities(contacts, law_radii(sites), radii)
-    shapes = _shapes(sites)
-    if shapes is not None and scene.measure.hertz == "ellipse":
-        measured = (contacts["shape"] == "ellipse").to_numpy(bool)
-        own = _of_asperities(contacts, shapes.radius / shapes.modulus_ratio, radii)
-        radii = np.where(measured, own, radii)
+    if sites is not None:
+        matched = contacts["asperity"].notna().to_numpy()
+        radii[matched] = sites["radius_m"].to_numpy(float)[contacts["asperity"][matched].to_numpy(int)]
     return radii
-
-
-def law_radii(sites: pd.DataFrame) -> NDArray[np.float64]:
-    """Radius (m) of each composite summit with which Hertz's ``4 E* a^3/(3 R)`` is the force."""
-    shapes = _shapes(sites)
-    return sites["radius_m"].to_numpy(float) if shapes is None else shapes.area_radius
-
-
-def _shapes(sites: pd.DataFrame | None) -> CapShapes | None:
-    """Shapes of the caps, if they are not spheres of one modulus."""
-    return None if sites is None else CapShapes.of(sites)
-
-
-def _of_asperities(
-    contacts: pd.DataFrame, values: NDArray[np.float64], others: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """The value of each contact's asperity; ``others`` for contacts without one."""
-    result, matched = others.copy(), contacts["asperity"].notna().to_numpy()
-    result[matched] = values[contacts["asperity"][matched].to_numpy(int)]
-    return result
 
 
 def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:
@@ -468,7 +416,7 @@ def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:
     if scene.asperities is not None and scene.asperities.radius is not None:
         curvature = 1 / scene.asperities.radius
         return 1 / (curvature + (1 / scene.indenter.radius if scene.indenter is not None else 0.0))
-    radii = law_radii(sites) if sites is not None else np.empty(0)
+    radii = np.empty(0) if sites is None else sites["radius_m"].to_numpy(float)
     return float(radii.mean()) if len(radii) and np.ptp(radii) <= 1e-6 * radii.max() else np.nan
 
 

@@ -30,8 +30,6 @@ RANGES: dict[str, tuple[float, float]] = {
     "[indenter] radius_m": (1e-7, 5.0),
     "load_N": (-1e3, 1e5),
     "the median of radius_m of the asperities": (1e-9, 0.05),
-    "the median of radius_2_m of the asperities": (1e-9, 0.05),
-    "the median of young_modulus_Pa of the asperities": (1e3, 1.3e12),
 }
 """Plausible values. Chosen, a decade beyond what is made or used: from gels to diamond, from microspheres to
 optical flats."""
@@ -144,9 +142,8 @@ def doubts_about_scene(
     stated += [] if camera is None else [("pixel_size_m", camera.pixel_size)]
     stated += [] if indenter is None else [("[indenter] radius_m", indenter.radius)]
     table = asperities if asperities is not None and len(asperities) > 1 else None
-    for column in ("radius_m", "radius_2_m", "young_modulus_Pa"):
-        if table is not None and column in table and table[column].notna().any():
-            stated.append((f"the median of {column} of the asperities", float(table[column].median())))
+    if table is not None:
+        stated.append(("the median of radius_m of the asperities", float(table["radius_m"].median())))
     for name, value in stated:
         if value is not None:
             yield from _doubt(name, value, *RANGES[name])

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -14,12 +14,11 @@ from scipy.special import ellipe
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
 from contactimg.effects.local_law import law_name
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, refuse_profile, solve_scene
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, solve_scene
 from contactimg.effects.output_change import ANNULUS
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.mechanics import hertz
-from contactimg.models.asperity_laws import left_out_for
 from contactimg.models.base_gap import MAX_TOUCHING_SHARE
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import (
@@ -28,20 +27,16 @@ from contactimg.models.greenwood_williamson import (
     solve_greenwood_williamson,
 )
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
-from contactimg.models.load_spring import LoadSpring
-from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.models.surroundings import MeanField, rim_share
 from contactimg.pose import Pose
-from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
-from contactimg.surfaces import base_radius, equivalent_radii, refuse_own_caps
-from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, PROFILE, Status
+from contactimg.surfaces import base_radius
+from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
-Prescribed = float | LoadSpring
 PURPOSE = "a contact model"
 
 COMPARED_MODELS = ("coupled", "uncoupled")
@@ -82,10 +77,9 @@ class Prediction:
     plan: Plan | None = None
 
     @classmethod
-    def failed(cls, load: Prescribed, reason: str) -> "Prediction":
-        """No solution at a load (N) or displacement: empty tables and a row that says why."""
-        known = np.nan if isinstance(load, LoadSpring) else load
-        frames = _frames(load_name(load), known, status=Status.FAILED, message=reason)
+    def failed(cls, load: float, reason: str) -> "Prediction":
+        """No solution at a load (N): empty tables and a row that says why."""
+        frames = _frames(load_name(load), load, status=Status.FAILED, message=reason)
         return cls(CONTACTS.empty(), frames, PROFILE.empty())
 
 
@@ -93,12 +87,10 @@ def predict_contacts(
     scene: Scene,
     asperities: pd.DataFrame,
     *,
-    load: Prescribed,
+    load: float,
     coupling: Coupling = "auto",
     annulus: float = ANNULUS,
     frame: str = "",
-    tolerance: float | None = None,
-    history: Sequence[Prescribed] = (),
     always_plan: bool = False,
 ) -> Prediction:
     """Solve the interacting-asperity model for a scene at one load.
@@ -110,8 +102,7 @@ def predict_contacts(
         "auto" are switched by the plan for ``[tolerance]`` (`contactimg.effects.plan.make_plan`).
     asperities : DataFrame
         Asperity table.
-    load : float, N, or LoadSpring
-        A `LoadSpring` prescribes the displacement of the stage; the load follows.
+    load : float, N
     coupling : {"auto", "none", "asymptotic", "hertz", "full"}
         ``"auto"`` follows the plan. Any other level: the paper's model with this coupling; other effects
         only where ``[effects]`` switches them on.
@@ -119,11 +110,6 @@ def predict_contacts(
         Width of the profile's annuli, m.
     frame : str
         Name entered in the tables; default: the load's own name.
-    tolerance : float, optional
-        Of the solver, on its residual; default: its own, close to rounding.
-    history : sequence of float, N, or of LoadSpring
-        Loads that came before, in order; default: those that ``[load] path`` lists. Adhesive contacts
-        remember them, so that adhesion is not left out then unless the scene switches it off.
     always_plan : bool
         Whether effects are planned, for their expected errors, where ``[effects]`` sets every switch.
 
@@ -141,27 +127,24 @@ def predict_contacts(
     ConvergenceError
         If the solver stops above its tolerance.
     """
-    history = history or scene.load.before
-    scene, plan = with_memory(with_coupling(scene, coupling), history), None
+    scene, plan = with_coupling(scene, coupling), None
     if always_plan or any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
     field = surrounding_field(scene, asperities, load, coupled=level != "none")
-    how: dict[str, Any] = {"tolerance": tolerance, "history": history, "surroundings": field}
-    solution = solve_scene(scene, asperities, load=load, coupling=level, **how)
+    solution = solve_scene(scene, asperities, load=load, coupling=level, surroundings=field)
     if solution.base_gap.beyond_models:
         raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
     contacts = solution.contacts(name)
     hertz_forces = hertz.load(
         contacts["radius_m"].to_numpy(float),
-        sphere_radius=solution.law_radius[solution.touching],
+        sphere_radius=solution.composite_radius[solution.touching],
         contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
     )
     contacts = contacts.assign(force_hertz_N=hertz_forces)
-    borne = solution.load if isinstance(load, LoadSpring) else load
-    sunk = 0.0 if field is None else field.sinking(shaped_asperities(asperities, scene))
+    sunk = 0.0 if field is None else field.sinking(asperities)
     row = {
         "n_contacts": len(contacts),
         "area_m2": float(contacts["area_m2"].sum()),
@@ -169,24 +152,18 @@ def predict_contacts(
         "force_hertz_sum_N": contacts["force_hertz_N"].sum(),
         "indentation_m": solution.indentation + sunk,
         "min_gap_m": solution.base_gap.least,
-        "law": law_name(scene, shapes=solution.shapes),
+        "law": law_name(scene),
     }
-    border = _around_the_table(scene, asperities, solution, field, borne)
-    row |= _judgement(solution, scene, border, () if plan is None else plan.messages)
+    border = _around_the_table(scene, asperities, solution, field, load)
+    row |= _judgement(solution, border, () if plan is None else plan.messages)
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
-    return Prediction(contacts, _frames(name, borne, **row), profile, plan)
+    return Prediction(contacts, _frames(name, load, **row), profile, plan)
 
 
-def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: Prescribed) -> Plan:
-    """The plan of a scene without optics and sensor; see `contactimg.effects.plan.make_plan`.
-
-    At a displacement it is made for the load that contacts coupled by point forces bear there.
-    """
-    if isinstance(load, LoadSpring):
-        level = "none" if scene.effects.coupling == "off" else "asymptotic"
-        load = solve_scene(scene, asperities, load=load, coupling=level).load
+def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
+    """The plan of a scene without optics and sensor; see `contactimg.effects.plan.make_plan`."""
     return make_plan(scene.model_copy(update={"simulate": None}), asperities, load=load)
 
 
@@ -204,14 +181,6 @@ def with_coupling(scene: Scene, coupling: str) -> Scene:
     return scene.with_effects(switches)
 
 
-def with_memory(scene: Scene, history: Sequence[Prescribed]) -> Scene:
-    """The scene with adhesion if loads that came before can matter and it is not switched off."""
-    adheres = scene.elastic is not None and scene.elastic.work_of_adhesion > 0
-    if not history or not adheres or scene.effects.adhesion != "auto":
-        return scene
-    return scene.with_effects({"adhesion": "on"})
-
-
 def scene_of_model(scene: Scene, model: str) -> Scene:
     """The scene of one of `COMPARED_MODELS`: without coupling for ``"uncoupled"``."""
     return scene if model == "coupled" else scene.with_effects({"coupling": "off", "full_coupling": "off"})
@@ -225,14 +194,9 @@ def scene_level(scene: Scene, coupling: str) -> str:
     return coupling_level(coupling=effects.coupling != "off", full_coupling=effects.full_coupling == "on")
 
 
-def _judgement(
-    solution: InteractingSolution, scene: Scene, border: str, more: Sequence[str]
-) -> dict[str, str]:
+def _judgement(solution: InteractingSolution, border: str, more: Sequence[str]) -> dict[str, str]:
     """Status and message of the row, from what the solver says of its solution, and more to say."""
-    own = "" if solution.shapes is None else solution.shapes.words
-    words = own if stated_profile(scene) is None else PROFILED
-    notes = [*solution.validity.messages(), *([left_out_for(words)] if words else [])]
-    notes += [*([border] if border else []), *more]
+    notes = [*solution.validity.messages(), *([border] if border else []), *more]
     lost = "runs off the table" in border
     if solution.status == CONVERGED and not solution.validity.planes_touch and not lost:
         return {"status": Status.OK, "message": "; ".join(notes)}
@@ -245,15 +209,15 @@ BORDER_SHARE = 2e-3
 
 
 def surrounding_field(
-    scene: Scene, asperities: pd.DataFrame, load: Prescribed, *, coupled: bool
+    scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool
 ) -> MeanField | None:
     """The mean field around a table, if ``[asperities] surroundings`` asks for it."""
     if scene.asperities is None or scene.asperities.surroundings == "none":
         return None
-    if isinstance(load, LoadSpring) or scene.effects.adhesion == "on":
+    if scene.effects.adhesion == "on":
         raise InputError(
-            '[asperities] surroundings = "mean_field" bears a share of a load, without adhesion; state loads '
-            'and [effects] adhesion = "off", or leave it out'
+            '[asperities] surroundings = "mean_field" bears a share of a load without adhesion; state '
+            '[effects] adhesion = "off", or leave it out'
         )
     refused = _without_mean_field(scene, asperities)
     if refused:
@@ -263,11 +227,8 @@ def surrounding_field(
 
 def _without_mean_field(scene: Scene, asperities: pd.DataFrame) -> str:
     """Why a table has no mean field; empty if it has."""
-    section, indenter = scene.asperities or Asperities(), scene.indenter
-    if section.profiled or any(name in asperities for name in ASPERITIES.later):
-        return "takes spherical caps of one modulus"
-    if scene.shaped or indenter is None or not np.isfinite(indenter.radius):
-        return "takes a flat sample under an upright lens"
+    if scene.indenter is None:
+        return "takes an indenter"
     spans = np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0) if len(asperities) else np.zeros(2)
     if len(asperities) < MIN_ASPERITIES_FOR_SIDES or not spans.min() > 0:
         return f"needs at least {MIN_ASPERITIES_FOR_SIDES} asperities spread over a rectangle"
@@ -294,7 +255,7 @@ def table_rectangle(section: Asperities, asperities: pd.DataFrame) -> NDArray[np
     """Limits in x and in y (m) of what a table describes: the generated square, or the caps' discs."""
     if section.generate is not None:
         return np.array([[0.0, section.side], [0.0, section.side]])
-    base = base_radius(asperities["height_m"], equivalent_radii(asperities))
+    base = base_radius(asperities["height_m"], asperities["radius_m"])
     places = asperities[["x_m", "y_m"]].to_numpy(float).T
     return np.stack([(places - base).min(axis=1), (places + base).max(axis=1)], axis=1)
 
@@ -403,23 +364,14 @@ def solve_average(
     *,
     load: float,
     model: Literal["gw", "gt"],
-    rings: int | None = None,
 ) -> RingSolution:
-    """Solve a statistical model for a scene: the rings behind `predict_average`, with its arguments.
-
-    ``rings`` is their number; by default the solver's own.
-    """
+    """Solve a statistical model for a scene: the rings behind `predict_average`, with its arguments."""
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     section: Asperities = scene.need("asperities", "a statistical model")
-    refuse_profile(scene, f'model "{model}"')
-    if asperities is not None:
-        refuse_own_caps(asperities, f'model "{model}"')
     radius = _mean_radius(section, asperities)
     solve: Callable[..., RingSolution] = (
         solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
     )
-    if rings is not None:
-        solve = partial(solve, rings=rings)
     return solve(
         _height_law(section, asperities),
         density=asperity_density(section, asperities),
@@ -582,9 +534,9 @@ def find_touching_load(
     )
 
 
-def load_name(load: Prescribed) -> str:
-    """One unique name a load or displacement, from its shortest exact decimal form."""
-    return f"displacement_{load.displacement!r}m" if isinstance(load, LoadSpring) else f"load_{load!r}N"
+def load_name(load: float) -> str:
+    """One unique name a load, from its shortest exact decimal form."""
+    return f"load_{load!r}N"
 
 
 def see_contacts(

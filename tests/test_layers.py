@@ -22,7 +22,6 @@ ROOMS = [
     "optics",
     "render",
     "surfaces",
-    "sample_shape",
     "summits",
     "plausibility",
     "imaging",

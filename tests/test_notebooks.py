@@ -79,7 +79,7 @@ def test_notebook_uses_the_public_names_only(path):
 
 
 def test_notebooks_with_ensembles_are_found():
-    assert len(WITH_RESULTS) == 11
+    assert len(WITH_RESULTS) == 10
 
 
 @every_result

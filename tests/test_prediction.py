@@ -7,21 +7,18 @@ import pytest
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
 from contactimg.mechanics.layer_contact import layer_factors
-from contactimg.pipeline.inputs import loads_before
-from contactimg.pipeline.predict import predict_loads, prescriptions
+from contactimg.pipeline.predict import predict_loads
 from contactimg.pose import Pose
 from contactimg.prediction import (
     asperity_density,
     hertz_circle,
     load_name,
-    make_mechanical_plan,
     predict_average,
     predict_contacts,
     see_contacts,
 )
-from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import scene_from_dict
-from contactimg.surfaces import composite_apexes, generate_asperities
+from contactimg.surfaces import generate_asperities
 
 LENS = 0.1288
 SCENE = {
@@ -154,7 +151,7 @@ def test_adhesion_goes_with_all_others(asperities):
         scene = scene_with(elastic={"work_of_adhesion_J_m2": w, "thickness_m": 1e-3}, effects=effects)
         return predict_contacts(scene, asperities, load=0.02)
 
-    others = {"layer": "on", "sphere_profile": "on", "full_coupling": "on"}
+    others = {"layer": "on", "sphere_profile": "on"}
     plain, nearly = at(0.0, **others), at(1e-10, adhesion="on", **others)
     # sqrt(6 pi w R p)/p on a^3 at the mean contact of 0.5 mN: sqrt(6 pi 1e-10 1e-4/5e-4) = 2e-5, times 2/3 on
     # the area; light contacts more
@@ -163,7 +160,9 @@ def test_adhesion_goes_with_all_others(asperities):
     sticky = at(0.05, adhesion="on", **others)
     for name in others:
         without = at(0.05, adhesion="on", **(others | {name: "off"}))
-        assert abs(area(without) / area(sticky) - 1) > (0.01 if name != "full_coupling" else 1e-4)
+        assert abs(area(without) / area(sticky) - 1) > 0.01
+    with pytest.raises(InputError, match='does not go with the coupling "full"; take "asymptotic"'):
+        at(0.05, adhesion="on", full_coupling="on")
 
 
 def test_touching_planes_stop_the_prediction(asperities):
@@ -265,149 +264,13 @@ def test_averages_without_a_load_and_beyond_any_model(asperities, model):
         predict_average(scene_with(), asperities, load=1e5, model=model)
 
 
-def test_a_displacement_through_a_load_cell_gives_its_load(asperities):
-    scene = scene_with(load={"stiffness_N_m": 2000.0})
-    by_load = predict_contacts(scene, asperities, load=0.05)
-    depth = float(by_load.frames["indentation_m"][0])
-    sprung, rigid = (
-        predict_loads_of(asperities, scene, d)
-        for scene, d in ((scene, depth + 0.05 / 2000.0), (scene_with(), depth))
-    )
-    for prediction in (sprung, rigid):
-        row = prediction.frames.iloc[0]
-        assert row["load_N"] == pytest.approx(0.05, rel=1e-9)
-        assert row["indentation_m"] == pytest.approx(depth, rel=1e-9)
-        assert row["frame"].startswith("displacement_")
-        assert area(prediction) == pytest.approx(area(by_load), rel=1e-9)
-
-
-def predict_loads_of(asperities, scene, displacement):
-    (load,) = prescriptions(scene, [], [displacement])
-    return predict_contacts(scene, asperities, load=load)
-
-
-def test_a_displacement_is_planned_at_its_load(asperities):
-    scene = scene_with(effects={"model": "planned"}, load={"stiffness_N_m": 2000.0})
-    (load,) = prescriptions(scene, [], [4e-5])
-    prediction = predict_contacts(scene, asperities, load=load)
-    assert prediction.plan.load == pytest.approx(prediction.frames["load_N"][0], rel=0.01)
-    assert prediction.plan.coupling == make_mechanical_plan(scene, asperities, load=0.05).coupling
-
-
-def test_unloading_keeps_the_contacts_that_loading_has_made():
-    x = 2e-3 + 2e-4 * np.arange(5)
-    heights = 4e-5 - 1e-6 * np.array([0.0, 0.9, 0.6, 1.9, 1.4])
-    level = pd.DataFrame({"x_m": x, "y_m": 2e-3, "height_m": heights, "radius_m": 1e-4})
-    sections = {
-        "indenter": {"radius_m": 10.0},
-        "elastic": {"work_of_adhesion_J_m2": 0.05},
-        "effects": {"adhesion": "auto", "model": "planned"},
-        "tolerance": {"relative": 0.5},
-    }
-    down = {"path": "unloading"}
-    up = predict_contacts(scene_with(**sections), level, load=1e-4)
-    assert loads_before(scene_with(load=down), 1e-4, [1e-4, 2e-3]) == (2e-3,)
-    back = predict_contacts(scene_with(**sections, load=down), level, load=1e-4, history=(2e-3,))
-    listed = predict_contacts(scene_with(**sections, load={"path": [2e-3]}), level, load=1e-4)
-    assert back.frames["law"][0].endswith("+jkr")  # a stated path keeps adhesion on
-    assert len(back.contacts) > len(up.contacts)
-    assert area(back) > 1.01 * area(up)
-    assert area(listed) == area(back)
-
-
-POWER = {"profile_exponent": 4.0, "profile_width_m": 3e-5, "profile_drop_m": 4e-6}
-
-
-def test_asperities_of_a_stated_profile(asperities):
-    parabola = {"profile_exponent": 2.0, "profile_width_m": 1e-4, "profile_drop_m": 5e-5}
-    caps = predict_contacts(scene_with(), asperities, load=0.05)
-    same = predict_contacts(scene_with(asperities=parabola), asperities, load=0.05)
-    np.testing.assert_allclose(same.contacts["force_N"], caps.contacts["force_N"], rtol=1e-8)
-    r = np.linspace(0, 1e-4, 101)
-    points = [[float(a), float(b)] for a, b in zip(r, 4e-6 * (r / 3e-5) ** 4, strict=True)]
-    power = predict_contacts(scene_with(asperities=POWER), asperities, load=0.05)
-    table = predict_contacts(scene_with(asperities={"profile_points_m": points}), asperities, load=0.05)
-    for prediction, exponent in ((caps, 3.0), (power, 5.0)):  # P ~ a^(n + 1), the lens's share is small
-        logs = np.log(prediction.contacts[["radius_m", "force_N"]].to_numpy(float))
-        assert np.polyfit(*logs.T, 1)[0] == pytest.approx(exponent, rel=0.01)
-    assert area(table) == pytest.approx(area(power), rel=3e-3)
-    assert power.frames["law"][0] == "profile"
-
-
-def test_the_plan_of_a_stated_profile_knows_what_is_not_defined_for_it(asperities):
-    sections = {"asperities": POWER, "elastic": {"work_of_adhesion_J_m2": 0.05}}
-    scene = scene_with(**sections, effects={"model": "planned"})
-    prediction = predict_contacts(scene, asperities, load=0.05)
-    reasons = {d.effect: d.reason for d in prediction.plan.decisions if not d.on}
-    for effect in ("full_coupling", "adhesion", "sphere_profile"):
-        assert reasons[effect] == "not defined for asperities of a stated profile"
-    assert any("stated profile" in sentence for sentence in prediction.plan.limits)
-    assert "adhesion and the sphere's law are not defined" in prediction.frames["message"][0]
-    assert prediction.plan.coupling == "asymptotic"
-    alone = predict_contacts(scene, asperities, load=0.05, coupling="none")
-    (change,) = [d.changes["area"] for d in prediction.plan.decisions if d.effect == "coupling"]
-    assert change == pytest.approx(abs(area(alone) / area(prediction) - 1), rel=0.5)
-    with pytest.raises(InputError, match='adhesion or sphere_profile = "on" takes caps'):
-        predict_contacts(scene_with(**sections, effects={"adhesion": "on"}), asperities, load=0.05)
-    with pytest.raises(InputError, match="takes caps"):
-        predict_loads(scene, [0.1], model="gw", coupling="auto", annulus=1e-4)
-    with pytest.raises(InputError, match="belong together; give all"):
-        scene_with(asperities={"profile_exponent": 2.0})
-    with pytest.raises(InputError, match="is curved, but asperities of a stated profile"):
-        predict_contacts(scene_with(asperities=POWER, sample={"radius_x_m": 1.0}), asperities, load=0.05)
-
-
-def test_moduli_of_the_asperities(asperities):
-    scene = scene_with()
-    modulus = scene.elastic.young_modulus
-    plain = predict_contacts(scene, asperities, load=0.05)
-    same = predict_contacts(scene, asperities.assign(young_modulus_Pa=modulus), load=0.05)
-    np.testing.assert_array_equal(same.contacts["force_N"], plain.contacts["force_N"])
-    some = asperities.assign(young_modulus_Pa=np.where(np.arange(len(asperities)) % 3, np.nan, 2 * modulus))
-    mixed = predict_contacts(scene, some, load=0.05)
-    assert (plain.frames["law"][0], mixed.frames["law"][0]) == ("hertz", "hertz+modulus")
-    assert "of unequal modulus: full coupling" in mixed.frames["message"][0]
-    # a^3 = 3 p R/(4 E*), with the own modulus
-    table, radius = (
-        mixed.contacts,
-        float(composite_apexes(asperities[:1], indenter_radius=0.1288)["radius_m"][0]),
-    )
-    stiffness = np.where(table["asperity"] % 3, 1.0, 2.0) * scene.elastic.contact_modulus
-    np.testing.assert_allclose(
-        table["radius_m"] ** 3, 0.75 * table["force_N"] * radius / stiffness, rtol=1e-6
-    )
-    np.testing.assert_allclose(table["force_hertz_N"], table["force_N"], rtol=1e-6)
-
-
-def test_asperities_on_the_lens_add_their_compliance(asperities):
-    rigid = scene_with(asperities={"textured": "rigid"})
-    modulus = rigid.elastic.young_modulus
-    plain = predict_contacts(rigid, asperities, load=0.05)
-    stiff = predict_contacts(rigid, asperities.assign(young_modulus_Pa=1e9 * modulus), load=0.05)
-    np.testing.assert_allclose(stiff.contacts["force_N"], plain.contacts["force_N"], rtol=1e-6)
-    soft = asperities.assign(young_modulus_Pa=modulus)
-    ratio = shaped_asperities(soft, rigid)["modulus_ratio"]
-    assert (ratio == 0.5).all()
-    assert area(predict_contacts(rigid, soft, load=0.05)) > 1.2 * area(plain)
-
-
-def test_ellipsoidal_caps_are_seen_as_ellipses(asperities):
-    scene = scene_with()
-    long = asperities.assign(radius_2_m=2 * asperities["radius_m"], azimuth_rad=0.3)
-    prediction = predict_contacts(scene, long, load=0.05)
-    contacts = prediction.contacts
-    assert prediction.frames["law"][0] == "hertz+ellipse"
-    assert set(contacts["shape"]) == {"ellipse"}
+def test_ellipses_are_seen_as_ellipses(asperities):
+    contacts = predict_contacts(scene_with(), asperities, load=0.05).contacts
+    a = contacts["radius_m"]
+    axes = {"semi_major_m": 1.2 * a, "semi_minor_m": a / 1.2, "angle_rad": 0.3}
     pose = Pose((101, 201), 1e-6, (0.0, 0.0), rotation=0.2, mirrored=True)
-    seen = see_contacts(contacts, pose)
-    # the major axis lies across the smaller radius, at 0.3 + pi/2 on the sample
-    ends = pose.to_pixels([0.0, np.cos(0.3 + np.pi / 2)], [0.0, np.sin(0.3 + np.pi / 2)])
+    seen = see_contacts(contacts.assign(shape="ellipse", **axes), pose)
+    ends = pose.to_pixels([0.0, np.cos(0.3)], [0.0, np.sin(0.3)])
     slope = np.diff(ends[1])[0] / np.diff(ends[0])[0]
     np.testing.assert_allclose(np.tan(seen["angle_rad"]), slope, rtol=1e-9)
     np.testing.assert_allclose(seen["semi_major_px"] * seen["semi_minor_px"], seen["radius_px"] ** 2)
-    with pytest.raises(InputError, match=r'model "gw" takes spherical caps of one modulus; leave the column'):
-        predict_average(scene, long, load=0.05, model="gw")
-    with pytest.raises(InputError, match="stand on a flat under an upright lens"):
-        predict_contacts(scene_with(sample={"radius_x_m": 1.0}), long, load=0.05)
-    with pytest.raises(InputError, match=r"only Hertz's law is defined"):
-        predict_contacts(scene_with(asperities=POWER), long, load=0.05)

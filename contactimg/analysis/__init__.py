@@ -12,7 +12,6 @@ on
 places
   and of simulated patterns, and the intervals of few of them;
 - ``contacts_against_pressure``: density and mean radius of the contacts against the local pressure;
-- ``spatial_order``: pairs of contacts or asperities at each distance, against random patterns;
 - ``friction``: shear stress of the real contact, against velocity too; areas in two states;
 - ``topography``: heights and radii of asperities.
 """

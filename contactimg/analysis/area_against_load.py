@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, SECTORS
-from contactimg.analysis.estimates import Estimate, bootstrap_weights
+from contactimg.analysis.estimates import bootstrap_weights
 from contactimg.analysis.linear_fit import LinearFit, Points, fit_line
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.analysis.power_laws import PowerLaw, line_estimates, logarithms, power_law
@@ -248,7 +248,7 @@ def fit_area_law(
         The interval applies to the surface: that of a bootstrap over places, or over sectors of fewer than
         four places; if forces or centre are not known, Student's interval of the line. A zero whose
         uncertainty is stated is fitted, taken off the loads, and what is not known of it is in the intervals;
-        the gain is in that of the amplitude. ``here`` leaves out the sampling of places.
+        the gain is in that of the amplitude.
 
     Raises
     ------
@@ -276,10 +276,10 @@ def fit_area_law(
     load = read - zero
     logs, reference = logarithms(load, area, *errors)
     fit = fit_line(logs)
-    here = np.hypot(_measured_std(logs, fit, area_std / area), zero_stds[1])
+    measured = np.hypot(_measured_std(logs, fit, area_std / area), zero_stds[1])
     replicates, blocks = _replicates(good, logs)
     offset, exponent = line_estimates(
-        fit, replicates, blocks=blocks, known_std=float(here), confidence=confidence
+        fit, replicates, blocks=blocks, known_std=float(measured), confidence=confidence
     )
     gain = load_cell.gain_std * exponent.value
     offset = offset.widened(float(np.hypot(zero_stds[0], gain)), confidence=confidence)
@@ -288,8 +288,7 @@ def fit_area_law(
     places = good["place"].nunique()
     found: dict[str, Any] = {"reference": reference, "scatter": fit.scatter, "n_places": places}
     law = power_law(exponent, offset, x=load, **found, confidence=confidence)
-    exact = Estimate(exponent.value, 0.0, exponent.value, exponent.value)
-    return replace(law, zero=zero, here=exact.widened(float(here), confidence=confidence))
+    return replace(law, zero=zero)
 
 
 def _common_sampling_std(areas: pd.DataFrame) -> Values:

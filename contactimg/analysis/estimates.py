@@ -54,11 +54,6 @@ class Estimate:
         high = self.value + float(np.hypot(self.high - self.value, reach))
         return replace(self, std=float(np.hypot(self.std, std)), low=low, high=high)
 
-    def scaled(self, factor: float) -> Self:
-        """Return the estimate with uncertainty and interval wider by a factor."""
-        low, high = (self.value + factor * (limit - self.value) for limit in (self.low, self.high))
-        return replace(self, std=factor * self.std, low=low, high=high)
-
 
 def student_estimate(value: float, std: float, *, freedom: float, confidence: float = 0.95) -> Estimate:
     """A number with the symmetric confidence interval of Student's distribution.

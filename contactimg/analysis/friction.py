@@ -1,4 +1,4 @@
-"""Friction: the shear stress of the real contact area, against velocity too, and areas in two states."""
+"""Friction: the shear stress of the real contact area, against velocity too."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,6 @@ import pandas as pd
 from contactimg.analysis.estimates import Estimate, student_estimate
 from contactimg.analysis.linear_fit import LinearFit, Points, fit_proportional
 from contactimg.errors import InputError
-from contactimg.matching import match_contacts
 
 
 @dataclass(frozen=True)
@@ -217,85 +216,3 @@ def stress_by_velocity(
             }
         )
     return pd.DataFrame(rows)
-
-
-@dataclass(frozen=True)
-class AreaChange:
-    """Areas of the same contacts in two states, the second over the first.
-
-    Parameters
-    ----------
-    ratio : Estimate
-        Sum of the areas of the contacts that both states show, second over first. Its uncertainty is that
-        of the scatter between contacts.
-    total : float
-        The same of all contacts, with those that only one state shows.
-    n_pairs, n_lost, n_gained : int
-        Contacts in both states, in the first only, in the second only.
-    confidence : float
-        Of the interval.
-    """
-
-    ratio: Estimate
-    total: float
-    n_pairs: int
-    n_lost: int
-    n_gained: int
-    confidence: float
-
-
-def compare_areas(
-    first: pd.DataFrame, second: pd.DataFrame, *, max_distance: float | None = None, confidence: float = 0.95
-) -> AreaChange:
-    """How much larger or smaller the same contacts are in a second state: in sliding against at rest.
-
-    Parameters
-    ----------
-    first, second : DataFrame
-        Contacts tables of two frames under the same camera and load.
-    max_distance : float, optional
-        Largest distance of a pair, m; as for `contactimg.match_contacts`.
-    confidence : float
-        Of the interval.
-
-    Returns
-    -------
-    AreaChange
-
-    Raises
-    ------
-    InputError
-        If fewer than two contacts are in both states.
-
-    Notes
-    -----
-    The ratio ``sum a2^2/sum a1^2`` over pairs; its variance is ``n/(n - 1) sum (a2^2 - ratio a1^2)^2/(sum
-    a1^2)^2`` with n - 1 degrees of freedom. An error of the edge that both frames share cancels for the most
-    part; a difference of focus or of light between the frames does not, and is not part of the uncertainty.
-
-    Examples
-    --------
-    >>> at_rest = pd.DataFrame({"x_m": [0.0, 1e-4], "y_m": 0.0, "radius_m": [1e-5, 2e-5]})
-    >>> at_rest = at_rest.assign(frame="", label=[1, 2], asperity=-1, force_N=np.nan)
-    >>> change = compare_areas(at_rest, at_rest.assign(radius_m=[0.9e-5, 1.8e-5]))
-    >>> round(change.ratio.value, 3), change.n_pairs
-    (0.81, 2)
-    """
-    pairs = match_contacts(second, first, max_distance=max_distance)
-    if len(pairs) < 2:
-        raise InputError(
-            f"areas in two states need two contacts at least that both show, got {len(pairs)}; "
-            "check the loads and max_distance"
-        )
-    before, after = (pairs[f"radius_{side}_m"].to_numpy(float) ** 2 for side in ("predicted", "measured"))
-    ratio = float(after.sum() / before.sum())
-    n = len(pairs)
-    std = float(np.sqrt(n / (n - 1) * np.sum((after - ratio * before) ** 2)) / before.sum())
-    return AreaChange(
-        ratio=student_estimate(ratio, std, freedom=n - 1, confidence=confidence),
-        total=float(np.sum(second["radius_m"] ** 2) / np.sum(first["radius_m"] ** 2)),
-        n_pairs=n,
-        n_lost=len(first) - n,
-        n_gained=len(second) - n,
-        confidence=confidence,
-    )

@@ -49,9 +49,6 @@ class PowerLaw:
         Of the intervals.
     zero : float
         What was taken off every x before the fit.
-    here : Estimate or None
-        The exponent with what the errors of the measurement alone leave open: of these very places, where the
-        interval of ``exponent`` is that of the surface, whatever its places. None if not computed.
     """
 
     exponent: Estimate
@@ -64,19 +61,6 @@ class PowerLaw:
     n_places: int
     confidence: float
     zero: float = 0.0
-    here: Estimate | None = None
-
-    @property
-    def another_surface(self) -> Estimate:
-        """The exponent with the interval that holds the one of another surface, of as many places.
-
-        The variance of the places counts twice, once for those of either surface, that of the measurement
-        once.
-        """
-        if not self.exponent.std > 0:
-            return self.exponent
-        measured = 0.0 if self.here is None else min(self.here.std / self.exponent.std, 1.0)
-        return self.exponent.scaled(float(np.sqrt(2 - measured**2)))
 
     def value(self, x: ArrayLike) -> Values:
         """The value of the law at x."""

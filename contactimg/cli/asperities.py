@@ -28,23 +28,23 @@ def asperities(
 ) -> int:
     """Find the summits on MAP and write their heights and radii of curvature with uncertainties.
 
-    MAP is a matrix of heights (.npy, or text with one line a row), a TIFF of one channel, or a file of an
-    instrument (with the extra `maps`). NaN and empty cells are holes. Writes asperities.csv, which
-    [asperities] file in a scene reads; x and y count from the centre of the map.
+    MAP is a matrix of heights (.npy, or text with one line a row), or a TIFF of one channel. NaN and empty
+    cells are holes. Writes asperities.csv, which [asperities] file in a scene reads; x and y count from the
+    centre of the map.
 
     Exit codes: 0 done, 2 nothing done.
 
     \b
     Examples:
       contactimg asperities map.npy --pixel-size-um 0.5 --height-unit um -o surface
-      contactimg asperities map.sur --form sphere --min-height-um 1
+      contactimg asperities map.tif --height-unit um --form sphere --min-height-um 1
 
     Parameters
     ----------
     pixel_size_um
         Distance between neighbouring heights, in micrometres.  [default: what the file says]
     height_unit
-        Unit of the heights.  [default: what the file says]
+        Unit of the heights.
     form
         What is taken off the heights first: a tilt, a tilt and the sphere of a lens, or nothing.
     min_height_um
@@ -53,7 +53,8 @@ def asperities(
         How far down the sphere is fitted, as a share of the height of the summit.
     """
     from contactimg.files import write_table
-    from contactimg.files.height_maps import METRES, read_height_map
+    from contactimg.files.height_maps import read_height_map
+    from contactimg.files.tiff import METRES
     from contactimg.summits import SummitSearch, find_summits
     from contactimg.tables import SUMMITS
 

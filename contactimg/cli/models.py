@@ -17,8 +17,7 @@ from contactimg.timings import stage
         "--tolerance",
         "tolerance",
         "relative",
-        "Effects, coupling and solver accuracy are the cheapest that meet it.",
-        default="the scene's tolerance for the effects, rounding error for the solver",
+        "Effects and coupling are the cheapest that meet it.",
     )
 )
 @shared.no_plausibility
@@ -28,7 +27,6 @@ def predict(
     *,
     stated: shared.Stated,
     loads: Annotated[tuple[float, ...], "--load-N"] = (),
-    displacements_um: Annotated[tuple[float, ...], "--displacement-um"] = (),
     touching_load: bool = False,
     output: shared.Output = None,
     model: Literal["interacting", "gw", "gt"] = "interacting",
@@ -36,7 +34,7 @@ def predict(
     annulus_mm: shared.Annulus = 0.25,
     workers: shared.OneWorker = 1,
 ) -> int:
-    """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load or displacement.
+    """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
 
     For each load a plan decides which mechanical effects are computed (see `contactimg effects`).
 
@@ -56,9 +54,6 @@ def predict(
     ----------
     loads
         Normal load in newtons; repeat the option for more loads.
-    displacements_um
-        Displacement of the stage from first touch, um, instead of a load: the indentation, or with [load]
-        stiffness_N_m in the scene what a load cell of this stiffness leaves of it. Can be repeated.
     touching_load
         Also predict at the load at which the base planes of lens and rubber touch first, and print it.
     model
@@ -74,25 +69,21 @@ def predict(
     from contactimg.tables import FAILED
 
     described, inputs = scene_at(scene, stated)
-    relative = stated.get("tolerance", {}).get("relative")
     touching = {}
     if touching_load:
         planes_touch_at = pipeline.touching_load(described, model=model, coupling=coupling)
         loads = (*loads, *([planes_touch_at] if planes_touch_at > 0 else []))
         touching = {"touching_load_N": planes_touch_at}
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
-    stages = [displacement / 1e6 for displacement in displacements_um]
-    prescribed = pipeline.prescriptions(described, loads, stages)
     with shared.results_in(
         output, described.folder, scene=described, inputs=inputs, main_files=RUN_TABLES
     ) as out:
         predictions = pipeline.predict_loads(
             described,
-            prescribed,
+            loads,
             model=model,
             coupling=coupling,
             annulus=annulus_mm * 1e-3,
-            relative=relative,
             workers=workers,
         )
         frames, record = pipeline.write_predictions(predictions, described, out.folder)
@@ -100,7 +91,7 @@ def predict(
         level = f", coupling {coupling}" if model == "interacting" else ""
         echo_frames(frames, title=f"{scene}, model {model}{level}")
         planned = [one for one in predictions if one.plan is not None]
-        say(*(pipeline.choice_sentence(one, relative=relative) for one in planned))
+        say(*(pipeline.choice_sentence(one) for one in planned))
     return int((frames["status"] == FAILED).any())
 
 
@@ -114,7 +105,6 @@ def simulate(
     scene: shared.Existing,
     *,
     output: shared.Output = None,
-    optics: Annotated[bool, "--plan"] = False,
     workers: shared.OneWorker = 1,
 ) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
@@ -136,12 +126,6 @@ def simulate(
     Examples:
       contactimg simulate scene.toml -o frames
       contactimg process frames
-
-    Parameters
-    ----------
-    optics
-        Render an effect of optics or sensor only if leaving it out would change a requested output by more
-        than allowed, instead of all that [simulate] states.
     """
     from contactimg.cli.scenes import scene_at
     from contactimg.pipeline.inputs import need_asperities
@@ -152,7 +136,7 @@ def simulate(
     smooth = described.asperities is None
     asperities = None if smooth else need_asperities(described, "simulating frames")
     count = 1 + len(described.need("simulate", "simulating frames").loads)
-    planned, plans = plan_simulation(described, asperities, optics=optics)
+    planned, plans = plan_simulation(described, asperities)
     main_files = ["truth.csv", "scene.toml"]
     with shared.results_in(
         output, described.folder, scene=described, inputs=inputs, main_files=main_files
@@ -229,7 +213,7 @@ def effects(
 
 # --- tradeoff
 
-Knob = Literal["image", "model", "solver", "rings", "patterns", "supersampling"]
+Knob = Literal["image", "model", "patterns", "supersampling"]
 
 
 @shared.command()
@@ -250,9 +234,9 @@ def tradeoff(
     """Measure how much computing time accuracy costs for SCENE, a scene.toml or the folder that holds one.
 
     Each choice is run with several settings, in turn, and the results are compared with a converged one. The
-    choices are: image (method that measures a frame), model (contact model), solver (its tolerance), rings
-    (of the Greenwood-Tripp model), patterns (number of random surfaces that are averaged), supersampling (of
-    rendered frames). The result that must be accurate is "output" in the section [tolerance] of the scene.
+    choices are: image (method that measures a frame), model (contact model), patterns (number of random
+    surfaces that are averaged), supersampling (of rendered frames). The result that must be accurate is
+    "output" in the section [tolerance] of the scene.
 
     Writes tradeoff.csv (one row per setting: error and time), tradeoff.png (.svg, .pdf) and provenance.json.
 

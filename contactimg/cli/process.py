@@ -29,13 +29,6 @@ JOINED_FOLDER = "combined"
     shared.SceneOption("--method", "measure", "method"),
     shared.SceneOption("--shape", "measure", "shape"),
     shared.SceneOption("--threshold", "measure", "threshold"),
-    shared.SceneOption(
-        "--tolerance",
-        "tolerance",
-        "relative",
-        "Each frame is measured by the fastest method whose estimated error is smaller.",
-        default="the method of the scene measures every frame",
-    ),
 )
 @shared.cluster
 def process(
@@ -69,7 +62,6 @@ def process(
     Examples:
       contactimg process sample_data/sa_plus -o results
       contactimg process my_frames --reference my_frames/no_contact.tif --pixel-size-um 6
-      contactimg process sample_data/ra_plus --tolerance 0.05 -o quick
 
     Parameters
     ----------
@@ -80,8 +72,6 @@ def process(
     table_format
         Format of the tables. parquet: smaller and faster for long series; needs pyarrow.
     """
-    if "relative" in stated.get("tolerance", {}) and "method" in stated.get("measure", {}):
-        raise click.UsageError("--tolerance chooses the method, --method names it; give only one of the two.")
     from contactimg import files
     from contactimg.cli.scenes import describe_use, scene_of_folder
     from contactimg.pipeline.measured_series import write_run
@@ -94,7 +84,6 @@ def process(
     def measure(folder: str, output: str | Path | None) -> int:
         """Measure the frames of one folder; return the exit code."""
         described = scene_of_folder(folder, stated, scene_file=scene, calibration=calibration)
-        relative = stated.get("tolerance", {}).get("relative")
         files.require_format(table_format)
         experiment = files.open_experiment(described)
         used, acts = {}, ""
@@ -114,9 +103,7 @@ def process(
         ) as out:
             count = len(experiment.frames)
             with progress("measuring frames", count) as advance:
-                series = measure_parts(
-                    experiment, relative=relative, workers=workers, advance=advance, store=out.part_store()
-                )
+                series = measure_parts(experiment, workers=workers, advance=advance, store=out.part_store())
             frames, facts = write_run(series, out.folder, table_format)
             if pictures:
                 overlays = out.folder / "overlays"
@@ -124,8 +111,7 @@ def process(
                     draw_overlays(series, experiment, overlays, workers=workers, advance=advance)
             counts = {str(action): int(n) for action, n in experiment.edits["action"].value_counts().items()}
             out.record |= facts | ({"edits": counts} if counts else {})
-            method = described.measure.method if relative is None else f"chosen for {100 * relative:g} %"
-            title = f"{folder}, method {method}"
+            title = f"{folder}, method {described.measure.method}"
             echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
             law, film = str(facts.get("law") or ""), _film_sentence(frames, facts.get("film", {}))
             found = series.apex is not None and series.apex.known != STATED

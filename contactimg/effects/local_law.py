@@ -15,8 +15,6 @@ from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import decide
 from contactimg.mechanics.contact_force import adhesive_pull, pressing_force
 from contactimg.mechanics.layer_contact import LARGEST_RATIO, layer_factors
-from contactimg.models.cap_shapes import CapShapes
-from contactimg.models.profile_law import stated_profile
 from contactimg.scene import Scene
 from contactimg.scene.contact_sections import Elastic
 
@@ -25,9 +23,6 @@ Values = NDArray[np.float64]
 LAW_WORDS = {
     "hertz": "Hertz",
     "sphere": "Hertz with the exact profile of a sphere",
-    "profile": "the stated profile",
-    "ellipse": "elliptic contacts",
-    "modulus": "a modulus for each asperity",
     "jkr": "JKR adhesion",
 }
 """Part of the name of a law -> what it means."""
@@ -36,11 +31,8 @@ EFFECT_WORDS = {"sphere_profile": "the exact profile of the sphere", "adhesion":
 """Effect on the local forces -> what it is called in a sentence."""
 
 
-def law_name(scene: Scene, *, elliptic: bool = False, shapes: CapShapes | None = None) -> str:
+def law_name(scene: Scene) -> str:
     """What tables call the law of the local forces of a scene whose switches are set.
-
-    ``elliptic``: ellipses follow Hertz's law of elliptic contacts. ``shapes``: those of the
-    asperities, if they are not spherical caps of one modulus.
 
     Examples
     --------
@@ -48,13 +40,8 @@ def law_name(scene: Scene, *, elliptic: bool = False, shapes: CapShapes | None =
     >>> law_name(scene_from_dict({"effects": {"sphere_profile": "on", "adhesion": "on"}}))
     'sphere+jkr'
     """
-    if stated_profile(scene) is not None:
-        return "profile"
     profile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
-    adheres = scene.effects.adhesion == "on"
-    elliptic = elliptic or (shapes is not None and shapes.elliptic)
-    further = {"+ellipse": elliptic, "+modulus": shapes is not None and shapes.unequal, "+jkr": adheres}
-    return profile + "".join(part for part, acts in further.items() if acts)
+    return profile + ("+jkr" if scene.effects.adhesion == "on" else "")
 
 
 @dataclass(frozen=True)
@@ -71,19 +58,16 @@ class LawPlan:
         Those of them that the scene itself leaves out.
     messages : tuple of str
         One sentence for each other switch that contradicts the estimates, and for a layer too thin.
-    shapes : CapShapes or None
-        Of asperities that are not spherical caps of one modulus.
     """
 
     scene: Scene
     left_out: dict[str, float]
     switched_off: tuple[str, ...] = ()
     messages: tuple[str, ...] = ()
-    shapes: CapShapes | None = None
 
     def sentence(self) -> str:
         """The law, and what it leaves out."""
-        law = law_name(self.scene, elliptic=self.scene.measure.hertz == "ellipse", shapes=self.shapes)
+        law = law_name(self.scene)
         words = ", ".join(LAW_WORDS[part] for part in law.split("+"))
         left = "; ".join(map(self._loss, self.left_out)) or "nothing that acts on them is left out"
         return "; ".join([f"local forces by the law {law} ({words})", left, *self.messages])
@@ -91,8 +75,6 @@ class LawPlan:
     def _loss(self, effect: str) -> str:
         """What is left out with an effect."""
         why = ", as the scene says" if effect in self.switched_off else ""
-        if self.shapes is not None:
-            why = f", not defined for asperities {self.shapes.words}"
         return f"left out{why}: {EFFECT_WORDS[effect]} ({100 * self.left_out[effect]:.2g} % of the forces)"
 
 
@@ -113,7 +95,10 @@ class LawEvidence:
 
     @classmethod
     def of(cls, scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> "LawEvidence":
-        """The evidence of frames; parameters as for `plan_law`."""
+        """The evidence of frames with ``frame`` and ``radius_m`` of each contact.
+
+        ``sphere_radius`` (m) is the composite radius of each contact's asperity; NaN where it is not known.
+        """
         elastic = scene.need("elastic", "local forces")
         a, modulus = contacts["radius_m"].to_numpy(float), elastic.contact_modulus
         parabola = pressing_force(a, sphere_radius, contact_modulus=modulus)
@@ -133,33 +118,12 @@ class LawEvidence:
         return LawEvidence(changes, max(self.largest_radius, other.largest_radius))
 
 
-def plan_law(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> LawPlan:
-    """Decide on the law of the local forces.
-
-    Parameters
-    ----------
-    scene : Scene
-        With ``[elastic]``.
-    contacts : DataFrame
-        Contacts tables of all frames, with ``frame`` and ``radius_m``.
-    sphere_radius : ndarray, shape (n,), m
-        Composite radius of each contact's asperity; NaN where it is not known.
-
-    Returns
-    -------
-    LawPlan
-        One law for all frames: that which the worst of them calls for.
-    """
-    return decide_law(scene, LawEvidence.of(scene, contacts, sphere_radius))
-
-
 def decide_law(scene: Scene, evidence: LawEvidence) -> LawPlan:
-    """Decide on the law of the local forces from what the contacts of all frames say of it."""
+    """Decide on the law of the local forces: one for all frames, that which the worst of them calls for."""
     elastic = scene.need("elastic", "local forces")
-    changes = {} if scene.asperities is not None and scene.asperities.profiled else evidence.changes
     estimates = [
         EffectEstimate(name, change, "from the measured radii", changes={"force": change, "profile": change})
-        for name, change in changes.items()
+        for name, change in evidence.changes.items()
     ]
     tolerance = scene.tolerance
     decisions, messages = decide(

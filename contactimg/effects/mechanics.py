@@ -12,7 +12,7 @@ about the apex.
 """
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Literal
@@ -30,17 +30,13 @@ from contactimg.effects.output_change import (
 )
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
-from contactimg.models.adhesive import solve_adhesive_after
-from contactimg.models.asperity_laws import left_out_for
+from contactimg.models.adhesive import solve_adhesive
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.full_coupling import bounded_saddle
 from contactimg.models.interacting import solve_interacting
-from contactimg.models.load_spring import LoadSpring
-from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.solution import InteractingSolution
 from contactimg.models.surroundings import MeanField
 from contactimg.models.validity import close_pairs
-from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
@@ -50,19 +46,11 @@ PURPOSE = "planning the mechanical effects"
 
 MECHANICAL_EFFECTS = ("coupling", "full_coupling", "adhesion", "layer", "sphere_profile")
 
-OF_CAPS_ONLY = ("full_coupling", "adhesion", "sphere_profile")
-"""Effects whose equations hold for spherical caps of one modulus only."""
-
 THROUGH_COUPLING = ("full_coupling", "layer")
 """Effects that act only where the contacts are coupled, and are left out with coupling."""
 
 PART_CONTACTS = 300
 """Contacts up to which every effect is solved on the whole scene. Chosen by time."""
-
-RESIDUAL, RESIDUAL_FRACTION = 1e-4, 1e-2
-"""Residual of the compared solutions: this, or this fraction of the tolerance where that is smaller. Chosen
-below the smallest changes that decide."""
-
 
 FLAT_RADIUS_M = 1e6
 """Radius of the flat that presses the part of a scene."""
@@ -99,29 +87,18 @@ def coupling_level(*, coupling: bool, full_coupling: bool) -> Level:
     return "full" if full_coupling else "asymptotic"
 
 
-def refuse_profile(scene: Scene, purpose: str) -> None:
-    """Refuse asperities of a stated profile for what is defined for caps."""
-    if scene.asperities is not None and scene.asperities.profiled:
-        raise InputError(
-            f"[asperities] states a profile, and {purpose} takes caps; leave out one of the two (of the "
-            "profile profile_exponent, profile_width_m, profile_drop_m and profile_points_m)"
-        )
-
-
 def solve_scene(
     scene: Scene,
     asperities: pd.DataFrame,
     *,
-    load: float | LoadSpring,
+    load: float,
     coupling: str,
-    tolerance: float | None = None,
-    history: Sequence[float | LoadSpring] = (),
     start: InteractingSolution | None = None,
     surroundings: MeanField | None = None,
 ) -> InteractingSolution:
     """Solve the interacting model with the effects that the scene switches on.
 
-    Scene, table, load, tolerance, history and errors are those of `contactimg.prediction.predict_contacts`;
+    Scene, table, load and errors are those of `contactimg.prediction.predict_contacts`;
     ``coupling`` is one of the levels "none", "asymptotic", "hertz" and "full", and ``[effects]`` does not
     enter there. ``start`` is a solution of the same table, from which contacts without adhesion start.
     ``surroundings`` bear their share of the load.
@@ -130,28 +107,23 @@ def solve_scene(
     indenter, elastic = scene.need("indenter", "a contact model"), scene.need("elastic", "a contact model")
     effects = scene.effects
     solve: Callable[..., InteractingSolution] = partial(solve_interacting, start=start)
-    profile = stated_profile(scene)
-    if "on" in (effects.adhesion, effects.sphere_profile):
-        refuse_profile(scene, '[effects] adhesion or sphere_profile = "on"')
     if effects.adhesion == "on":
         if coupling not in ADHESIVE_COUPLINGS:
             raise InputError(
-                f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "full"'
+                f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "asymptotic", '
+                'full_coupling = "off"'
             )
-        solve = partial(solve_adhesive_after, history, work_of_adhesion=elastic.work_of_adhesion)
-    if tolerance is not None:
-        solve = partial(solve, tolerance=tolerance)
-    table = shaped_asperities(asperities, scene)
-    if surroundings is not None and not isinstance(load, LoadSpring):
-        table, load = surroundings.around(table), load - surroundings.load
+        solve = partial(solve_adhesive, work_of_adhesion=elastic.work_of_adhesion)
+    if surroundings is not None:
+        asperities, load = surroundings.around(asperities), load - surroundings.load
     return solve(
-        table,
+        asperities,
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
         apex=indenter.apex,
         load=load,
         coupling=coupling,
-        law=profile or ("sphere" if effects.sphere_profile == "on" else "hertz"),
+        law="sphere" if effects.sphere_profile == "on" else "hertz",
         thickness=elastic.thickness if effects.layer == "on" else np.inf,
         poisson_ratio=elastic.poisson_ratio,
     )
@@ -206,10 +178,6 @@ class Comparison:
         self.costs: dict[str, float] = {}
         self.reasons: dict[str, str] = {}
         self.alone = self.solve(())
-        shapes = self.alone.shapes
-        self.own_caps = "" if shapes is None else shapes.words
-        if stated_profile(scene) is not None:
-            self.own_caps = PROFILED
         off = scene.effects.switched_off(*MECHANICAL_EFFECTS)
         self.on = {"coupling"} - off
         self.on |= {name for name in ("adhesion", "layer") if name not in off and not self.lacks(name)}
@@ -240,11 +208,8 @@ class Comparison:
         scene = self.scene.model_copy(update={"effects": self.scene.effects.model_copy(update=switches)})
         level = coupling_level(coupling="coupling" in effects, full_coupling="full_coupling" in effects)
         load = self.load if "adhesion" in effects else max(self.load, 0.0)
-        residual = (
-            None if "adhesion" in effects else min(RESIDUAL, RESIDUAL_FRACTION * scene.tolerance.relative)
-        )
         began = time.thread_time()
-        solution = solve_scene(scene, self.table, load=load, coupling=level, tolerance=residual, start=start)
+        solution = solve_scene(scene, self.table, load=load, coupling=level, start=start)
         self.seconds[key] = time.thread_time() - began
         return self.solved.setdefault(key, solution)
 
@@ -258,12 +223,12 @@ class Comparison:
 
     def lacks(self, effect: str) -> str:
         """Why an effect cannot act here; empty where it can."""
-        if self.own_caps and effect in OF_CAPS_ONLY:
-            return f"not defined for asperities {self.own_caps}"
         if effect == "adhesion" and not self.elastic.work_of_adhesion > 0:
             return "no work of adhesion is stated"
         if effect == "layer" and self.elastic.thickness is None:
             return "no thickness is stated, so the body is a half-space"
+        if effect == "full_coupling" and "adhesion" in self.on:
+            return "not defined for contacts that adhere"
         if effect in THROUGH_COUPLING and "coupling" not in self.on:
             return "coupling, through which it acts, is switched off"
         return ""
@@ -308,7 +273,7 @@ class Comparison:
             without = complete - stretch * np.sum(steps, axis=0)
             changes = output_changes(
                 distance,
-                self.base.law_radius,
+                self.base.composite_radius,
                 without=self.answer(without, may_form=may_form),
                 complete=self.answer(complete, may_form=may_form),
             )
@@ -329,7 +294,7 @@ class Comparison:
         force, radius, penetration, depth = state
         forms = penetration > 0
         touches = np.where(self.by_depth, forms, (forms & may_form) | (radius > 0))
-        R, ratio = self.base.law_radius, self.elastic.work_of_adhesion / self.elastic.contact_modulus
+        R, ratio = self.base.composite_radius, self.elastic.work_of_adhesion / self.elastic.contact_modulus
         least = np.cbrt(2 * np.pi * ratio * R**2) if "adhesion" in self.on else 0 * R
         radius = np.where(radius > 0, radius, np.maximum(least, np.finfo(float).tiny))
         return Answer(np.where(touches, force, 0.0), np.where(touches, radius, 0.0), float(depth[0]))
@@ -339,13 +304,24 @@ class Comparison:
         """Squares of what the neighbours change of the curvatures of each contact, mean and saddle."""
         base = self.base
         rows = base.touching
-        if "coupling" not in self.on or self.own_caps or rows.size < 2:
+        if "coupling" not in self.on or rows.size < 2:
             return np.zeros(rows.size)
         pressed, a = base.force[rows] / self.elastic.contact_modulus, base.radius[rows]
-        R = base.law_radius[rows]
+        R = base.composite_radius[rows]
         fields = DenseCoupling(base.x[rows], base.y[rows], Kernel.of_thickness(np.inf)).fields
         own = fields(pressed, a, bounded_saddle(fields(pressed, a), R))
         return np.asarray(R**2 * (own.curvature**2 + own.saddle_x**2 + own.saddle_y**2))
+
+    def change_by_fields(self) -> dict[str, float]:
+        """Change of each output by full coupling, without adhesion; 1 where that has no solution."""
+        dry = self.on - {"adhesion"}
+        try:
+            states = [self.state(self.solve(effects)) for effects in (dry, dry | {"full_coupling"})]
+        except (ConvergenceError, ModelRangeError):
+            return dict.fromkeys(WRITTEN, 1.0)
+        without, complete = (self.answer(state, may_form=False) for state in states)
+        distance = np.hypot(self.base.x - self.apex[0], self.base.y - self.apex[1])
+        return output_changes(distance, self.base.composite_radius, without=without, complete=complete)
 
     def part(self, contacts: int) -> "Comparison":
         """The asperities about the apex among which so many are in contact, lowered as by all the others.
@@ -359,14 +335,14 @@ class Comparison:
         x, y, force = base.x[rows], base.y[rows], base.force[rows]
         lowered = DenseCoupling(x, y, Kernel.of_thickness(np.inf)).displacement(force)
         # by Hertz's law of a half-space, which has no layer below the contact itself
-        hertz = np.cbrt(9 / 16 * (force / self.elastic.contact_modulus) ** 2 / base.law_radius[rows])
+        radius = base.composite_radius[rows]
+        hertz = np.cbrt(9 / 16 * (force / self.elastic.contact_modulus) ** 2 / radius)
         height = np.where(force > 0, hertz, base.penetration[rows]) + lowered / self.elastic.contact_modulus
         height += float(np.max(base.height)) - height.min()
-        table = pd.DataFrame({"x_m": x, "y_m": y, "height_m": height, "radius_m": base.law_radius[rows]})
-        flat = self.scene.need("indenter", PURPOSE).model_copy(update={"radius": FLAT_RADIUS_M, "tilt": 0.0})
+        table = pd.DataFrame({"x_m": x, "y_m": y, "height_m": height, "radius_m": radius})
+        flat = self.scene.need("indenter", PURPOSE).model_copy(update={"radius": FLAT_RADIUS_M})
         elastic = self.elastic.model_copy(update={"thickness": None})
-        changed = {"sample": None, "indenter": flat, "elastic": elastic}
-        scene = self.scene.model_copy(update=changed)
+        scene = self.scene.model_copy(update={"indenter": flat, "elastic": elastic})
         return Comparison(scene, table, float(force.sum()))
 
 
@@ -526,10 +502,7 @@ def _limits(whole: Comparison, load: float) -> list[str]:
     gap = whole.base.base_gap
     if gap.beyond_models:
         raise ModelRangeError(f"at {load:g} N {gap.sentence}; lower the load")
-    limits = list(whole.base.validity.messages())
-    if whole.own_caps:
-        limits.append(left_out_for(whole.own_caps))
-    return limits
+    return whole.base.validity.messages()
 
 
 def _model_error(near: Comparison) -> ModelError:
@@ -537,9 +510,9 @@ def _model_error(near: Comparison) -> ModelError:
     force = near.base.force[near.base.touching]
     total = float(np.abs(force).sum())
     square = float(np.abs(force) @ near.curvature_changes) / total if total > 0 else 0.0
+    errors = {name: factor * square for name, factor in SECOND_ORDER.items()}
     source = "estimated from the square of what the neighbours change of the curvatures"
-    if near.own_caps:
-        source += f"; for asperities {near.own_caps} there is no solution to compare with"
-    if "adhesion" in near.on:
-        source += "; with adhesion compared on pairs and hexagons only"
-    return ModelError({name: factor * square for name, factor in SECOND_ORDER.items()}, source)
+    if {"adhesion", "coupling"} <= near.on:
+        errors = {name: errors.get(name, 0.0) + change for name, change in near.change_by_fields().items()}
+        source += ", and from full coupling without adhesion"
+    return ModelError(errors, source)

@@ -28,7 +28,7 @@ def unmodelled_effects(
     Parameters
     ----------
     solution : InteractingSolution or None
-        Contacts of spherical caps; there is no estimate without, nor for other caps.
+        There is no estimate without.
     law : {"hertz", "sphere"}
         That of the solution which is planned.
     output : str
@@ -40,10 +40,10 @@ def unmodelled_effects(
         ``finite_strain``: of area, radii and Hertz forces at the forces of the solution, and of the forces at
         its radii; ``cap_slope``: of area and forces.
     """
-    if solution is None or solution.shapes is not None or not solution.touching.size:
+    if solution is None or not solution.touching.size:
         return ()
     rows, (x0, y0) = solution.touching, solution.conditions.apex
-    a, R, weight = solution.radius[rows], solution.law_radius[rows], np.abs(solution.force[rows])
+    a, R, weight = solution.radius[rows], solution.composite_radius[rows], np.abs(solution.force[rows])
     load = strain_factor(a / R, law)
     area = a**2 * (load ** (-2 / 3) - 1)
     radius = a * (load ** (-1 / 3) - 1)

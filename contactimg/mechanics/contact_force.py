@@ -1,6 +1,5 @@
-"""The force on a contact of a given radius: of a paraboloid, sphere or profile, and what adhesion takes."""
+"""The force on a contact of a given radius: of a paraboloid or sphere, and what adhesion takes."""
 
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -8,7 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz, sphere
-from contactimg.mechanics.profiles import AxisymmetricProfile
 
 Values = NDArray[np.float64]
 
@@ -24,7 +22,7 @@ def pressing_force(
     sphere_radius: ArrayLike,
     *,
     contact_modulus: float,
-    law: ForceLaw | AxisymmetricProfile = "hertz",
+    law: ForceLaw = "hertz",
 ) -> Values:
     """Force (N) that presses contacts to their radius, without adhesion.
 
@@ -35,14 +33,12 @@ def pressing_force(
     radius, sphere_radius : array_like, m
         They broadcast.
     contact_modulus : float, Pa
-    law : {"hertz", "sphere"} or AxisymmetricProfile
-        For a profile ``sphere_radius`` does not matter.
+    law : {"hertz", "sphere"}
 
     Returns
     -------
     ndarray
-        NaN where a radius is not known, by the sphere's law for a contact as wide as its sphere, and for one
-        wider than a profile is described.
+        NaN where a radius is not known, and by the sphere's law for a contact as wide as its sphere.
 
     Raises
     ------
@@ -54,10 +50,8 @@ def pressing_force(
     >>> pressing_force([3e-5], 1e-4, contact_modulus=4e6).round(8)
     array([0.00144])
     """
-    if not isinstance(law, str):
-        return contact_modulus * _of_profile(law, np.asarray(radius, float), law.force)
     if law not in ("hertz", "sphere"):
-        raise InputError(f'law must be "hertz" or "sphere", or a profile, got {law!r}')
+        raise InputError(f'law must be "hertz" or "sphere", got {law!r}')
     a, R = np.broadcast_arrays(np.asarray(radius, float), np.asarray(sphere_radius, float))
     known = np.isfinite(a) & np.isfinite(R)
     if law == "sphere":
@@ -70,24 +64,14 @@ def pressing_force(
     return force
 
 
-def _of_profile(profile: AxisymmetricProfile, radius: Values, function: Callable[[Values], Values]) -> Values:
-    """A function of contact radii where the profile describes these; 0 at 0, NaN elsewhere."""
-    result = np.where(radius == 0, 0.0, np.nan)
-    described = (radius > 0) & (radius <= profile.widest)
-    result[described] = function(radius[described])
-    return result
-
-
-def force_exponents(
-    radius: ArrayLike, sphere_radius: ArrayLike, *, law: ForceLaw | AxisymmetricProfile = "hertz"
-) -> Values:
+def force_exponents(radius: ArrayLike, sphere_radius: ArrayLike, *, law: ForceLaw = "hertz") -> Values:
     """Exponent ``d ln p/d ln a`` of the force law at each contact: 3 for Hertz, more for the sphere.
 
     Parameters
     ----------
     radius, sphere_radius : array_like, m
         They broadcast.
-    law : {"hertz", "sphere"} or AxisymmetricProfile
+    law : {"hertz", "sphere"}
 
     Returns
     -------
@@ -104,13 +88,8 @@ def force_exponents(
     >>> force_exponents([1e-6, 5e-5], 1e-4, law="sphere").round(3)
     array([3.   , 3.258])
     """
-    if not isinstance(law, str):
-        # dP/ddelta = 2 E* a
-        return _of_profile(
-            law, np.asarray(radius, float), lambda a: 2 * a**2 * law.steepness(a) / law.force(a)
-        )
     if law not in ("hertz", "sphere"):
-        raise InputError(f'law must be "hertz" or "sphere", or a profile, got {law!r}')
+        raise InputError(f'law must be "hertz" or "sphere", got {law!r}')
     a, R = np.broadcast_arrays(np.asarray(radius, float), np.asarray(sphere_radius, float))
     exponent = np.where(np.isfinite(a) & np.isfinite(R), HERTZ_EXPONENT, np.nan)
     if law == "sphere":

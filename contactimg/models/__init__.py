@@ -9,14 +9,12 @@ Read in this order:
 - ``solution`` and ``validity``: what a solved problem is, and how far it is from the limits of the models;
 - ``interacting``: every contact of a pattern, elastically coupled. Below it ``composite_summits``
   (asperities and lens combined, for all loads), ``scaled_problem`` (removes the dimensions),
-  ``asperity_laws`` (one contact), ``cap_shapes`` (ellipsoids, unequal moduli), ``profile_law`` (any
-  axisymmetric profile), ``coupling`` and ``fast_coupling`` (displacement by the neighbours),
+  ``asperity_laws`` (one contact), ``coupling`` and ``fast_coupling`` (displacement by the neighbours),
   ``full_coupling`` (their field over the width of a contact), ``newton_iteration``, ``contact_solver`` (puts
   these together);
 - ``base_gap``: whether the base planes touch between the asperities; ``surroundings``: what a pattern that
   goes on beyond the table would carry;
-- ``adhesive``: the same with JKR adhesion, along loading and unloading
-  (contacts that break and form, with their fields under full coupling);
+- ``adhesive``: the same with JKR adhesion, along loading and unloading (contacts break and form);
 - ``height_distributions``, ``greenwood_williamson``, ``greenwood_tripp``: averages over random surfaces;
 - ``ensemble``: many random patterns, one after the other.
 """

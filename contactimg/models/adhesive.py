@@ -6,10 +6,8 @@ becomes unstable. The set of contacts is therefore passed on from load to load; 
 method finds radii and indentation, with a dense, unsymmetric system.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,10 +16,9 @@ from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.asperity_laws import LAWS, AdhesiveLaw
-from contactimg.models.coupling import QUARTIC, DenseCoupling, Kernel
-from contactimg.models.full_coupling import CapCorrection, bounded_saddle, pressure_radius
+from contactimg.models.conditions import ContactConditions
+from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.interacting import check_layer, solve_interacting
-from contactimg.models.load_spring import ContactConditions, LoadSpring, prescribed
 from contactimg.models.proof import (
     ADHESION_RANGE_J_M2,
     MAX_RELATIVE_ERROR,
@@ -36,11 +33,7 @@ from contactimg.models.solution import InteractingSolution
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-COUPLINGS = ("none", "asymptotic", "full")
-
-FIRST_SUBSTEPS, MOST_SUBSTEPS = 8, 128
-"""Steps between two loads of a path, at first and at most. Chosen: in one step from 20 to 1 mN a pattern lost
-two of its twelve contacts, in eight none."""
+COUPLINGS = ("none", "asymptotic")
 
 ROUNDING_FRACTION = 1e-11
 """Error of the sum of adhesive forces, relative to the sum of their magnitudes, that counts as rounding.
@@ -61,10 +54,6 @@ of the error up to which a solution counts as converged."""
 MIN_STEP_FRACTION = 2.0**-30
 """Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
 
-MAX_FIELD_UPDATES, FIELD_UPDATE_CHANGE = 30, 1e-10
-"""Most updates of the field corrections of full coupling, and the change of the contact radii, relative to
-the largest, at which they have converged. Chosen by hand, close to the tolerance of the radii."""
-
 
 @refuse_beyond_floats
 def solve_adhesive(
@@ -73,7 +62,7 @@ def solve_adhesive(
     indenter_radius: float,
     contact_modulus: float,
     work_of_adhesion: float,
-    load: float | LoadSpring | None = None,
+    load: float | None = None,
     indentation: float | None = None,
     apex: tuple[float, float] = (0.0, 0.0),
     coupling: str = "asymptotic",
@@ -94,11 +83,10 @@ def solve_adhesive(
     contact_modulus : float, Pa
     work_of_adhesion : float, J/m^2
     load, indentation : float, N or m
-        Exactly one of the two. The load may be a pull and the indentation negative while contacts hold. A
-        `LoadSpring` as the load prescribes the displacement of a stage that presses through a spring.
+        Exactly one of the two. The load may be a pull and the indentation negative while contacts hold.
     apex : (float, float), m
-    coupling : {"none", "asymptotic", "full"}
-        As in `solve_interacting`.
+    coupling : {"none", "asymptotic"}
+        As in `solve_interacting`; full coupling is that of Hertz's pressure, not of JKR's.
     law : {"hertz", "sphere"}
         Profile of an asperity: the paraboloid of JKR's law, or the exact sphere.
     thickness : float, m
@@ -125,7 +113,7 @@ def solve_adhesive(
     ModelRangeError
         If the load is a stronger pull than the contacts bear.
     ConvergenceError
-        If the field corrections of full coupling do not converge.
+        If no set of contacts is found in equilibrium.
 
     Notes
     -----
@@ -158,26 +146,20 @@ def solve_adhesive(
     check_range("work_of_adhesion", w, ADHESION_RANGE_J_M2, "J/m^2")
     check_choice("coupling", coupling, COUPLINGS)
     check_choice("law", law, LAWS)
-    wanted = prescribed(load, indentation)
     conditions = ContactConditions(
-        indenter_radius, float(contact_modulus), apex, float(thickness), *wanted, poisson_ratio
+        indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation, poisson_ratio
     )
     conditions.check()
     problem = scale_problem(asperities, conditions, depth=_depth_unit(asperities, conditions, w))
-    if problem.shapes is not None:
-        raise InputError(
-            f"the caps are {problem.shapes.words}; adhesion is defined for spherical caps of one modulus"
-        )
     held = start is not None and bool(start.radius.any())  # without contacts nothing is remembered
     previous = start if start is not None and held else None
     if previous is None:  # the contacts without adhesion are the least that first loading brings about
-        free = conditions.load
         previous = solve_interacting(
             asperities,
             indenter_radius=indenter_radius,
             contact_modulus=conditions.contact_modulus,
-            load=free if free is None or isinstance(free, LoadSpring) else max(free, 0.0),
-            indentation=conditions.indentation,
+            load=None if load is None else max(load, 0.0),
+            indentation=indentation,
             apex=apex,
             coupling="none" if coupling == "none" else "asymptotic",
             law=law,
@@ -202,8 +184,6 @@ def solve_adhesive(
         max_iterations,
     )
     state, steps = path.follow(previous, first=not held)
-    if coupling == "full":
-        path, state, steps = path.refined(state, steps)
     solution = problem.record(
         *state.scattered(problem.order.size),
         indentation=state.indentation,
@@ -220,7 +200,7 @@ def solve_adhesive(
 def solve_adhesive_path(
     asperities: pd.DataFrame,
     *,
-    loads: Iterable[float | LoadSpring],
+    loads: Iterable[float],
     indenter_radius: float,
     contact_modulus: float,
     work_of_adhesion: float,
@@ -231,8 +211,8 @@ def solve_adhesive_path(
     Parameters
     ----------
     asperities : DataFrame
-    loads : iterable of float, N, or of LoadSpring
-        Up and down; a pull is negative.
+    loads : iterable of float, N
+        Up and down, in steps so small that half of them lead to the same contacts; a pull is negative.
     indenter_radius : float, m
     contact_modulus : float, Pa
     work_of_adhesion : float, J/m^2
@@ -258,86 +238,11 @@ def solve_adhesive_path(
             indenter_radius=indenter_radius,
             contact_modulus=contact_modulus,
             work_of_adhesion=work_of_adhesion,
-            load=load if isinstance(load, LoadSpring) else float(load),
+            load=float(load),
             start=previous,
             **options,
         )
         yield previous
-
-
-def solve_adhesive_after(
-    history: Iterable[float | LoadSpring],
-    asperities: pd.DataFrame,
-    *,
-    load: float | LoadSpring,
-    indenter_radius: float,
-    contact_modulus: float,
-    work_of_adhesion: float,
-    **options: Any,
-) -> InteractingSolution:
-    """The solution at a load that is reached slowly after other loads.
-
-    Between two loads the contacts are followed in steps so small that half of them lead to the same contacts.
-
-    Parameters
-    ----------
-    history : iterable of float, N, or of LoadSpring
-        The loads before, in order.
-    asperities, load, indenter_radius, contact_modulus, work_of_adhesion
-        As in `solve_adhesive`.
-    **options
-        Further keywords of `solve_adhesive`.
-    """
-    solve = partial(
-        solve_adhesive,
-        asperities,
-        indenter_radius=indenter_radius,
-        contact_modulus=contact_modulus,
-        work_of_adhesion=work_of_adhesion,
-        **options,
-    )
-    levels = [*history, load]
-    solution = solve(load=levels[0])
-    for before, after in pairwise(levels):
-        solution = _continuous(solve, solution, before, after)
-    return solution
-
-
-def _continuous(
-    solve: Callable[..., InteractingSolution],
-    start: InteractingSolution,
-    first: float | LoadSpring,
-    last: float | LoadSpring,
-) -> InteractingSolution:
-    """Follow the contacts between two loads in steps so small that half of them lead to the same set."""
-    coarse: InteractingSolution | None = None
-    steps = FIRST_SUBSTEPS
-    while steps <= MOST_SUBSTEPS:
-        fine: InteractingSolution | None = start
-        try:
-            for level in _levels(first, last, steps):
-                fine = solve(load=level, start=fine)
-        except ConvergenceError:
-            fine = None
-        if fine is not None and coarse is not None and np.array_equal(fine.touching, coarse.touching):
-            return fine
-        coarse, steps = fine, 2 * steps
-    raise ConvergenceError(
-        "the adhesive contacts on the loading path still depend on its steps: "
-        f"{MOST_SUBSTEPS} from one load to the next hold other contacts than half as many; state more loads"
-    )
-
-
-def _levels(first: float | LoadSpring, last: float | LoadSpring, steps: int) -> Iterator[float | LoadSpring]:
-    """Loads or displacements on the way; loads of one sign in equal ratios."""
-    if isinstance(first, LoadSpring) and isinstance(last, LoadSpring):
-        for way in np.linspace(first.displacement, last.displacement, steps + 1)[1:]:
-            yield replace(last, displacement=float(way))
-    elif isinstance(first, LoadSpring) or isinstance(last, LoadSpring):
-        raise InputError("a loading path is of loads or of displacements of the stage, not of both")
-    else:
-        space = np.geomspace if first * last > 0 else np.linspace
-        yield from map(float, space(first, last, steps + 1)[1:])
 
 
 def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of_adhesion: float) -> float:
@@ -345,10 +250,9 @@ def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of
     if not len(asperities):
         raise InputError("the asperity table is empty: no asperity can adhere")
     radius, E = float(np.median(asperities["radius_m"])), conditions.contact_modulus
-    hertz = (0.75 * abs(conditions.force or 0.0) / E / np.sqrt(radius)) ** (2 / 3)
-    depth = abs(conditions.depth or 0.0)
-    pressed = min(hertz, depth) if conditions.spring is not None else max(hertz, depth)
-    return float(max(pressed, np.cbrt(radius * (work_of_adhesion / E) ** 2)))
+    hertz = (0.75 * abs(conditions.load or 0.0) / E / np.sqrt(radius)) ** (2 / 3)
+    depth = abs(conditions.indentation or 0.0)
+    return float(max(hertz, depth, np.cbrt(radius * (work_of_adhesion / E) ** 2)))
 
 
 def _status(
@@ -367,19 +271,15 @@ def _status(
     size = max(float(np.abs(depth).max(initial=0.0)), p.depth)
     punch = np.sqrt(8 * np.pi * law.adhesion * radius**3) * conditions.contact_modulus
     total, borne = float(np.sum(np.abs(force) + punch)), float(force.sum())
-    load = conditions.force if conditions.spring is None else None
+    load = conditions.load
     away = abs(borne - (load or 0.0))
     errors = {"sum of the forces": 0.0 if load is None else away / (abs(load) or total or 1.0)}
-    if conditions.spring is not None:
-        errors["sum of the forces"] = conditions.spring.imbalance(borne, solution.indentation)
     if rows.size:
         state.contacts.refuse_engulfed(state.contact_radius)
         caps = p.caps_in_metres(p.caps[rows])
         law_force = law.force(radius, caps) * conditions.contact_modulus
         errors["forces at the contact radii"] = float(np.abs(law_force - force).sum()) / total
-        lowered = (
-            p.gap[rows] - path.bare_gap[rows] + state.contacts.matrix @ (force / p.force_unit)
-        ) * p.depth
+        lowered = state.contacts.matrix @ (force / p.force_unit) * p.depth
         errors["penetrations"] = float(np.abs(law.penetration(radius, caps) - depth + lowered).max()) / size
     below = load and errors["sum of the forces"] > MAX_RELATIVE_ERROR and away <= ROUNDING_FRACTION * total
     if below:
@@ -389,11 +289,6 @@ def _status(
         return (
             f"the load of {load:.6g} N is below the accuracy of the adhesive forces, {total:.3g} N: "
             f"they sum to the load within {away:.3g} N"
-        )
-    if state.unsettled > MAX_RELATIVE_ERROR:
-        return (
-            "full coupling of the adhesive contacts did not settle: with the fields of the neighbours "
-            f"the contact radii still change by {state.unsettled:.2g} of the largest"
         )
     overlap = path.penetration(state.contacts, state.force, state.indentation, np.arange(p.gap.size))
     overlap[rows] = -np.inf
@@ -417,7 +312,6 @@ class AdhesiveState:
     penetration: Values
     indentation: float
     residual: float
-    unsettled: float = 0.0
 
     @property
     def rows(self) -> Rows:
@@ -440,12 +334,6 @@ class AdhesivePath:
     kernel: Kernel | None
     tolerance: float
     max_iterations: int
-    base: ScaledProblem | None = None
-
-    @property
-    def bare_gap(self) -> Values:
-        """Gaps without what full coupling adds to them."""
-        return (self.base or self.problem).gap
 
     def penetration(self, contacts: "AdhesiveContacts", force: Values, depth: float, rows: Rows) -> Values:
         """Overlaps of some asperities with the indenter as the contacts displace the surface."""
@@ -464,73 +352,14 @@ class AdhesivePath:
         """
         p = self.problem
         radius = previous.radius[p.order] / p.length
-        reached = p.indentation >= 0 if p.load is None or p.stiffness else True
+        reached = p.load is not None or p.indentation >= 0
         if first and not radius.any() and reached:
             radius[0] = self.law.touch_radius(p.caps[:1])[0]
         return self._settle(radius, previous.indentation / p.depth, first=first)
 
-    def refined(self, state: AdhesiveState, steps: int) -> tuple["AdhesivePath", AdhesiveState, int]:
-        """Full coupling from the state with point forces: alternate field corrections and contacts.
-
-        If they do not settle, the iteration that came closest, with what the radii still changed by.
-        """
-        path, closest, difference = self, (np.inf, self, state), np.inf
-        for _ in range(MAX_FIELD_UPDATES):
-            if not state.rows.size:
-                return path, state, steps
-            guess = np.zeros(self.problem.order.size)
-            guess[state.rows] = state.contact_radius
-            path = replace(self, problem=self._refine(path.problem, state, guess), base=self.problem)
-            following, steps = path._settle(guess.copy(), state.indentation, first=False, steps=steps)
-            _, radius, _ = following.scattered(guess.size)
-            difference, state = float(np.abs(radius - guess).max() / guess.max()), following
-            if difference <= FIELD_UPDATE_CHANGE:
-                return path, state, steps
-            if difference < closest[0]:
-                closest = difference, path, state
-        unsettled, path, state = closest
-        return path, replace(state, unsettled=unsettled), steps
-
-    def _refine(self, at: ScaledProblem, state: AdhesiveState, contact_radius: Values) -> ScaledProblem:
-        """The problem with the neighbours' fields over the width of each contact, at a state.
-
-        ``at`` holds the shifted summits. The terms are those of `contactimg.models.full_coupling` with JKR's
-        pressure: Hertz's at the same contact radius minus that of a flat punch. What makes a contact elliptic
-        is taken as without adhesion at the same contact radius.
-        """
-        p, aspect = self.problem, self.law.aspect
-        near = np.flatnonzero((contact_radius > 0) | (state.indentation > p.gap))
-        x, y, a, radius = at.x[near], at.y[near], contact_radius[near], p.radius[near]
-        force, pull = state.scattered(p.gap.size)[0][near], np.sqrt(8 * np.pi * self.law.adhesion * a**3)
-        kernel = self.kernel if self.kernel is not None else Kernel.of_thickness(np.inf)
-        pairs = DenseCoupling(x, y, kernel)
-        wide = pressure_radius(a, radius, aspect)
-        fields = pairs.fields(force, wide, bounded_saddle(pairs.fields(force, wide), radius))
-        # the punch of the same force displaces by p a^2/(15 r^3) more, of which these are the derivatives
-        moment, weight = pull * a**2, (pull > 0).astype(np.float64)
-        own = pairs.fields(moment, weight)
-        fields = fields._replace(
-            excess=fields.excess - _punch_over_hertz(x, y, pull, a),
-            curvature=fields.curvature - own.quartic * 0.3 / QUARTIC,
-        )
-        if kernel.thinness:  # and of a layer 1/15 of the sum of p a^2 times the Laplacian of its deficit
-            half_space = DenseCoupling(x, y, Kernel.of_thickness(np.inf)).fields(moment, weight)
-            fields.excess[:] += (half_space.curvature - own.curvature) * 2 / 15
-        terms = CapCorrection.of(fields, radius, a, aspect)
-        gap, bends, place = p.gap.copy(), np.zeros((p.gap.size, 2)), np.stack([p.x, p.y])
-        place[:, near] += np.stack([terms.shift_x, terms.shift_y])
-        gap[near] += terms.shifted_rise
-        bends[near] = terms.bends
-        return replace(p, x=place[0], y=place[1], gap=gap, bends=bends)
-
-    def _settle(
-        self, guess: Values, depth: float, *, first: bool, steps: int = 0
-    ) -> tuple[AdhesiveState, int]:
-        """Newton for one set of contacts after the other, from guessed radii and indentation.
-
-        ``steps`` were taken before for the same solution; they are in the number returned.
-        """
-        p, rows = self.problem, np.flatnonzero(guess)
+    def _settle(self, guess: Values, depth: float, *, first: bool) -> tuple[AdhesiveState, int]:
+        """Newton for one set of contacts after the other, from guessed radii and indentation."""
+        p, rows, steps = self.problem, np.flatnonzero(guess), 0
         broken = np.zeros(guess.size, dtype=bool)
         while rows.size:
             if first:
@@ -559,18 +388,17 @@ class AdhesivePath:
     def _parted(self) -> AdhesiveState:
         """The state without contacts, after the last one has broken."""
         p = self.problem
-        loaded = p.load is not None and not p.stiffness
         if p.load is not None and p.load > 0:
             raise ConvergenceError(
                 f"no contacts were found in equilibrium under the load of {p.load * p.force_unit:.6g} N; "
                 "approach it in smaller steps, or start at a higher load"
             )
-        if loaded and p.load is not None and p.load < 0:
+        if p.load is not None and p.load < 0:
             raise ModelRangeError(
                 "load must not be below pull-off: the contacts cannot bear a pull of "
                 f"{-p.load * p.force_unit:.6g} N"
             )
-        none, depth = np.zeros(0), 0.0 if loaded else p.indentation
+        none, depth = np.zeros(0), p.indentation
         contacts = AdhesiveContacts(self, np.zeros(0, dtype=np.intp))
         return AdhesiveState(contacts, none, none, depth - p.gap, depth, 0.0)
 
@@ -625,7 +453,7 @@ class AdhesiveContacts:
         """Errors of the penetrations and of the load."""
         penetration = self.path.law.penetration(a, self.caps)
         force, load = self.path.law.force(a, self.caps), self.path.problem.load
-        missing = 0.0 if load is None else load - self.path.problem.stiffness * depth - float(force.sum())
+        missing = 0.0 if load is None else load - float(force.sum())
         return penetration + self.matrix @ force + self.gap - depth, missing
 
     def residual(self, error: Values, missing: float, depth: float) -> float:
@@ -652,7 +480,7 @@ class AdhesiveContacts:
     def balanced(self, a: Values, missing: float) -> bool:
         """Whether the forces sum to the load within `LOAD_TOLERANCE`, or within their rounding errors."""
         load = self.path.problem.load
-        if not load or self.path.problem.stiffness or abs(missing) <= LOAD_TOLERANCE * abs(load):
+        if not load or abs(missing) <= LOAD_TOLERANCE * abs(load):
             return True
         rounding = 8 * np.finfo(float).eps * float(np.sum(np.abs(self.path.law.force(a, self.caps))))
         return bool(abs(missing) <= rounding)
@@ -666,7 +494,7 @@ class AdhesiveContacts:
         back, sink = np.linalg.solve(jacobian, np.column_stack([error, np.ones(a.size)])).T
         if self.path.problem.load is None:
             return -back, 0.0
-        rise = float((missing + stiffness @ back) / (stiffness @ sink + self.path.problem.stiffness))
+        rise = float((missing + stiffness @ back) / (stiffness @ sink))
         return rise * sink - back, rise
 
     def state(self, a: Values, depth: float, residual: float) -> AdhesiveState:
@@ -680,20 +508,3 @@ class AdhesiveContacts:
         penetration[near] = path.penetration(self, force, depth, near)
         penetration[self.rows] = path.law.penetration(a, self.caps)
         return AdhesiveState(self, a, force, penetration, depth, residual)
-
-
-def _punch_over_hertz(x: Values, y: Values, pull: Values, a: Values) -> Values:
-    """Displacement of a half-space by flat punches minus that by Hertz's pressure of the same forces."""
-    loaded = np.flatnonzero(a)
-    r = np.hypot(x[:, None] - x[loaded], y[:, None] - y[loaded])
-    apart = r > 0
-    ratio = a[loaded] / np.where(apart, r, np.inf)
-    inner = np.clip(ratio, 1e-3, 1.0)
-    punch = np.arcsin(inner) / inner
-    hertz = 0.75 * ((2 * inner**2 - 1) * punch + np.sqrt(1 - inner**2)) / inner**2
-    close = np.where(ratio > 1e-3, punch - hertz, ratio**2 / 15)
-    inside = np.pi / 2 / np.maximum(ratio, 1.0) - 0.75 * np.pi * (1 - 0.5 / np.maximum(ratio, 1.0) ** 2) / (
-        np.maximum(ratio, 1.0)
-    )
-    difference = np.where(ratio > 1, inside, close)
-    return np.where(apart, difference / np.where(apart, r, 1.0), 0.0) @ pull[loaded] / np.pi

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.errors import InputError
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.coupling import Kernel, displacement_excess, layer_deficit
 from contactimg.models.fast_coupling import FastCoupling
-from contactimg.models.load_spring import ContactConditions
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -103,7 +103,7 @@ class GapField:
     contacts : ndarray, shape (4, m)
         Positions, forces (N) and radii of their contacts, lengths in m.
     base : ndarray or None
-        Height of the sample below each cap on a curved sample, or under a tilted lens, m.
+        Height of the sample below each cap where it is not flat, m.
     """
 
     conditions: ContactConditions

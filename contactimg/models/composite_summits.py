@@ -8,13 +8,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.models.cap_shapes import CapShapes
 from contactimg.surfaces import (
     BASE_COLUMN,
-    MODULUS_COLUMN,
     base_radius,
     composite_columns,
-    equivalent_radii,
 )
 from contactimg.timings import stage
 
@@ -33,19 +30,16 @@ class CompositeSummits:
         Columns of `contactimg.surfaces.composite_apexes`, in the order of the table.
     height : ndarray, m
         Heights above the plane they stand on, in the order of the table.
-    shapes : CapShapes or None
-        Of caps that are not spheres of one modulus, in the order of the table.
     discs : ndarray, shape (3, n), m
         Position of each cap on the base and radius of the disc that it covers there.
     base : ndarray or None, m
-        Height of the base below each summit, on a curved sample or under a tilted lens.
+        Height of the base below each summit, where it is not flat.
     place : tuple
         Radius of the lens and position of its apex, m.
     """
 
     apexes: dict[str, Values]
     height: Values
-    shapes: CapShapes | None
     discs: Values
     base: Values | None
     place: tuple[float, tuple[float, float]]
@@ -69,12 +63,11 @@ class CompositeSummits:
                     "over the table"
                 )
             return asperities
-        _refuse_moduli(asperities)
         apexes = composite_columns(asperities, indenter_radius=indenter_radius, apex=apex)
         x, y, height = asperities[["x_m", "y_m", "height_m"]].to_numpy(dtype=np.float64).T
         base = asperities[BASE_COLUMN].to_numpy(dtype=np.float64) if BASE_COLUMN in asperities else None
-        discs = np.stack([x, y, base_radius(height, equivalent_radii(asperities))])
-        return cls(apexes, height, CapShapes.of(apexes), discs, base, place)
+        discs = np.stack([x, y, base_radius(height, asperities["radius_m"])])
+        return cls(apexes, height, discs, base, place)
 
     def __len__(self) -> int:
         return self.height.size
@@ -102,16 +95,5 @@ class CompositeSummits:
 
     @cached_property
     def radius(self) -> Values:
-        """Composite radius, m, in that order; of shapes that of spheres with the same force at a depth."""
-        radius = self.apexes["radius_m"] if self.shapes is None else self.shapes.depth_radius
-        return radius[self.order]
-
-
-def _refuse_moduli(asperities: pd.DataFrame) -> None:
-    """Refuse moduli that have not been compared with that of a scene."""
-    if "young_modulus_Pa" in asperities and asperities["young_modulus_Pa"].notna().any():
-        raise InputError(
-            "asperities: young_modulus_Pa has no meaning here without the modulus of the other material; "
-            f"hand over the column {MODULUS_COLUMN}, the contact modulus of each asperity over "
-            "contact_modulus, or take predict_contacts with a scene"
-        )
+        """Composite radius, m, in that order."""
+        return self.apexes["radius_m"][self.order]

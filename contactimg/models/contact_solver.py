@@ -207,8 +207,7 @@ class ContactSolver:
 
     def _system(self, candidates: ScaledProblem, operator: Coupling) -> ContactSystem:
         """The equations of the candidates with their coupling."""
-        load = candidates.load, candidates.stiffness
-        return ContactSystem(candidates.gap, candidates.caps, self.law, operator, *load)
+        return ContactSystem(candidates.gap, candidates.caps, self.law, operator, candidates.load)
 
     def _reach(self, alone: Iterate) -> float:
         """Upper estimate of the indentation: uncoupled forces, their displacement under the largest added."""

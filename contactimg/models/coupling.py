@@ -41,23 +41,19 @@ class NewtonSystem:
         ``s = sqrt(2 a)``.
     side : ndarray, shape (n,)
         ``b``.
-    missing : float
-        ``m``: by how much the sum of the forces is to rise; 0 at prescribed indentation.
-    stiffness : float
-        ``k`` of the load cell: 0 at prescribed load, infinite at prescribed indentation.
+    missing : float or None
+        By how much the sum of the forces is to rise; None at prescribed indentation.
     """
 
     scale: Values
     side: Values
-    missing: float = 0.0
-    stiffness: float = np.inf
+    missing: float | None = None
 
     def eliminate(self, from_side: Values, from_scale: Values) -> tuple[Values, float]:
         """The solution from those of ``A z = b`` and of ``A z = s``."""
-        if np.isinf(self.stiffness):
+        if self.missing is None:
             return from_side, 0.0
-        rise = self.missing - float(self.scale @ from_side)
-        rise /= float(self.scale @ from_scale) + self.stiffness
+        rise = (self.missing - float(self.scale @ from_side)) / float(self.scale @ from_scale)
         return from_side + rise * from_scale, rise
 
 
@@ -73,14 +69,14 @@ def conjugate_gradients(
     ``tolerance`` is that of the residual, relative to ``b`` and to what the rise adds to it.
     """
     scale, shared = system.scale, precondition(system.scale)
-    share = 1 / (system.stiffness + float(scale @ shared))
+    share = 0.0 if system.missing is None else 1 / float(scale @ shared)
 
     def conditioned(residual: Values) -> tuple[Values, float]:
         change = precondition(residual)
         rise = -share * float(scale @ change)
         return change + rise * shared, rise
 
-    rise = system.missing * share
+    rise = (system.missing or 0.0) * share
     solution = rise * shared
     residual = system.side + rise * scale - (apply(solution) if rise else 0.0)
     goal = tolerance**2 * float(system.side @ system.side + (rise * scale) @ (rise * scale))
@@ -343,12 +339,7 @@ class DenseCoupling:
     @stage("coupling sums")
     def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
         """The neighbours' fields, summed pair by pair."""
-        k = self._kernel
-        loaded = np.flatnonzero(force * contact_radius)
-        long = elongation(contact_radius, saddle)
-        table = k.thinness, k.value, k.slope
-        sums = _pair_fields(self._x, self._y, loaded, force, contact_radius, long, *table)
-        return k.relieved(Fields(*sums), force, contact_radius)
+        return summed_fields((self._x, self._y), self._kernel, force, contact_radius, saddle)
 
     def at_positions(self, x: Values, y: Values) -> "DenseCoupling":
         """A coupling of the same kind between candidates at other places."""
@@ -542,6 +533,21 @@ def _distant_fields(dx, dy, strength, size2, long_x, long_y):  # type: ignore[no
         cubic_x -= CUBIC * weight * inverse2 * dx[j]
         cubic_y -= CUBIC * weight * inverse2 * dy[j]
     return excess, slope_x, slope_y, curvature, quartic, saddle_x, saddle_y, cubic_x, cubic_y
+
+
+def summed_fields(
+    places: tuple[Values, Values],
+    kernel: Kernel,
+    force: Values,
+    contact_radius: Values,
+    saddle: Values | None,
+) -> Fields:
+    """The fields at candidates by those that bear a force, pair by pair."""
+    loaded = np.flatnonzero(force * contact_radius)
+    long = elongation(contact_radius, saddle)
+    table = kernel.thinness, kernel.value, kernel.slope
+    sums = _pair_fields(*places, loaded, force, contact_radius, long, *table)
+    return kernel.relieved(Fields(*sums), force, contact_radius)
 
 
 @njit(cache=True)

@@ -9,7 +9,6 @@ The pairs of the first part are found in square cells as wide as the cutoff, and
 once. ``erf(b r)/r`` is an even function of ``r``; a table over ``r^2`` gives it to 1e-12.
 """
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,18 +22,12 @@ from scipy.special import erf, erfc, erfcinv
 from contactimg.compiled import njit
 from contactimg.errors import InputError
 from contactimg.models.coupling import (
-    CUBIC,
-    EXTENT_CURVATURE,
-    EXTENT_SLOPE,
-    QUARTIC,
-    SADDLE,
     DenseCoupling,
     Fields,
     Kernel,
     NewtonSystem,
     conjugate_gradients,
-    displacement_excess,
-    elongation,
+    summed_fields,
 )
 from contactimg.timings import stage
 
@@ -137,23 +130,6 @@ class NearFieldSum:
         _store_pairs(*sorted_points, _smooth_table(self._cutoff, self._sharpness), begins, others, values)
         return begins, others, values
 
-    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
-        """Contribution of the near pairs to the fields."""
-        sums = _near_fields(
-            self._x,
-            self._y,
-            force[self._order],
-            contact_radius[self._order],
-            elongation(contact_radius, saddle)[:, self._order],
-            self._bounds,
-            self._cells,
-            self._cutoff**2,
-            self._sharpness,
-        )
-        parts = np.empty_like(sums)
-        parts[:, self._order] = sums
-        return Fields(*parts)
-
 
 def _smooth_table(cutoff: float, sharpness: float) -> Values:
     """``erf(b r)/r`` and its derivative in ``r^2`` times the spacing, at evenly spaced ``r^2``."""
@@ -233,50 +209,6 @@ def _stored_sum(begins, others, values, q):  # type: ignore[no-untyped-def]  # p
             total += values[k] * q[j]
             result[j] += values[k] * q[i]
         result[i] += total
-    return result
-
-
-@njit(cache=True, error_model="numpy")
-def _near_fields(x, y, force, contact_radius, long, bounds, cells, cutoff2, sharpness):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
-    """The fields at every candidate by the loaded ones within the cutoff.
-
-    In full where the Fourier series has no part: the higher terms.
-    """
-    n = x.size
-    result = np.zeros((9, n))
-    for cell in range(cells * cells):
-        row, column = cell // cells, cell % cells
-        for i in range(bounds[cell], bounds[cell + 1]):
-            for near_row in range(max(row - 1, 0), min(row + 2, cells)):
-                begin = bounds[near_row * cells + max(column - 1, 0)]
-                end = bounds[near_row * cells + min(column + 1, cells - 1) + 1]
-                for j in range(begin, end):
-                    dx, dy = x[i] - x[j], y[i] - y[j]
-                    r2 = dx * dx + dy * dy
-                    if i == j or r2 >= cutoff2 or force[j] == 0.0:
-                        continue
-                    r = np.sqrt(r2)
-                    rest = math.erfc(sharpness * r) / r
-                    bell = 2 * sharpness / np.sqrt(np.pi) * np.exp(-sharpness * sharpness * r2)
-                    laplacian = (rest + bell) / r2 + 2 * sharpness * sharpness * bell
-                    strength = force[j] / np.pi
-                    slope = -strength * (rest + bell) / r2
-                    smooth = 1.0 / (r2 * r) - laplacian
-                    own = displacement_excess(contact_radius[j] / r) / r if contact_radius[j] > 0 else 0.0
-                    result[0, i] += strength * (own - 0.1 * contact_radius[j] ** 2 * smooth)
-                    fifth = strength / (r2 * r2 * r)
-                    extent = contact_radius[j] ** 2 * fifth
-                    slope -= EXTENT_SLOPE * extent
-                    result[1, i] += slope * dx
-                    result[2, i] += slope * dy
-                    result[3, i] += 0.5 * strength * laplacian + EXTENT_CURVATURE * extent
-                    result[4, i] += QUARTIC * fifth
-                    along, across = dx * dx - dy * dy, 2.0 * dx * dy
-                    result[0, i] -= (long[0, j] * along + long[1, j] * across) / (r2 * r2 * r)
-                    result[5, i] += SADDLE * fifth * along
-                    result[6, i] += SADDLE * fifth * across
-                    result[7, i] -= CUBIC * fifth * dx
-                    result[8, i] -= CUBIC * fifth * dy
     return result
 
 
@@ -426,22 +358,12 @@ class FastCoupling:
         turn = 2 * np.pi / (self._modes * self._cell)
         return np.exp(-1j * (self._modes // 4 - self._rim // 2) * turn * y).astype(self._complex)
 
-    def _to_modes(self, force: Values) -> Complex:
-        """Fourier coefficients of the smooth displacement by forces."""
-        modes: Complex = self._plans[0].execute(self._shift * force.astype(self._real))
-        modes *= self._multiplier
-        return modes
-
-    def _from_modes(self, modes: Complex) -> Values:
-        """The function of Fourier coefficients at the candidates."""
-        values: Complex = self._plans[1].execute(modes)
-        values *= np.conj(self._shift)
-        return values.real.astype(np.float64)
-
     @stage("coupling sums")
     def displacement(self, force: Values) -> Values:
         """``C q`` at every candidate."""
-        far = self._from_modes(self._to_modes(force))
+        to_modes, from_modes = self._plans
+        modes = to_modes.execute(self._shift * force.astype(self._real)) * self._multiplier
+        far = (from_modes.execute(modes) * np.conj(self._shift)).real.astype(np.float64)
         # the smooth part's own value
         far -= (self._sharpness * 2 / np.pi**1.5 - self._kernel.relief[0] / np.pi) * force
         return far + self._near.sum(force)
@@ -487,24 +409,5 @@ class FastCoupling:
 
     @stage("coupling sums")
     def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
-        """The neighbours' fields: pairs within the cutoff plus the Fourier series.
-
-        Saddle, cubic and quartic terms and those of the neighbours' extent come from those pairs alone.
-        """
-        turn = 2 * np.pi / (self._modes * self._cell)
-        k_x = turn * np.arange(-self._modes // 2, self._modes // 2)[:, None]
-        k_y = turn * np.arange(-self._rim, self._modes // 2)
-        widening = force * contact_radius**2 / 10
-        modes = self._to_modes(force)
-        slope_x, slope_y = (self._from_modes(1j * k * modes) for k in (k_x, k_y))
-        curvature = self._from_modes(-0.5 * (k_x**2 + k_y**2) * modes)
-        excess = self._from_modes(-(k_x**2 + k_y**2) * self._to_modes(widening))
-        own = -8 / 3 * self._sharpness**3 / np.pi**1.5  # Laplacian of the smooth part at its centre
-        near = self._near.fields(force, contact_radius, saddle)
-        found = near._replace(
-            excess=near.excess + excess - own * widening,
-            slope_x=near.slope_x + slope_x,
-            slope_y=near.slope_y + slope_y,
-            curvature=near.curvature + curvature - own * 0.5 * force,
-        )
-        return self._kernel.relieved(found, force, contact_radius)
+        """The neighbours' fields, summed pair by pair."""
+        return summed_fields((self._x, self._y), self._kernel, force, contact_radius, saddle)

@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.mechanics.layer_contact import LARGEST_RATIO
-from contactimg.mechanics.profiles import AxisymmetricProfile, ProfileUnderLens
 from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, AsperityLaw, LayerLaw, asperity_law
 from contactimg.models.composite_summits import CompositeSummits
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
-from contactimg.models.load_spring import ContactConditions, LoadSpring, prescribed
 from contactimg.models.newton_iteration import ContactSystem
-from contactimg.models.profile_law import ProfileLaw
 from contactimg.models.proof import check_finite, judge, refuse_beyond_floats, relative_error
 from contactimg.models.scaled_problem import ScaledProblem, check_choice, scale_problem
 from contactimg.models.solution import InteractingSolution
@@ -39,11 +37,11 @@ def solve_interacting(
     *,
     indenter_radius: float,
     contact_modulus: float,
-    load: float | LoadSpring | None = None,
+    load: float | None = None,
     indentation: float | None = None,
     apex: tuple[float, float] = (0.0, 0.0),
     coupling: str = "asymptotic",
-    law: str | AxisymmetricProfile = "hertz",
+    law: str = "hertz",
     thickness: float = np.inf,
     poisson_ratio: float = 0.5,
     start: InteractingSolution | None = None,
@@ -56,16 +54,13 @@ def solve_interacting(
     Parameters
     ----------
     asperities : DataFrame or CompositeSummits
-        Columns ``x_m, y_m, height_m, radius_m``; for ellipsoidal caps ``radius_2_m, azimuth_rad``, for caps
-        of unequal modulus ``modulus_ratio``: the contact modulus of each contact over ``contact_modulus``.
-        Both with law ``"hertz"`` and coupling ``"none"`` or ``"asymptotic"``.
+        Columns ``x_m, y_m, height_m, radius_m``.
     indenter_radius : float, m
         Radius of the lens; infinite for a flat.
     contact_modulus : float, Pa
         ``E* = E/(1 - nu^2)``.
     load, indentation : float, N or m
-        Exactly one of the two; the indentation counts from first touch. A `LoadSpring` as the load prescribes
-        the displacement of a stage that presses through a spring.
+        Exactly one of the two; the indentation counts from first touch.
     apex : (float, float), m
         Where the lens's apex stands.
     coupling : {"none", "asymptotic", "hertz", "full"}
@@ -74,13 +69,11 @@ def solve_interacting(
         Hertz's pressure over the width of a contact, to the sixth power of ``a/r``
         (`contactimg.models.full_coupling`). ``"hertz"``: that of Hertz's pressure at the summit alone, the
         original form of the model.
-    law : {"hertz", "sphere"} or AxisymmetricProfile
-        Profile of one asperity: a paraboloid, the exact sphere (Sneddon), or any other: a `PowerLawProfile`,
-        a `TabulatedProfile`, or an object with their methods, with coupling ``"none"`` or ``"asymptotic"``.
+    law : {"hertz", "sphere"}
+        Profile of one asperity: a paraboloid, or the exact sphere (Sneddon).
     thickness : float, m
         Of a layer bonded to a rigid support; infinite for a half-space. Each cap follows the exact law of a
-        layer, up to contact radii of two thicknesses; ellipsoids, caps of unequal modulus and profiles that
-        of a half-space on the surface that the support has lifted.
+        layer, up to contact radii of two thicknesses.
     poisson_ratio : float
         Of the layer.
     start : InteractingSolution, optional
@@ -129,9 +122,8 @@ def solve_interacting(
     30.0
     """
     _check(coupling, law, method, load)
-    wanted = prescribed(load, indentation)
     conditions = ContactConditions(
-        indenter_radius, float(contact_modulus), apex, float(thickness), *wanted, poisson_ratio
+        indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation, poisson_ratio
     )
     problem = scale_problem(asperities, conditions)
     if not problem.touches:
@@ -142,12 +134,9 @@ def solve_interacting(
             f"got one of {start.force.size}"
         )
     seed = None if start is None or not start.force.any() else start.force[problem.order] / problem.force_unit
-    exact = isinstance(law, str) and problem.shapes is None and coupling != "none" and np.isfinite(thickness)
-    kernel = Kernel.of_thickness(thickness / problem.length, poisson_ratio, between=exact)
-    profile = _local_law(law, conditions, problem.length, problem.depth, poisson_ratio if exact else None)
-    if isinstance(profile, ProfileLaw):
-        profile.check(np.zeros(0), coupling)
-    _check_shapes(problem, coupling, law)
+    layered = coupling != "none" and np.isfinite(thickness)
+    kernel = Kernel.of_thickness(thickness / problem.length, poisson_ratio, between=layered)
+    profile = _local_law(law, conditions, problem.length, problem.depth, poisson_ratio if layered else None)
     solver = ContactSolver(
         problem,
         profile,
@@ -171,56 +160,33 @@ def solve_interacting(
         iterations=steps,
         residual=iterate.residual,
     )
-    in_si = _local_law(law, conditions, 1.0, 1.0, poisson_ratio if exact else None)
+    in_si = _local_law(law, conditions, 1.0, 1.0, poisson_ratio if layered else None)
     forces = forces_from_indentation(solution, problem, system, in_si)
-    if isinstance(profile, ProfileLaw):
-        profile.check(solution.radius, coupling)
     status = prove_forces(solution, problem.order, conditions, forces * float(contact_modulus), tolerance)
     return solution if status == solution.status else replace(solution, status=status)
 
 
-def _check(
-    coupling: str, law: str | AxisymmetricProfile, method: str, load: float | LoadSpring | None
-) -> None:
+def _check(coupling: str, law: str, method: str, load: float | None) -> None:
     """Refuse choices that are unknown and a load that pulls."""
     check_choice("coupling", coupling, COUPLINGS)
-    if isinstance(law, str):
-        check_choice("law", law, LAWS)
+    check_choice("law", law, LAWS)
     check_choice("method", method, METHODS)
-    if load is not None and not isinstance(load, LoadSpring) and load < 0:
+    if load is not None and load < 0:
         raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
 
 
-def _check_shapes(problem: ScaledProblem, coupling: str, law: str | AxisymmetricProfile) -> None:
-    """Refuse what holds for spheres of one modulus only, if the caps are not."""
-    if problem.shapes is None:
-        return
-    words = problem.shapes.words
-    if coupling in ("hertz", "full"):
-        raise InputError(
-            f'coupling "{coupling}" is defined for spherical caps of one modulus, and these are {words}; '
-            'take "asymptotic"'
-        )
-    if law != "hertz":
-        raise InputError(
-            f"the caps are {words}, for which only Hertz's law is defined, not the sphere's nor a profile's"
-        )
-
-
 def _local_law(
-    law: str | AxisymmetricProfile,
+    law: str,
     conditions: ContactConditions,
     length: float,
     depth: float,
     poisson_ratio: float | None,
 ) -> AsperityLaw:
     """The law of one asperity in units of length and depth (m); with Poisson's ratio that of a layer."""
-    if isinstance(law, str) and poisson_ratio is not None:
+    if poisson_ratio is not None:
         aspect = depth / length if law == "sphere" else 0.0
         return LayerLaw(AdhesiveLaw(0.0, aspect, conditions.thickness / length, poisson_ratio))
-    if isinstance(law, str):
-        return asperity_law(law, aspect=depth / length)
-    return ProfileLaw(ProfileUnderLens(law, conditions.indenter_radius), length, depth)
+    return asperity_law(law, aspect=depth / length)
 
 
 def check_layer(contact_radius: Values, thickness: float) -> None:
@@ -264,18 +230,14 @@ def prove_forces(
     if not np.isfinite(total + radius.sum() + expected.sum() + solution.indentation):
         check_finite({"force": force, "contact radius": radius, "force at the indentation": expected})
         check_finite({"indentation": solution.indentation})
-    prescribed = conditions.force if conditions.spring is None else None
-    size = prescribed if prescribed is not None else total or 1.0
+    size = conditions.load if conditions.load is not None else total or 1.0
     if np.any(force < 0) or np.any((force > 0) != (radius > 0)):
         raise ConvergenceError(
             "a contact of the solution pulls, or has a force without a radius: loads, lengths and moduli may "
             "be too many orders of magnitude apart; check their units"
         )
-    balance = relative_error(total, size)
-    if conditions.spring is not None:
-        balance = conditions.spring.imbalance(total, solution.indentation)
     errors = {
-        "sum of the forces": balance,
+        "sum of the forces": relative_error(total, size),
         "forces at the indentation": float(np.abs(expected - force[rows]).sum()) / size,
     }
     return judge(errors, tolerance)
@@ -288,19 +250,17 @@ Measured: on SA+ and RA+ it saves a Newton step up to there; from a ratio of 1.6
 """
 
 
-def _is_similar(load: float | LoadSpring, previous: InteractingSolution | None) -> bool:
+def _is_similar(load: float, previous: InteractingSolution | None) -> bool:
     """Whether a solution is a good start at a load."""
     if previous is None or not previous.load > 0:
         return False
-    if isinstance(load, LoadSpring):
-        return True
     return previous.load / SIMILAR_LOADS <= load <= previous.load * SIMILAR_LOADS
 
 
 def solve_loads(
     asperities: pd.DataFrame | CompositeSummits,
     *,
-    loads: Iterable[float | LoadSpring],
+    loads: Iterable[float],
     indenter_radius: float,
     contact_modulus: float,
     **options: Any,
@@ -310,7 +270,7 @@ def solve_loads(
     Parameters
     ----------
     asperities : DataFrame or CompositeSummits
-    loads : iterable of float, N, or of LoadSpring
+    loads : iterable of float, N
     indenter_radius : float, m
     contact_modulus : float, Pa
     **options

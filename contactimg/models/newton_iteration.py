@@ -48,9 +48,7 @@ class ContactSystem:
     law : AsperityLaw
     coupling : Coupling
     load : float or None
-        ``P`` over ``E*``, at zero indentation with a load cell; None when the indentation is prescribed.
-    stiffness : float
-        Of the load cell: by how much the load falls with the indentation; 0 for a prescribed load.
+        ``P`` over ``E*``; None when the indentation is prescribed.
     """
 
     gap: Values
@@ -58,7 +56,6 @@ class ContactSystem:
     law: AsperityLaw
     coupling: Coupling
     load: float | None
-    stiffness: float = 0.0
 
     def response(self, penetration: Values) -> tuple[Values, Values]:
         """Forces and contact radii at penetrations."""
@@ -105,7 +102,7 @@ def evaluate_iterate(
 ) -> Iterate:
     """Evaluate penetrations, forces and residual for given forces and indentation."""
     carried, contact_radius = system.response(indentation - system.gap - displacement)
-    load = float(carried.sum()) if system.load is None or system.stiffness else system.load
+    load = float(carried.sum()) if system.load is None else system.load
     difference = float(np.abs(carried - force).sum())
     residual = difference / load if load > 0 else float(difference > 0)
     return Iterate(force, indentation, displacement, carried, contact_radius, residual)
@@ -115,8 +112,6 @@ def solve_uncoupled(
     system: ContactSystem, offset: Values, load: float, *, guess: float = np.inf, accuracy: float = EXACT
 ) -> float:
     """Find the indentation at which independent contacts under the gaps ``g + offset`` bear a load.
-
-    The load falls with the indentation if the system has a load cell.
 
     The load is a convex, increasing function of the indentation: Newton's method started above the root
     descends to it, and started below first steps above. ``guess`` is an indentation to start from,
@@ -131,18 +126,15 @@ def solve_uncoupled(
         depth = guess - lowest
     else:
         for _ in range(MAX_DOUBLINGS):
-            if not _bearing(system, lowest + depth - gap)[0] < load - system.stiffness * (lowest + depth):
+            if not _bearing(system, lowest + depth - gap)[0] < load:
                 break
             depth *= 2
     for _ in range(100):
         total, stiffness = _bearing(system, lowest + depth - gap)
         if not stiffness > 0:
             break
-        wanted = load - system.stiffness * (lowest + depth)
-        step = (total - wanted) / (stiffness + system.stiffness)
-        if not system.stiffness and wanted > 0:
-            # Newton's method for the power 2/3 of the load, which is convex as well and nearly straight
-            step = 1.5 * total * (1 - np.cbrt(wanted / total) ** 2) / stiffness
+        # Newton's method for the power 2/3 of the load, which is convex as well and nearly straight
+        step = 1.5 * total * (1 - np.cbrt(load / total) ** 2) / stiffness
         depth = max(depth - step, 0.5 * depth)
         if abs(step) <= accuracy * depth:
             break
@@ -159,16 +151,15 @@ def initial_iterate(system: ContactSystem, force: Values, indentation: float) ->
     """First iterate from uncoupled forces, or from the forces of a solution at a similar load.
 
     At prescribed load the displacement by these forces is kept fixed and the indentation adjusted to bear the
-    load. At prescribed indentation, or behind a load cell, the forces are scaled until they agree with the
-    penetrations in their sum. The start is the mean of these forces and those that follow from the resulting
-    penetrations.
+    load. At prescribed indentation the forces are scaled until they agree with the penetrations in their
+    sum. The start is the mean of these forces and those that follow from the resulting penetrations.
     """
-    displacement, loaded = system.coupling.displacement(force), None if system.stiffness else system.load
+    displacement, loaded = system.coupling.displacement(force), system.load
     if loaded is not None:
         guess = indentation + float(force @ displacement) / float(force.sum())
         indentation = solve_uncoupled(system, displacement, loaded, guess=guess, accuracy=START_ACCURACY)
     else:
-        factor, indentation = _self_consistent_factor(system, force, displacement, indentation)
+        factor = _self_consistent_factor(system, force, displacement, indentation)
         force, displacement = factor * force, factor * displacement
     mixed = 0.5 * (force + system.response(indentation - system.gap - displacement)[0])
     if loaded is not None:
@@ -183,19 +174,14 @@ def initial_iterate(system: ContactSystem, force: Values, indentation: float) ->
 
 def _self_consistent_factor(
     system: ContactSystem, force: Values, displacement: Values, indentation: float
-) -> tuple[float, float]:
-    """Factor by which to scale the forces so that their sum agrees with the penetrations, by bisection.
-
-    With the indentation there, which a load cell lowers as the forces grow.
-    """
+) -> float:
+    """Factor by which to scale the forces so that their sum agrees with the penetrations, by bisection."""
     low, high, total = 0.0, 1.0, float(force.sum())
     for _ in range(30):
         middle = 0.5 * (low + high)
-        if system.load is not None:
-            indentation = (system.load - middle * total) / system.stiffness
         bears_more = _bearing(system, indentation - system.gap - middle * displacement)[0] > middle * total
         low, high = (middle, high) if bears_more else (low, middle)
-    return 0.5 * (low + high), indentation
+    return 0.5 * (low + high)
 
 
 def take_step(system: ContactSystem, at: Iterate, tolerance: float) -> Iterate | None:
@@ -236,9 +222,8 @@ def _direction(
     accuracy = min(1e-2, max(1e-10, 0.1 * at.residual, wanted))
     linear = NewtonSystem(scale, right)
     if system.load is not None:
-        available = system.load - system.stiffness * at.indentation
-        missing = available - float(at.force.sum()) - float(leaving.sum())
-        linear = NewtonSystem(scale, right, missing, system.stiffness)
+        missing = system.load - float(at.force.sum()) - float(leaving.sum())
+        linear = NewtonSystem(scale, right, missing)
     solution, rise = system.coupling.solve_newton_system(active, linear, accuracy)
     change[active] = scale * solution
     return change, rise

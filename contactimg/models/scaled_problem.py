@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.asperity_laws import Caps
-from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.composite_summits import CompositeSummits
-from contactimg.models.load_spring import ContactConditions
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.timings import stage
@@ -31,24 +30,15 @@ class ScaledProblem:
     x, y, gap, radius : ndarray
         Composite apexes; ``gap`` is the depth below the highest apex.
     load : float or None
-        None if the indentation is prescribed; with a load cell the load at zero indentation.
+        None if the indentation is prescribed.
     indentation : float
-        The prescribed indentation, or the displacement of the load cell; 0 if the load is prescribed.
+        The prescribed indentation; 0 if the load is prescribed.
     order : ndarray
         Rows of the asperities in the table.
     length, depth, force_unit : float
     summits : CompositeSummits
         In the order of the table, m.
     conditions : ContactConditions
-    stiffness : float
-        Of the load cell; 0 without one.
-    shapes : CapShapes or None
-        Of caps that are not spheres of one modulus, in the order of the table; ``radius`` is then that of the
-        spheres with the same force at a penetration.
-    bases : ndarray, shape (n, 2), or None
-        Their bases.
-    bends : ndarray, shape (n, 2), or None
-        What the neighbours add to the profiles (`Caps.bends`), where they adhere under full coupling.
     """
 
     x: Values
@@ -63,15 +53,11 @@ class ScaledProblem:
     force_unit: float
     summits: CompositeSummits
     conditions: ContactConditions
-    stiffness: float = 0.0
-    shapes: CapShapes | None = None
-    bases: Values | None = None
-    bends: Values | None = None
 
     @property
     def caps(self) -> Caps:
         """What the law of an asperity needs to know of each."""
-        return Caps(self.radius, self.bases, self.bends)
+        return Caps(self.radius)
 
     @property
     def height(self) -> Values:
@@ -91,15 +77,14 @@ class ScaledProblem:
 
     def caps_in_metres(self, caps: Caps) -> Caps:
         """The caps of a law in SI units."""
-        bases = None if caps.bases is None else caps.bases * [1 / self.length, self.length]
         length, depth = self.length, self.depth
         bends = None if caps.bends is None else caps.bends * [depth / length**2, depth / length**4]
-        return Caps(caps.radius * self.radius_unit, bases, bends)
+        return Caps(caps.radius * self.radius_unit, bends)
 
     @property
     def touches(self) -> bool:
         """Whether the prescribed load or indentation brings any asperity into contact."""
-        if self.load and (self.load > 0 or not self.stiffness):
+        if self.load:
             if not self.order.size:
                 raise InputError("the asperity table is empty: nothing can bear the load")
             return True
@@ -120,8 +105,6 @@ class ScaledProblem:
             gap=self.gap[rows],
             radius=self.radius[rows],
             order=self.order[rows],
-            bases=None if self.bases is None else self.bases[rows],
-            bends=None if self.bends is None else self.bends[rows],
         )
 
     def duplicates(self) -> tuple[int, int] | None:
@@ -163,13 +146,9 @@ class ScaledProblem:
         residual: float = 0.0,
     ) -> InteractingSolution:
         """The solution in SI units, from dimensionless numbers."""
-        radius = self.scattered(contact_radius * self.length)
-        if self.shapes is not None:
-            radius = self.shapes.contact_radius(self.scattered(force * self.length * self.depth))
-            self.shapes.check(radius)
         return InteractingSolution(
             force=self.scattered(force * self.force_unit),
-            radius=radius,
+            radius=self.scattered(contact_radius * self.length),
             summits=self.summits,
             conditions=self.conditions,
             penetration=self.scattered(penetration * self.depth, fill=-np.inf),
@@ -199,8 +178,7 @@ def scale_problem(
     """
     setting.check()
     summits = CompositeSummits.of(asperities, indenter_radius=setting.indenter_radius, apex=setting.apex)
-    shapes, radius, order = summits.shapes, summits.radius, summits.order
-    bases = None if shapes is None else shapes.bases
+    radius, order = summits.radius, summits.order
     highest = float(radius[0]) if order.size else 1.0
     if depth is None:
         depth = _natural_depth(setting, highest) or highest
@@ -211,24 +189,19 @@ def scale_problem(
         y=summits.y / length,
         gap=summits.gap / depth,
         radius=radius / highest,
-        load=None if setting.force is None else setting.force / unit,
-        indentation=(setting.depth or 0.0) / depth,
+        load=None if setting.load is None else setting.load / unit,
+        indentation=(setting.indentation or 0.0) / depth,
         order=order,
         length=length,
         depth=depth,
         force_unit=unit,
         summits=summits,
         conditions=setting,
-        stiffness=0.0 if setting.spring is None else setting.spring.stiffness * depth / unit,
-        shapes=shapes,
-        bases=None if bases is None else bases[order] * [length, 1 / length],
     )
 
 
 def _natural_depth(setting: ContactConditions, highest: float) -> float:
     """Unit of height for a load or an indentation, m; zero if neither is positive."""
-    depths = [max(setting.depth, 0.0)] if setting.depth is not None else []
-    if setting.force is not None:
-        hertz = 0.75 * setting.force / setting.contact_modulus / np.sqrt(highest)
-        depths.append(float(max(hertz, 0.0) ** (2 / 3)))
-    return min(depths)
+    if setting.load is None:
+        return max(setting.indentation or 0.0, 0.0)
+    return float((0.75 * max(setting.load, 0.0) / setting.contact_modulus / np.sqrt(highest)) ** (2 / 3))

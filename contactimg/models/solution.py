@@ -8,9 +8,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.models.base_gap import BaseGap, GapField
-from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.composite_summits import CompositeSummits
-from contactimg.models.load_spring import ContactConditions
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.validity import Validity, assess, contact_flags
 from contactimg.tables import CONTACTS
 
@@ -26,7 +25,7 @@ class InteractingSolution:
     force : ndarray, shape (n,), N
         One value an asperity, in the order of the table; zero out of contact.
     radius : ndarray, shape (n,), m
-        Contact radii ``a``, of ellipses ``sqrt(a b)``; zero out of contact.
+        Contact radii ``a``; zero out of contact.
     penetration : ndarray, shape (n,), m
         ``delta``: indentation of each asperity; where it is negative, the gap that remains; -inf for an
         asperity too far from contact to be solved for.
@@ -74,7 +73,7 @@ class InteractingSolution:
 
     @property
     def composite_radius(self) -> Values:
-        """The radius of curvature (m) in the contact's law; of ellipsoids the geometric mean of the two."""
+        """The radius of curvature (m) in the contact's law."""
         return self.summits.apexes["radius_m"]
 
     @property
@@ -86,11 +85,6 @@ class InteractingSolution:
     def thickness(self) -> float:
         """Thickness of the layer, m; infinite for a half-space."""
         return self.conditions.thickness
-
-    @property
-    def shapes(self) -> CapShapes | None:
-        """Shapes of caps that are not spheres of one modulus."""
-        return self.summits.shapes
 
     @cached_property
     def base_gap(self) -> BaseGap:
@@ -122,30 +116,12 @@ class InteractingSolution:
         """Real contact area ``A = sum pi a^2``, m^2."""
         return float(np.pi * np.sum(self.radius**2))
 
-    @property
-    def law_radius(self) -> Values:
-        """Radii R (m) with which Hertz's ``4 E* a^3/(3 R)`` is the force, ``E*`` that of the scene."""
-        return self.composite_radius if self.shapes is None else self.shapes.area_radius
-
-    @property
-    def _widths(self) -> tuple[Values, Values]:
-        """Half the widths of the contacts, and the radii (m) that these are compared with for ``a/R``."""
-        if self.shapes is None:
-            return self.radius, self.composite_radius
-        stretch = np.sqrt(self.shapes.axis_ratio)
-        return self.radius / stretch, self.shapes.strain_radius / stretch
-
     @cached_property
     def validity(self) -> Validity:
         """How far the solution is from the limits of the model."""
-        rows, (half_width, radius) = self.touching, self._widths
-        return assess(
-            self.x[rows],
-            self.y[rows],
-            half_width[rows],
-            radius=radius[rows],
-            planes=self.base_gap,
-        )
+        rows = self.touching
+        radius = self.composite_radius[rows]
+        return assess(self.x[rows], self.y[rows], self.radius[rows], radius=radius, planes=self.base_gap)
 
     def contacts(self, frame: str = "") -> pd.DataFrame:
         """The contacts as a table of the schema `CONTACTS`, in the order of the asperities.
@@ -162,10 +138,6 @@ class InteractingSolution:
         """
         rows = self.touching
         x, y, a = self.x[rows], self.y[rows], self.radius[rows]
-        ratio, angle = np.ones(rows.size), np.full(rows.size, np.nan)
-        if self.shapes is not None:
-            ratio = self.shapes.axis_ratio[rows]
-            angle = np.where(ratio < 1, self.shapes.azimuth[rows], np.nan)
         return CONTACTS.conform(
             pd.DataFrame(
                 {
@@ -175,14 +147,13 @@ class InteractingSolution:
                     "y_m": y,
                     "radius_m": a,
                     "area_m2": np.pi * a**2,
-                    "shape": np.where(ratio < 1, "ellipse", "disk"),
-                    "semi_major_m": a / np.sqrt(ratio),
-                    "semi_minor_m": a * np.sqrt(ratio),
-                    "angle_rad": angle,
+                    "shape": "disk",
+                    "semi_major_m": a,
+                    "semi_minor_m": a,
                     "holes": 0,
                     "asperity": rows,
                     "force_N": self.force[rows],
-                    "flags": contact_flags(x, y, *(widths[rows] for widths in self._widths)),
+                    "flags": contact_flags(x, y, a, self.composite_radius[rows]),
                 }
             )
         )

@@ -102,7 +102,8 @@ def check_experiment(
     InputError
         If no frame shows a contact, whose contrast and blur are needed; the message gives the first reason.
     """
-    scene, _, sites = asperities_and_sites(experiment.scene)
+    scene = experiment.scene
+    _, sites = asperities_and_sites(scene)
     call = partial(_check_frame, options=FrameOptions.of(scene, sites), seed=seed)
     parts = list(for_each_frame(experiment, call, workers=workers, advance=advance))
     failed = [part.row for part in parts if isinstance(part, FailedFrame)]

@@ -3,7 +3,6 @@
 import logging
 import warnings
 from dataclasses import dataclass, field, replace
-from functools import partial
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +11,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.effects.mechanics import refuse_profile
 from contactimg.effects.optics import measuring
 from contactimg.errors import FrameWarning, InputError
 from contactimg.files import read_part
@@ -28,7 +26,6 @@ from contactimg.pipeline.parallel import FailedFrame
 from contactimg.pose import Pose
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED, SHARED_SHIFTS, Status
-from contactimg.tradeoff.choice import Choice, measure_cheapest
 
 logger = logging.getLogger(__name__)
 
@@ -208,8 +205,6 @@ class MeasuredFrame:
         Contrast (grey levels) and blur that the frame alone shows; None where it shows nothing.
     level : float
         Grey level of its background; 0 where that was subtracted before.
-    choice : Choice or None
-        How it was measured and why, where that was chosen for a tolerance.
     film : FilmVerdict or None
         What its rims say of an air film; None where none was looked for.
     cubes : SumOfCubes or None
@@ -221,7 +216,6 @@ class MeasuredFrame:
     where: FrameTables | str | None
     own_optics: SharedOptics | None = None
     level: float = 0.0
-    choice: Choice | None = None
     film: FilmVerdict | None = None
     cubes: SumOfCubes | None = None
 
@@ -284,18 +278,15 @@ class FrameOptions:
         Its ``[measure]``, ``[images]`` and ``[effects]`` apply.
     film : FilmSetting or None
         Rim that the air film may draw around the contacts.
-    relative : float or None
-        Tolerance of the scene's output, for which each frame's method is chosen; None for the scene's method.
     """
 
     scene: Scene
     film: FilmSetting | None
-    relative: float | None
 
     @classmethod
-    def of(cls, scene: Scene, sites: pd.DataFrame | None, relative: float | None = None) -> "FrameOptions":
+    def of(cls, scene: Scene, sites: pd.DataFrame | None) -> "FrameOptions":
         """Those of a scene with these composite summits."""
-        return cls(scene, film_setting(scene, sites), relative)
+        return cls(scene, film_setting(scene, sites))
 
 
 def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None:
@@ -316,15 +307,13 @@ def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None
     InputError
         If the film is switched on, and the pixel size or the asperities' radius is not known.
     """
-    asked, profiled = scene.effects.film, scene.asperities is not None and scene.asperities.profiled
+    asked = scene.effects.film
     if scene.measure.method != "disk":
         return None
-    if asked == "on":
-        refuse_profile(scene, '[effects] film = "on"')
     radius = common_radius(scene, None)
     if not np.isfinite(radius) and sites is not None and len(sites):
         radius = float(sites["radius_m"].mean())
-    if profiled or (asked != "on" and (scene.camera is None or not np.isfinite(radius))):
+    if asked != "on" and (scene.camera is None or not np.isfinite(radius)):
         return None
     camera = scene.need("camera", 'measuring with [effects] film = "on"')
     if not np.isfinite(radius):
@@ -344,7 +333,7 @@ def measure_scene_frame(
     *,
     options: FrameOptions,
 ) -> MeasuredFrame:
-    """Measure one frame by the scene's method, or by the cheapest one that meets a tolerance.
+    """Measure one frame by the scene's method.
 
     Parameters
     ----------
@@ -356,15 +345,8 @@ def measure_scene_frame(
     edits : tuple of HandEdit
     options : FrameOptions
     """
-    scene, film, choice = options.scene, options.film, None
-    if options.relative is not None and optics is None:
-        measure = partial(measuring(scene, frame.full_scale), film=film)
-        output = scene.tolerance.output
-        measurement, choice = measure_cheapest(
-            frame.image, reference, measure=measure, relative=options.relative, output=output
-        )
-    else:
-        measurement = measure_prepared(frame, reference, scene, film=film, optics=optics, edits=edits)
+    scene, film = options.scene, options.film
+    measurement = measure_prepared(frame, reference, scene, film=film, optics=optics, edits=edits)
     tables = FrameTables(
         contacts_table(measurement, frame.name),
         REJECTED.conform(measurement.rejected.assign(frame=frame.name)),
@@ -376,10 +358,9 @@ def measure_scene_frame(
         tables,
         measurement.own_optics if len(measurement.disks) else None,
         measurement.level,
-        choice,
         measurement.film,
         SumOfCubes.of(tables.contacts),
-    ).with_remarks(choice or "")
+    )
 
 
 def measure_prepared(

@@ -7,28 +7,15 @@ from functools import lru_cache
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.mechanics import OF_CAPS_ONLY, refuse_profile
 from contactimg.errors import InputError
 from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
 from contactimg.frame import Frame
 from contactimg.imaging.background.pooled.references import average_references
-from contactimg.models.asperity_laws import left_out_for
-from contactimg.models.cap_shapes import CapShapes
-from contactimg.models.load_spring import LoadSpring
-from contactimg.models.profile_law import PROFILED, stated_profile
-from contactimg.prediction import Prescribed, load_name
-from contactimg.sample_shape import shaped_asperities
+from contactimg.prediction import load_name
 from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
 
 logger = logging.getLogger(__name__)
-
-SOLVER_SHARE = 0.01
-"""Fraction of a tolerance that the residual of the solver may use up; the effects that are left out have the
-rest. Chosen by hand; sensitivity not measured."""
-
-MIN_RESIDUAL = 1e-11
-"""Smallest residual that is requested. Chosen: every solver reaches it in double precision."""
 
 
 @lru_cache(maxsize=1)
@@ -81,52 +68,20 @@ def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:
     return asperities
 
 
-def scene_of_defined_laws(scene: Scene, sites: pd.DataFrame | None) -> Scene:
-    """The scene without the laws of a contact that are not defined for its asperities.
-
-    Raises
-    ------
-    InputError
-        If the scene switches one of them on.
-    """
-    shapes = None if sites is None else CapShapes.of(sites)
-    words = "" if shapes is None else shapes.words
-    if stated_profile(scene) is not None:
-        if words:
-            raise InputError(
-                f"[asperities] states a profile, and the table caps {words}; keep one of the two"
-            )
-        words = PROFILED
-    if not words:
-        return scene
-    ordered = [name for name in OF_CAPS_ONLY if getattr(scene.effects, name) == "on"]
-    if ordered:
-        raise InputError(
-            f"[effects] {ordered[0]} is not defined for asperities {words}; switch it off, or describe "
-            "them as spherical caps of one modulus"
-        )
-    if scene.measure.hertz == "ellipse":
-        refuse_profile(scene, '[measure] hertz = "ellipse"')
-    logger.warning(left_out_for(words))
-    return scene.with_effects(dict.fromkeys(OF_CAPS_ONLY, "off"))
-
-
-def asperities_and_sites(scene: Scene) -> tuple[Scene, pd.DataFrame | None, pd.DataFrame | None]:
-    """The scene without laws that its asperities do not have, the asperities, and their composite summits.
+def asperities_and_sites(scene: Scene) -> tuple[pd.DataFrame | None, pd.DataFrame | None]:
+    """The asperities of a scene, and their composite summits.
 
     Without a camera no contact has a place, and the asperities are left out.
     """
     asperities = None if scene.camera is None else scene_asperities(scene)
-    sites = None if asperities is None else contact_sites(asperities, scene)
-    return scene_of_defined_laws(scene, sites), asperities, sites
+    return asperities, None if asperities is None else contact_sites(asperities, scene)
 
 
 def contact_sites(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
     """Where each asperity first touches, and with which radius: the composite summits under the indenter."""
     if scene.indenter is None:
         return asperities
-    shaped = shaped_asperities(asperities, scene)
-    return composite_apexes(shaped, indenter_radius=scene.indenter.radius, apex=scene.indenter.apex)
+    return composite_apexes(asperities, indenter_radius=scene.indenter.radius, apex=scene.indenter.apex)
 
 
 def largest_load(scene: Scene) -> float:
@@ -146,44 +101,8 @@ def largest_load(scene: Scene) -> float:
     return max(loads)
 
 
-def refuse_repeated(loads: Sequence[Prescribed]) -> None:
+def refuse_repeated(loads: Sequence[float]) -> None:
     """Raise if a load is given twice: loads are told apart by their names."""
     repeated = [load for load in loads if list(loads).count(load) > 1]
     if repeated:
         raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")
-
-
-def solver_tolerance(relative: float | None) -> float | None:
-    """Residual at which the solver stops for a relative tolerance of the output; None for its own."""
-    return None if relative is None else max(SOLVER_SHARE * relative, MIN_RESIDUAL)
-
-
-def loads_before(scene: Scene, load: Prescribed, loads: Sequence[Prescribed]) -> tuple[Prescribed, ...]:
-    """The loads on the way to one of several loads.
-
-    Parameters
-    ----------
-    scene : Scene
-        ``[load] path``: first loading, unloading from the largest of the loads, or the loads before.
-    load : float, N, or LoadSpring
-    loads : sequence of float, N, or of LoadSpring
-        All loads of the command.
-
-    Examples
-    --------
-    >>> from contactimg.scene import scene_from_dict
-    >>> loads_before(scene_from_dict({"load": {"path": "unloading"}}), 0.1, [0.1, 0.5, 0.01, 0.2])
-    (0.5, 0.2)
-    """
-    path = scene.load.path
-    if path == "loading":
-        return ()
-    if path != "unloading":
-        return tuple(path)
-    higher = [other for other in loads if type(other) is type(load) and _level(other) > _level(load)]
-    return tuple(sorted(higher, key=_level, reverse=True))
-
-
-def _level(load: Prescribed) -> float:
-    """Key by which loads, or displacements of the stage, are ordered."""
-    return load.displacement if isinstance(load, LoadSpring) else float(load)

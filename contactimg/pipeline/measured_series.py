@@ -29,7 +29,6 @@ from contactimg.files import (
 from contactimg.files.runs import apex_record, frame_shift, pose_record
 from contactimg.forces import fill_forces, sphere_radii
 from contactimg.imaging.fit.film_choice import summarise_films
-from contactimg.models.cap_shapes import CapShapes
 from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.pose import Pose
@@ -45,7 +44,6 @@ from contactimg.pose.fit import (
 )
 from contactimg.pose.pairs import pair_points, pairing_distance
 from contactimg.scene import Scene
-from contactimg.surfaces import equivalent_radii
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
 from contactimg.timings import stage
 
@@ -160,13 +158,11 @@ def shown_apex(
 ) -> Apex | None:
     """The apex that the contacts of one frame show, the frame that shows it best; None if none does.
 
-    None does on a curved sample, or where the asperities are no caps. Without asperities it is the centre of
-    the contacts.
+    Without asperities it is the centre of the contacts.
     """
-    profiled = scene.asperities is not None and scene.asperities.profiled
-    lens = None if scene.indenter is None or profiled or scene.shaped else scene.indenter.radius
-    if pose is None or lens is None:
+    if pose is None or scene.indenter is None:
         return None
+    lens = scene.indenter.radius
     lost = frames.loc[frames["status"] == Status.NO_POSE, "frame"]
     used = ~contacts["frame"].isin(lost) & (contacts["asperity"].notna() if asperities is not None else True)
     found = []
@@ -180,7 +176,7 @@ def shown_apex(
             apex = find_centre(part[["x_m", "y_m"]], part["area_m2"], in_view=in_view)
         else:
             caps = asperities.iloc[part["asperity"].to_numpy(int)]
-            radius = equivalent_radii(caps)
+            radius = caps["radius_m"].to_numpy(float)
             apex = find_apex(
                 caps[["x_m", "y_m"]],
                 caps["height_m"],
@@ -260,8 +256,6 @@ def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None = None
     length_std = 0.0 if run.pose is None else run.pose.length_relative_std
     camera = run.scene.need("camera", "forces") if run.pose is None else run.pose.pose
     law = law or local_law(run, sites)
-    if law is not None and sites is not None:
-        law = replace(law, shapes=CapShapes.of(sites))
     contacts, frames = fill_forces(
         run.scene if law is None else law.scene,
         run.contacts,
@@ -441,7 +435,7 @@ def write_run(
     frames : DataFrame
         The frames table.
     record : dict
-        What the provenance must state of pose, law of the forces, air film and methods.
+        What the provenance must state of pose, law of the forces and air film.
     """
     record: dict[str, Any] = {} if series.pose is None else {"pose": pose_record(series.pose)}
     if series.apex is not None:
@@ -465,10 +459,7 @@ def write_run(
     films = [part.film for part in series.parts if part.film is not None]
     if films:
         record["film_summary"] = summarise_films(films)
-    for name, matter in (("film", "film"), ("methods", "choice")):
-        said = [(part.row["frame"], getattr(part, matter)) for part in series.parts]
-        record[name] = {frame: asdict(found) for frame, found in said if found is not None}
-    record = {name: value for name, value in record.items() if value}
+        record["film"] = {p.row["frame"]: asdict(p.film) for p in series.parts if p.film is not None}
     return FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True)), record
 
 

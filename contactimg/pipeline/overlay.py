@@ -15,7 +15,7 @@ from contactimg.files import Experiment, write_table
 from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
 from contactimg.matching import match_contacts
-from contactimg.pipeline.inputs import contact_sites, loads_before
+from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.pictures import (
     PREDICTED,
     disk_in_pixels,
@@ -100,16 +100,15 @@ def compare_run(
     frames = _comparable(run.frames)
     found = Comparison(MATCHES.empty(), SCORES.empty(), {}, {}, {}, min_radius_px)
     matches, scores = [found.matches], list[dict[str, Any]]()
-    sites, loads = contact_sites(asperities, run.scene), frames["load_N"].tolist()
-    for frame, load in zip(frames["frame"], loads, strict=True):
+    sites = contact_sites(asperities, run.scene)
+    for frame, load in zip(frames["frame"], frames["load_N"].tolist(), strict=True):
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
         shift_px, reasons = frame_shift(run.frames, frame), []
         found.predicted[frame] = {}
         for model in COMPARED_MODELS:
-            history = loads_before(run.scene, load, loads)
             told = scene_of_model(run.scene, model)
             try:
-                prediction = predict_contacts(told, asperities, load=load, frame=frame, history=history)
+                prediction = predict_contacts(told, asperities, load=load, frame=frame)
             except ContactimgError as error:
                 reasons.append(f"{model}: {error}")
                 continue

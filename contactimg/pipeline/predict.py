@@ -7,25 +7,20 @@ from typing import Any
 
 import pandas as pd
 
-from contactimg.effects.mechanics import refuse_profile
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.files import write_table
-from contactimg.models.load_spring import LoadSpring
 from contactimg.pipeline.inputs import (
     largest_load,
-    loads_before,
     need_asperities,
     refuse_repeated,
     scene_asperities,
-    solver_tolerance,
 )
 from contactimg.prediction import (
     Coupling,
     Model,
     Prediction,
-    Prescribed,
     find_touching_load,
     predict_average,
     predict_contacts,
@@ -40,12 +35,11 @@ BEYOND_AVERAGES = ("adhesion", "layer", "sphere_profile")
 
 def predict_loads(
     scene: Scene,
-    loads: Sequence[Prescribed],
+    loads: Sequence[float],
     *,
     model: Model,
     coupling: Coupling,
     annulus: float,
-    relative: float | None = None,
     workers: int | None = 1,
 ) -> list[Prediction]:
     """Predict the contacts of a scene at each load.
@@ -55,8 +49,8 @@ def predict_loads(
     scene : Scene
         With asperities. The effects of the interacting model are planned at each load
         (`contactimg.effects.plan`); a switch that ``[effects]`` sets is obeyed.
-    loads : sequence of float, N, or of LoadSpring
-        Each once. A `LoadSpring` prescribes the displacement of the stage (interacting model).
+    loads : sequence of float, N
+        Each once.
     model : {"interacting", "gw", "gt"}
         Row by row, or averages over random asperities.
     coupling : str
@@ -64,9 +58,6 @@ def predict_loads(
         other effects act only where ``[effects]`` switches them on.
     annulus : float
         Width of the profile's annuli (interacting model), m.
-    relative : float, optional
-        Tolerance of the output; the solver stops at a residual of `SOLVER_SHARE` times it. Default: it solves
-        to rounding.
     workers : int or None
         Processes that share the loads, as for `contactimg.engine.calls.in_parallel`.
 
@@ -83,20 +74,17 @@ def predict_loads(
     ContactimgError
         If no load has a solution: the reason of the first.
     """
+    if not loads:
+        raise InputError("no load is given; give --load-N")
     refuse_repeated(loads)
     if model == "interacting":
         asperities = need_asperities(scene, "predicting contacts")
-        tolerance = solver_tolerance(relative)
-        how: dict[str, Any] = {"coupling": coupling, "annulus": annulus, "tolerance": tolerance}
+        how: dict[str, Any] = {"coupling": coupling, "annulus": annulus}
         predict = partial(predict_contacts, scene, asperities, **how, always_plan=True)
     else:
-        _refuse_beyond_averages(scene, loads, model, coupling)
-        if relative is not None:
-            raise InputError(
-                f'model "{model}" has no cheaper method for a larger tolerance; leave the tolerance out'
-            )
+        _refuse_beyond_averages(scene, model, coupling)
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
-    jobs = [(load, loads_before(scene, load, loads)) for load in loads]
+    jobs = [(load,) for load in loads]
     found = list(in_parallel(partial(_solve, predict), jobs, count=len(jobs), workers=workers))
     errors = [one for one in found if isinstance(one, ContactimgError)]
     if len(errors) == len(found):
@@ -118,16 +106,12 @@ def touching_load(scene: Scene, *, model: Model, coupling: Coupling) -> float:
     )
 
 
-def _refuse_beyond_averages(scene: Scene, loads: Sequence[Prescribed], model: str, coupling: str) -> None:
+def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
     """Raise `InputError` for what a statistical model cannot represent."""
     if coupling != "auto":
         raise InputError(
             f'model "{model}" has no levels of coupling, got coupling "{coupling}"; leave it out, or '
             'take the model "interacting"'
-        )
-    if scene.shaped:
-        raise InputError(
-            f'model "{model}" takes a flat sample under an upright lens; take the model "interacting"'
         )
     ordered = [name for name in BEYOND_AVERAGES if getattr(scene.effects, name) == "on"]
     if ordered:
@@ -135,34 +119,26 @@ def _refuse_beyond_averages(scene: Scene, loads: Sequence[Prescribed], model: st
             f'model "{model}" cannot represent {", ".join(ordered)}, which [effects] switches on; '
             'take the model "interacting", or switch it off'
         )
-    if any(isinstance(load, LoadSpring) for load in loads):
-        raise InputError(f'model "{model}" takes loads, no displacements; take the model "interacting"')
 
 
-def _solve(
-    predict: Callable[..., Prediction], load: Prescribed, history: Sequence[Prescribed]
-) -> Prediction | ContactimgError:
+def _solve(predict: Callable[..., Prediction], load: float) -> Prediction | ContactimgError:
     """The prediction for a load, or why there is none."""
     try:
-        return predict(load=load, history=history) if history else predict(load=load)
+        return predict(load=load)
     except ContactimgError as error:
         return error
 
 
-def choice_sentence(prediction: Prediction, *, relative: float | None = None) -> str:
-    """One sentence on a prediction: level of coupling, effects left out and what that changes.
-
-    ``relative`` is the tolerance of the solver, where one was asked for.
-    """
+def choice_sentence(prediction: Prediction) -> str:
+    """One sentence on a prediction: level of coupling, effects left out and what that changes."""
     plan, row = prediction.plan, prediction.frames.iloc[0]
     if plan is None:
         return f"{row['frame']}: {row['message'] or 'averages over random patterns'}"
     level = {"none": "no coupling", "asymptotic": "coupling by point forces", "full": "full coupling"}
     what = {"all": "every output"}.get(plan.output, f"the {plan.output}")
-    solver = "" if relative is None else f", to a residual of {solver_tolerance(relative):.0e}"
     return (
         f"{row['frame']}: {level[plan.coupling]} for {100 * plan.relative:g} % of {what}, "
-        f"law {row['law']}{solver}; {plan.sentence()}"
+        f"law {row['law']}; {plan.sentence()}"
     )
 
 
@@ -192,28 +168,6 @@ def write_predictions(
     plans = {name: plan for name, plan in planned if plan is not None}
     errors = {name: plan.error_record for name, plan in plans.items()}
     return frames, {"plans": {name: plan.record for name, plan in plans.items()}, "expected_errors": errors}
-
-
-def prescriptions(
-    scene: Scene, loads: Sequence[float], displacements: Sequence[float] = ()
-) -> list[Prescribed]:
-    """Loads (N) and displacements of the stage (m), these through the load cell of the scene.
-
-    Raises
-    ------
-    InputError
-        If there is neither.
-
-    Examples
-    --------
-    >>> from contactimg.scene import scene_from_dict
-    >>> prescriptions(scene_from_dict({"load": {"stiffness_N_m": 500.0}}), [0.1], [1e-5])
-    [0.1, LoadSpring(stiffness=500.0, displacement=1e-05)]
-    """
-    if not loads and not displacements:
-        raise InputError("no load is given; give --load-N, or --displacement-um")
-    stiffness = scene.load.stiffness if scene.load.stiffness is not None else float("inf")
-    return [*loads, *(LoadSpring(stiffness, displacement) for displacement in displacements)]
 
 
 def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
@@ -253,7 +207,6 @@ def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
     >>> plan.coupling, plan.is_on("layer")
     ('asymptotic', False)
     """
-    refuse_profile(scene, "`effects`")
     asperities = need_asperities(scene, "planning the effects")
     chosen = largest_load(scene) if load is None else finite_number(load, "load", "N")
     return make_plan(scene, asperities, load=chosen)

@@ -63,7 +63,6 @@ def measure_series(
 def measure_parts(
     experiment: Experiment,
     *,
-    relative: float | None = None,
     workers: int | None = None,
     advance: Callable[[], None] | None = None,
     store: PartStore | None = None,
@@ -71,13 +70,11 @@ def measure_parts(
     """Measure every frame of an opened experiment; see `measure_series`.
 
     With a ``store``, frames that it contains are not measured again, and a long series takes little memory.
-
-    With ``relative``, a tolerance of the scene's output, each frame is measured by the cheapest method that
-    is estimated to meet it (`contactimg.tradeoff.choice`).
     """
-    scene, asperities, sites = asperities_and_sites(experiment.scene)
-    edits = edits_by_frame(experiment, relative=relative)
-    options = FrameOptions.of(scene, sites, relative)
+    scene = experiment.scene
+    asperities, sites = asperities_and_sites(scene)
+    edits = edits_by_frame(experiment)
+    options = FrameOptions.of(scene, sites)
     parts, shape = _measure_frames(experiment, options, edits, workers=workers, advance=advance, store=store)
     parts = [replace(part, own_optics=None) for part in parts]  # which is the largest part of a frame
     loads = experiment.loads.drop_duplicates("frame").set_index("frame")["load_N"]
@@ -85,16 +82,10 @@ def measure_parts(
     return MeasuredSeries(scene, parts, in_order, sites, workers=workers).posed(shape, asperities)
 
 
-def edits_by_frame(experiment: Experiment, *, relative: float | None) -> dict[str, Edits]:
+def edits_by_frame(experiment: Experiment) -> dict[str, Edits]:
     """Name of a frame -> corrections by hand to its contacts, in the order of the table.
 
     An edit of a frame that is not there is logged as a warning.
-
-    Raises
-    ------
-    InputError
-        If contacts are to be corrected and the method is chosen by a tolerance, which may change from frame
-        to frame.
     """
     edits: dict[str, Edits] = {}
     names = [source.name for source in experiment.frames] if len(experiment.edits) else []
@@ -110,8 +101,6 @@ def edits_by_frame(experiment: Experiment, *, relative: float | None) -> dict[st
             edit = HandEdit(row["action"], number, row["x_px"], row["y_px"], row["radius_px"], points)
             for name in names if row["frame"] == EVERY_FRAME else [row["frame"]]:
                 edits[name] = (*edits.get(name, ()), edit)
-    if edits and relative is not None:
-        raise InputError("edits correct the contacts of one method; leave out --tolerance, or the edits")
     return edits
 
 
@@ -161,19 +150,19 @@ def _measure_frames(
     for k, measured in zip(again, second_pass, strict=True):
         part = MeasuredFrame.of(measured)
         part.log("with the contrast, the blur and the edge of the series: ")
-        choice = parts[k].choice
-        parts[k] = part if choice is None else replace(part, choice=choice).with_remarks(choice)
+        parts[k] = part
     return parts, shape
 
 
 def _lent_optics(parts: Sequence[MeasuredFrame], method: str) -> dict[int, SharedOptics]:
     """Number of a frame that gains by it -> contrast, blur and edge that the frames of the series share.
 
-    Contrast and blur are those of all frames that were fitted; of the edge a frame gets what the others of a
+    Contrast and blur are those of all frames; of the edge a frame gets what the others of a
     pool show: its own adds nothing to it. Nothing is lent where no frame determines its contrast.
     """
-    fitted = [_is_fitted(part, method) for part in parts]
-    own = (part.relative_optics for part, is_fitted in zip(parts, fitted, strict=True) if is_fitted)
+    if method != "disk":  # a pixel count takes each frame's own plateau
+        return {}
+    own = (part.relative_optics for part in parts)
     pooled = pool_optics(replace(optics, edge=None) for optics in own if optics is not None)
     if pooled is None:
         return {}
@@ -188,14 +177,9 @@ def _lent_optics(parts: Sequence[MeasuredFrame], method: str) -> dict[int, Share
         optics = common
         if k in pool:
             optics = replace(pooled, edge=pool_edges([edge for other, edge in pool.items() if other != k]))
-        if fitted[k] and _gains_by_pooling(part, optics):
+        if _gains_by_pooling(part, optics):
             lent[k] = optics
     return lent
-
-
-def _is_fitted(part: MeasuredFrame, method: str) -> bool:
-    """Whether disks were fitted to a frame: a pixel count takes each frame's own plateau."""
-    return (part.choice.method if part.choice else method) == "disk"
 
 
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:

@@ -10,28 +10,24 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.mechanics import refuse_profile
-from contactimg.effects.plan import Plan, make_plan
+from contactimg.effects.plan import Plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.frame import Frame
 from contactimg.optics.render_settings import read_render_settings
-from contactimg.pipeline.inputs import contact_sites, loads_before
-from contactimg.prediction import make_mechanical_plan, predict_contacts, with_memory
+from contactimg.pipeline.inputs import contact_sites
+from contactimg.prediction import make_mechanical_plan, predict_contacts
 from contactimg.render import render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
 
 
-def plan_simulation(
-    scene: Scene, asperities: pd.DataFrame | None, *, optics: bool = False
-) -> tuple[Scene, tuple[Plan, ...]]:
+def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> tuple[Scene, tuple[Plan, ...]]:
     """Decide which effects the frames of a series show.
 
     A mechanical effect is computed if the plan of the smallest or of the largest load calls for it. Optics
-    and sensor are rendered as ``[simulate]`` states them; with ``optics`` they too follow the plan: small
-    contacts are lost in noise and blur, large ones saturate and touch each other.
+    and sensor are rendered as ``[simulate]`` states them.
 
     Parameters
     ----------
@@ -39,8 +35,6 @@ def plan_simulation(
         Sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]`` (with loads) are needed.
     asperities : DataFrame or None
         Asperity table; None for a smooth flat.
-    optics : bool
-        Whether the plan decides on optics and sensor too.
 
     Returns
     -------
@@ -63,9 +57,9 @@ def plan_simulation(
     if asperities is None or not simulate.loads:
         return explicit_switches(scene), ()
     pressed = [load for load in simulate.loads if load > 0] or simulate.loads
-    make = make_plan if optics else make_mechanical_plan
-    plans = tuple(make(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)}))
-    scene = with_memory(scene, loads_before(scene, min(simulate.loads), simulate.loads))
+    plans = tuple(
+        make_mechanical_plan(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)})
+    )
     decisions = [decision for plan in plans for decision in plan.decisions]
     on = {decision.effect for decision in decisions if decision.on}
     switches = {one.effect: "on" if one.effect in on else "off" for one in decisions}
@@ -127,8 +121,6 @@ def simulate_series(
         If a section is missing or there is no load.
     """
     simulate = scene.need("simulate", "simulating frames")
-    if scene.effects.film == "on":
-        refuse_profile(scene, '[effects] film = "on"')
     if not simulate.loads:
         raise InputError("simulating frames needs at least one load in [simulate] loads_N; add it")
     seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)
@@ -154,8 +146,7 @@ def _render(
     if asperities is None or sphere_radius is None:
         rendered = render_smooth_contact(load, scene, rng=rng, name=name)
     else:
-        history = loads_before(scene, load, scene.need("simulate", "simulating frames").loads)
-        contacts = predict_contacts(scene, asperities, load=load, frame=name, history=history).contacts
+        contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
         radii = sphere_radius[contacts["asperity"].to_numpy(int)]
         rendered = render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
     return SimulatedFrame(load, rendered.frame, rendered.contacts)

@@ -7,14 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from contactimg.effects.mechanics import refuse_profile
 from contactimg.errors import InputError, finite_number
 from contactimg.files import open_experiment, write_figures, write_table
 from contactimg.pipeline.inputs import largest_load, read_reference, scene_asperities
 from contactimg.plots import caption_of
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene
-from contactimg.surfaces import refuse_own_caps
 from contactimg.tables import TRADEOFF
 from contactimg.tradeoff.knobs import Case, OwnFrame, applicable_knobs
 from contactimg.tradeoff.measure import Knob, Tradeoff, run_knobs
@@ -42,9 +40,8 @@ def measure_tradeoff(
     load : float, optional, N
         By default the largest of the scene.
     knobs : str or sequence of str
-        Of ``image`` (measurement of a frame), ``model`` (contact model), ``solver`` (its tolerance),
-        ``rings`` (of Greenwood-Tripp), ``patterns`` (of an ensemble), ``supersampling`` (of rendered frames);
-        all that apply if none is named.
+        Of ``image`` (measurement of a frame), ``model`` (contact model), ``patterns`` (of an
+        ensemble), ``supersampling`` (of rendered frames); all that apply if none is named.
     advance : callable, optional
         Called once a setting.
 
@@ -71,9 +68,9 @@ def measure_tradeoff(
     ...     "indenter": {"radius_m": 0.1288, "apex_m": [0.001, 0.001]}, "elastic": {"young_modulus_Pa": 3e6},
     ...     "asperities": {"generate": "SA", "side_m": 0.002},
     ... })
-    >>> found = measure_tradeoff(scene, load=0.01, knobs=["solver"])
-    >>> set(found.table["reference"])
-    {'the same equations to a residual of 1e-13'}
+    >>> found = measure_tradeoff(scene, load=0.01, knobs=["model"])
+    >>> sorted(found.sentences)
+    ['model']
     """
     names = [knobs] if isinstance(knobs, str) else knobs
     chosen, left_out = prepare_tradeoff(scene, load=load, knobs=names)
@@ -96,7 +93,6 @@ def prepare_tradeoff(
     scene, load, knobs
         As for `measure_tradeoff`.
     """
-    refuse_profile(scene, "`tradeoff`")
     if load is None:
         load = nan
         with suppress(InputError):
@@ -104,8 +100,6 @@ def prepare_tradeoff(
     else:
         load = finite_number(load, "load", "N")
     asperities = scene_asperities(scene)
-    if asperities is not None:
-        refuse_own_caps(asperities, "tradeoff")
     case = Case(scene, asperities, load, measured=_own_frame(scene, load))
     return applicable_knobs(case, knobs)
 

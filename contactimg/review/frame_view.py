@@ -65,8 +65,8 @@ class FrameView:
         """Measure the frame of this number, with the masks of its scene."""
         found, frame = read_reference(experiment), experiment.frames[number].read()
         reference = None if found is None else found.image
-        scene, _, sites = asperities_and_sites(experiment.scene)
-        options = FrameOptions.of(scene, sites)
+        _, sites = asperities_and_sites(experiment.scene)
+        options = FrameOptions.of(experiment.scene, sites)
         measure = partial(measure_prepared, frame, reference, options.scene, film=options.film)
         blur = measure(optics=SharedOptics()).optics.blur_px
         counted = measure(count_at=0.5)

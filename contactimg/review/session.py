@@ -155,10 +155,6 @@ class Session:
         run = read_run(folder)
         if run.command != "process":
             raise InputError(f"{folder}: holds no run of `contactimg process`, so there is nothing to review")
-        if "methods" in run.provenance:
-            raise InputError(
-                f"{folder}: was measured with --tolerance, which edits do not go with; measure without it"
-            )
         self.folder, self.scene, self.command = folder, run.scene, str(run.provenance["command"])
         self.edits = EditsFile(edits_file(run.scene, folder))
         if self.edits.path.is_symlink():
@@ -251,7 +247,7 @@ class Session:
 
     def _corrections(self, experiment: Experiment, number: int) -> tuple[Any, ...]:
         """The corrections of the contacts of a frame."""
-        return edits_by_frame(experiment, relative=None).get(self.sources[number].name, ())
+        return edits_by_frame(experiment).get(self.sources[number].name, ())
 
     def window(self, number: int, label: int) -> dict[str, Any]:
         """Pixels and model of a contact that the page shows."""

@@ -1,13 +1,11 @@
 """The sections of a scene that describe the contact: indenter, elastic body, load cell and asperities."""
 
-import math
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from contactimg.errors import InputError
 from contactimg.scene.rules import (
-    Angle,
     Count,
     FilePath,
     Fraction,
@@ -17,7 +15,6 @@ from contactimg.scene.rules import (
     Point,
     Positive,
     Section,
-    Tilt,
 )
 
 
@@ -28,61 +25,6 @@ class Indenter(Section):
     apex: Point = Field(
         (0.0, 0.0), alias="apex_m", description="Sample point (x, y) below the apex of the indenter, m."
     )
-    tilt: Tilt = Field(
-        0.0,
-        alias="tilt_deg",
-        description="Tilt of the indenter about its apex, degrees; a sphere touches as if its apex were "
-        "shifted by radius times tilt.",
-    )
-    tilt_direction: Angle = Field(
-        0.0,
-        alias="tilt_direction_deg",
-        description="Direction towards which the tilted indenter comes nearer to the sample, from +x "
-        "towards +y, degrees.",
-    )
-
-    @property
-    def slope(self) -> tuple[float, float]:
-        """How much nearer the tilted indenter is per length along x and y."""
-        slope = math.tan(self.tilt)
-        return slope * math.cos(self.tilt_direction), slope * math.sin(self.tilt_direction)
-
-
-class Sample(Section):
-    """The shape of the sample below its asperities, flat if not stated; it adds to the gap."""
-
-    radius_x: Number | None = Field(
-        None,
-        alias="radius_x_m",
-        description="Radius of curvature along x, m: positive if the sample bulges towards the indenter, "
-        "negative if it is hollow; flat along x if not given.",
-    )
-    radius_y: Number | None = Field(
-        None,
-        alias="radius_y_m",
-        description="The same along y; one of the two alone makes a cylinder, equal ones a sphere.",
-    )
-    summit: Point = Field(
-        (0.0, 0.0), alias="summit_m", description="Highest (or lowest) point (x, y) of the sample, m."
-    )
-
-    @field_validator("radius_x", "radius_y")
-    @classmethod
-    def _radius(cls, value: float | None) -> float | None:
-        if value == 0:
-            raise ValueError("must not be 0; leave it out for a flat sample")
-        return value
-
-    @property
-    def flat(self) -> bool:
-        """Whether there is no curvature."""
-        return self.radius_x is None and self.radius_y is None
-
-    @property
-    def curvature(self) -> tuple[float, float]:
-        """Curvatures along x and y, 1/m."""
-        first, second = (0.0 if radius is None else 1 / radius for radius in (self.radius_x, self.radius_y))
-        return first, second
 
 
 class Elastic(Section):
@@ -118,7 +60,7 @@ class Elastic(Section):
 
 
 class Load(Section):
-    """The load cell: its stiffness, and how well its zero and gain are known (errors of all loads)."""
+    """The load cell: how well its zero and gain are known (errors of all loads)."""
 
     zero_std: NonNegative | None = Field(
         None,
@@ -129,23 +71,6 @@ class Load(Section):
     gain_std: Fraction | None = Field(
         None, description="Relative standard uncertainty of the gain of the load cell; 0.01 if not given."
     )
-    stiffness: Positive | None = Field(
-        None,
-        alias="stiffness_N_m",
-        description="Stiffness of the load cell and the frame of the instrument, N/m, where `predict` is "
-        "given displacements of the stage; rigid if not given.",
-    )
-    path: Literal["loading", "unloading"] | Annotated[list[Number], Field(max_length=1000)] = Field(
-        "loading",
-        description="How adhesive contacts reach a load: at first loading, by unloading from the larger "
-        "loads of the same command one after the other, or after these loads (N) in this order. Contacts "
-        "that have formed last until they break.",
-    )
-
-    @property
-    def before(self) -> tuple[float, ...]:
-        """The loads (N) before every load, where they are listed."""
-        return () if isinstance(self.path, str) else tuple(self.path)
 
 
 class Asperities(Section):
@@ -196,40 +121,6 @@ class Asperities(Section):
         description="What lies around the table: nothing, or the mean field (gt) of the same asperities, "
         "which bears its share of the load and displaces the surface.",
     )
-
-    profile_exponent: Positive | None = Field(
-        None,
-        description="Asperities of the profile drop = profile_drop_m "
-        "(r/profile_width_m)^profile_exponent instead of caps: 1 for cones, 2 for paraboloids. radius_m of "
-        "the table remains the radius by which the slope of the lens shifts the summits.",
-    )
-    profile_width: Positive | None = Field(
-        None, alias="profile_width_m", description="Distance from the axis of an asperity, m."
-    )
-    profile_drop: Positive | None = Field(
-        None, alias="profile_drop_m", description="Drop below the summit at profile_width_m, m."
-    )
-    profile_points: list[Point] | None = Field(
-        None,
-        alias="profile_points_m",
-        description="Asperities of a tabulated axisymmetric profile instead: pairs of "
-        "distance from the axis and drop below the summit, m, both increasing from [0, 0].",
-    )
-
-    @property
-    def profiled(self) -> bool:
-        """Whether the asperities have a stated profile instead of caps."""
-        return self.profile_exponent is not None or self.profile_points is not None
-
-    @model_validator(mode="after")
-    def _one_profile(self) -> "Asperities":
-        power = (self.profile_exponent, self.profile_width, self.profile_drop)
-        stated = [value is not None for value in power]
-        if any(stated) and not all(stated):
-            raise ValueError("profile_exponent, profile_width_m and profile_drop_m belong together; give all")
-        if any(stated) and self.profile_points is not None:
-            raise ValueError("profile_points_m and profile_exponent are both given; keep one of the two")
-        return self
 
     @model_validator(mode="after")
     def _one_source(self) -> "Asperities":

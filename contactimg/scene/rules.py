@@ -38,7 +38,6 @@ OpenFraction = Annotated[Number, Field(gt=0, lt=1)]
 Point = tuple[Number, Number]
 # an angle is written in degrees
 Angle = Annotated[Number, AfterValidator(math.radians), PlainSerializer(math.degrees)]
-Tilt = Annotated[Number, Field(ge=0, le=10), AfterValidator(math.radians), PlainSerializer(math.degrees)]
 FilePath = Annotated[str, Field(min_length=1)]
 Frames = Annotated[
     FilePath | Annotated[list[FilePath], Field(min_length=1)] | None,

@@ -9,7 +9,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from contactimg.errors import InputError
-from contactimg.scene.contact_sections import Asperities, Elastic, Indenter, Load, Sample
+from contactimg.scene.contact_sections import Asperities, Elastic, Indenter, Load
 from contactimg.scene.rules import Section
 from contactimg.scene.sections import Camera, Effects, FilmLight, Images, Measure, Simulate, Tolerance
 
@@ -23,7 +23,6 @@ class Scene(Section):
     indenter: Indenter | None = None
     elastic: Elastic | None = None
     asperities: Asperities | None = None
-    sample: Sample | None = None
     camera: Camera | None = None
     light: FilmLight = FilmLight()
     images: Images = Images()
@@ -50,12 +49,6 @@ class Scene(Section):
     def configuration(self) -> dict[str, Any]:
         """Every key with its value, defaults included, as a dict that gives this scene again."""
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
-
-    @property
-    def shaped(self) -> bool:
-        """Whether the sample is curved or the indenter tilted."""
-        curved = self.sample is not None and not self.sample.flat
-        return curved or (self.indenter is not None and self.indenter.tilt != 0)
 
     def with_apex(self, apex: tuple[float, float]) -> "Scene":
         """The scene with the indenter's apex at a point of the sample, m; itself without an indenter."""

@@ -200,12 +200,6 @@ class Measure(Section):
         description='Shape of the contacts, for the method "disk". "auto": a disk, an ellipse or a free '
         "shape, as the pixels of each call for; the others: all contacts alike.",
     )
-    hertz: Literal["equal_area", "ellipse"] = Field(
-        "equal_area",
-        description='Local force of a contact that is an ellipse: "equal_area": that of the circle of its '
-        'area; "ellipse": Hertz\'s law of elliptic contacts, the radius of the asperity being the geometric '
-        "mean of its two radii of curvature.",
-    )
     pose: Literal["fit", "given"] = Field(
         "fit",
         description="Whether the pose of the camera is corrected with the asperities, or kept as given.",

@@ -7,16 +7,11 @@ lens), `patterns` (the random patterns SA, RA- and RA+, or caps of any law).
 
 from contactimg.surfaces.asperity_table import (
     BASE_COLUMN,
-    CAP_BASE_COLUMN,
     LENGTH_RANGE_M,
-    MODULUS_COLUMN,
-    RATIO_COLUMN,
     base_radius,
     check_asperities,
     composite_apexes,
     composite_columns,
-    equivalent_radii,
-    refuse_own_caps,
 )
 from contactimg.surfaces.patterns import (
     CapLaw,
@@ -29,10 +24,7 @@ from contactimg.surfaces.patterns import (
 
 __all__ = [
     "BASE_COLUMN",
-    "CAP_BASE_COLUMN",
     "LENGTH_RANGE_M",
-    "MODULUS_COLUMN",
-    "RATIO_COLUMN",
     "CapLaw",
     "DropletCaps",
     "GaussianCaps",
@@ -42,7 +34,5 @@ __all__ = [
     "composite_apexes",
     "composite_columns",
     "draw_surface",
-    "equivalent_radii",
     "generate_asperities",
-    "refuse_own_caps",
 ]

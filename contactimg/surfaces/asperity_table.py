@@ -1,19 +1,15 @@
 """Tables of asperities: their check, and the composite plane under a lens.
 
-A table has the columns of `contactimg.tables.ASPERITIES`: ``x_m, y_m, height_m, radius_m``, one row a cap,
-and for ellipsoidal caps ``radius_2_m, azimuth_rad``, for caps of unequal modulus ``young_modulus_Pa``. A
-spherical cap of height ``h`` and radius ``R`` covers a disc of radius ``sqrt(2 R h - h^2)``; the
+A table has the columns of `contactimg.tables.ASPERITIES`: ``x_m, y_m, height_m, radius_m``, one row a
+spherical cap. A cap of height ``h`` and radius ``R`` covers a disc of radius ``sqrt(2 R h - h^2)``; the
 generated patterns place these discs at random without overlap, largest first.
 """
-
-from collections.abc import Collection
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
-from contactimg.mechanics.hertz_ellipse import punch_factor
 from contactimg.tables import ASPERITIES
 
 Values = NDArray[np.float64]
@@ -24,15 +20,6 @@ the models form stay within floating-point numbers."""
 
 BASE_COLUMN = "base_m"
 """Column of the height of the sample below a summit, over the plane of reference; flat without it."""
-
-MODULUS_COLUMN = "modulus_ratio"
-"""Column of the contact modulus of a contact over that of the scene; 1 without it."""
-
-RATIO_COLUMN = "radius_ratio"
-"""Column of composite summits: the larger principal radius of curvature over the smaller one."""
-
-CAP_BASE_COLUMN = "base_radius_m"
-"""Column of composite summits of unequal modulus: radius of the disc that the cap covers, m."""
 
 
 def base_radius(height: ArrayLike, radius: ArrayLike) -> Values:
@@ -65,9 +52,8 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     asperities : DataFrame
-        Columns ``x_m, y_m, height_m, radius_m``; those of `ASPERITIES` that may be missing or empty, each
-        filled up with what an empty cell stands for; ``base_m`` on a curved sample, ``modulus_ratio`` for
-        contacts of unequal modulus; others are left out.
+        Columns ``x_m, y_m, height_m, radius_m``, and ``base_m`` where the sample is not flat; others are left
+        out.
 
     Returns
     -------
@@ -103,20 +89,17 @@ def _checked_columns(asperities: pd.DataFrame) -> dict[str, Values]:
             f"asperities: column {missing[0]!r} is missing; it needs {', '.join(ASPERITIES.first)}"
         )
     columns = {name: _finite_column(asperities, name) for name in ASPERITIES.first}
-    columns |= _filled_columns(asperities, columns["radius_m"])
-    added = (BASE_COLUMN, MODULUS_COLUMN)
-    columns |= {name: _finite_column(asperities, name) for name in added if name in asperities}
-    for name in (*_RADII, "young_modulus_Pa", MODULUS_COLUMN):
-        if name in columns and (row := _first(columns[name] <= 0)) is not None:
-            raise InputError(
-                f"asperities: row {row}, column {name!r} must be positive, got {float(columns[name][row])!r}"
-            )
+    if BASE_COLUMN in asperities:
+        columns[BASE_COLUMN] = _finite_column(asperities, BASE_COLUMN)
+    radius = columns["radius_m"]
+    if (row := _first(radius <= 0)) is not None:
+        raise InputError(
+            f"asperities: row {row}, column 'radius_m' must be positive, got {float(radius[row])!r}"
+        )
     low, high = LENGTH_RANGE_M
     for name, values in columns.items():
-        if not name.endswith("_m"):
-            continue
         row = _first(np.abs(values) > high)
-        if row is None and name in _RADII:
+        if row is None and values is radius:
             row = _first(values < low)
         if row is not None:
             raise InputError(
@@ -129,56 +112,6 @@ def _checked_columns(asperities: pd.DataFrame) -> dict[str, Values]:
 def _first(wrong: NDArray[np.bool_]) -> int | None:
     """The first row that is wrong; None if none is."""
     return int(np.argmax(wrong)) if wrong.any() else None
-
-
-_RADII = ("radius_m", "radius_2_m")
-
-
-def _filled_columns(asperities: pd.DataFrame, radius: Values) -> dict[str, Values]:
-    """The columns for ellipsoids and moduli in which the table states anything, without empty cells."""
-    empty: dict[str, Values | float] = {"radius_2_m": radius, "azimuth_rad": 0.0, "young_modulus_Pa": np.nan}
-    columns = {}
-    for name, meaning in empty.items():
-        if name in asperities and (stated := asperities[name].notna().to_numpy()).any():
-            given = _finite_column(asperities[[name]].where(stated[:, None], 1.0), name)
-            columns[name] = np.where(stated, given, meaning)
-    return columns
-
-
-def equivalent_radii(asperities: pd.DataFrame) -> Values:
-    """Radius of curvature of each cap (m), of ellipsoids the geometric mean of the two.
-
-    Examples
-    --------
-    >>> equivalent_radii(pd.DataFrame({"radius_m": [1e-4, 1e-4], "radius_2_m": [4e-4, np.nan]}))
-    array([0.0002, 0.0001])
-    """
-    radius = asperities["radius_m"].to_numpy(float)
-    if "radius_2_m" not in asperities:
-        return radius
-    second = asperities["radius_2_m"].to_numpy(float)
-    return np.where(np.isnan(second), radius, np.sqrt(radius * second))
-
-
-def refuse_own_caps(
-    asperities: pd.DataFrame, purpose: str, *, columns: Collection[str] = ASPERITIES.later
-) -> None:
-    """Raise `InputError` if the table has ellipsoidal caps or moduli of single asperities.
-
-    Parameters
-    ----------
-    asperities : DataFrame
-    purpose : str
-        What takes spherical caps of one modulus only: the subject of the sentence.
-    columns : collection of str
-        Those that must be empty.
-    """
-    stated = [name for name in sorted(columns) if name in asperities and asperities[name].notna().any()]
-    if stated:
-        kind = (
-            "asperities of one modulus" if stated == ["young_modulus_Pa"] else "spherical caps of one modulus"
-        )
-        raise InputError(f"{purpose} takes {kind}; leave the column {stated[0]} of the asperities empty")
 
 
 def _finite_column(table: pd.DataFrame, name: str) -> Values:
@@ -205,8 +138,7 @@ def composite_apexes(
     """The summits of asperities and lens combined, exact for parabolic caps under a parabolic lens.
 
     Radius ``R Rl/(R + Rl)``, apex at ``x Rl/(R + Rl)`` from the lens's apex, height ``h - r^2/(2 (R + Rl))``:
-    the cap meets the lens not above its own summit but where both slopes agree. For ellipsoidal caps this
-    holds along each of the two principal axes.
+    the cap meets the lens not above its own summit but where both slopes agree.
 
     Parameters
     ----------
@@ -220,10 +152,7 @@ def composite_apexes(
     Returns
     -------
     DataFrame
-        The same rows: where a first contact lies, with which height and which radius. Where there are
-        ellipsoids, ``radius_m`` is the geometric mean of the two radii, with their ratio in ``radius_ratio``
-        and the direction of the larger one in ``azimuth_rad``; where moduli are unequal, there are
-        ``modulus_ratio`` and ``base_radius_m``.
+        The same rows: where a first contact lies, with which height and which radius.
 
     Raises
     ------
@@ -266,11 +195,6 @@ def composite_columns(
             "check x_m, y_m and the apex"
         )
     base = table.get(BASE_COLUMN, 0.0)
-    if "radius_2_m" in table:
-        summits = _ellipsoid_apexes(table, (dx, dy), indenter_radius)
-        x, y, drop = x0 + summits.pop("x_m"), y0 + summits.pop("y_m"), summits.pop("drop")
-        flat = {"x_m": x, "y_m": y, "height_m": table["height_m"] + base - drop}
-        return flat | summits | _cap_bases(table)
     nearness = R / indenter_radius  # R/Rl: zero under a flat
     drop = squared / (2 * R) * (nearness / (1 + nearness))
     return {
@@ -278,51 +202,4 @@ def composite_columns(
         "y_m": y0 + dy / (1 + nearness),
         "height_m": table["height_m"] + base - drop,
         "radius_m": R / (1 + nearness),
-    } | _cap_bases(table)
-
-
-def _ellipsoid_apexes(
-    table: dict[str, Values], place: tuple[Values, Values], indenter_radius: float
-) -> dict[str, Values]:
-    """Composite summits of ellipsoidal caps relative to the apex of the lens, and their drop.
-
-    Along each principal axis the equations are those of spherical caps.
-    """
-    radii = np.stack([table["radius_m"], table["radius_2_m"]])
-    azimuth = table.get("azimuth_rad", np.zeros(len(radii[0])))
-    cosine, sine = np.cos(azimuth), np.sin(azimuth)
-    along = np.stack([cosine * place[0] + sine * place[1], cosine * place[1] - sine * place[0]])
-    nearness = radii / indenter_radius
-    first, second = along / (1 + nearness)
-    composite = radii / (1 + nearness)
-    turned = azimuth + np.where(composite[1] > composite[0], np.pi / 2, 0.0)
-    return {
-        "x_m": cosine * first - sine * second,
-        "y_m": sine * first + cosine * second,
-        "drop": np.sum(along**2 / (2 * radii) * (nearness / (1 + nearness)), axis=0),
-        "radius_m": np.sqrt(composite[0] * composite[1]),
-        RATIO_COLUMN: composite.max(axis=0) / composite.min(axis=0),
-        "azimuth_rad": (turned + np.pi / 2) % np.pi - np.pi / 2,
-    }
-
-
-def _cap_bases(table: dict[str, Values]) -> dict[str, Values]:
-    """The columns of composite summits for unequal moduli; none where all moduli are equal.
-
-    An elliptic base counts as the circle whose punch is as stiff.
-    """
-    if MODULUS_COLUMN not in table:
-        return {}
-    ratio, height = table[MODULUS_COLUMN], table["height_m"]
-    low = np.flatnonzero((ratio != 1) & ~(height > 0))
-    if low.size:
-        raise InputError(
-            f"asperities: row {low[0]}, column 'height_m' must be positive for an asperity with a modulus of "
-            f"its own, which stands on the base plane, got {float(height[low[0]])!r}"
-        )
-    radii = np.stack([table["radius_m"], table.get("radius_2_m", table["radius_m"])])
-    base = base_radius(height, np.sqrt(radii[0] * radii[1]))
-    return {
-        MODULUS_COLUMN: ratio,
-        CAP_BASE_COLUMN: base / punch_factor(np.sqrt(radii.min(axis=0) / radii.max(axis=0))),
     }

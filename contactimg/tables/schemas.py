@@ -18,7 +18,7 @@ pd.set_option("mode.string_storage", "python")
 
 RUN_MODELS = ("measured", "predicted")
 """Names that an analysis gives to the contacts of a run itself: those of `process` and those of `predict`."""
-VARIANTS = ("_here", "_another_surface", "_excess_scatter", "_p_value")
+VARIANTS = ("_excess_scatter", "_p_value")
 """Endings of quantities of `RESULTS` that are other intervals of a result, or judge it; not printed."""
 
 
@@ -210,7 +210,7 @@ FRAMES = Schema(
         "unseen_force_N": ("float64", "estimated force on them, N; not in force_sum_N"),
         "unseen_force_std_N": ("float64", "standard uncertainty of unseen_force_N, N"),
         "force_hertz_sum_N": ("float64", "sum of the local forces by Hertz's formula, N"),
-        "law": ("str", "law of the local forces: hertz, sphere or profile; +ellipse, +modulus, +jkr"),
+        "law": ("str", "law of the local forces: hertz or sphere, +jkr where contacts adhere"),
         "min_gap_m": ("float64", "smallest gap of lens and rubber between the caps, m; touching below 0"),
     },
 )
@@ -366,7 +366,7 @@ FRICTION = Schema(
 RESULTS = Schema(
     "results",
     {
-        "quantity": ("str", "name; `_here`: of these places, `_another_surface`: of another one"),
+        "quantity": ("str", "name of the number"),
         "model": MODEL,
         "value": ("float64", "value of the quantity, in `unit`"),
         "std": ("float64", "standard uncertainty of the value, in `unit`"),
@@ -461,14 +461,9 @@ ASPERITIES = Schema(
         "x_m": ("float64", "sample coordinate x of the summit, m"),
         "y_m": ("float64", "sample coordinate y of the summit, m"),
         "height_m": ("float64", "height of the summit above the base plane, m"),
-        "radius_m": ("float64", "radius of curvature R of the summit, m; the first of an ellipsoid"),
+        "radius_m": ("float64", "radius of curvature R of the summit, m"),
     },
-    "One row per asperity: a cap, spherical unless a second radius is given.",
-    later={
-        "radius_2_m": ("float64", "radius of curvature along the second axis, m; empty for a sphere"),
-        "azimuth_rad": ("float64", "direction of the first axis from +x_m to +y_m, rad; empty: along x"),
-        "young_modulus_Pa": ("float64", "its Young's modulus, Pa; empty: the scene's, or rigid on the lens"),
-    },
+    "One row per asperity, a spherical cap.",
 )
 
 SUMMITS = Schema(

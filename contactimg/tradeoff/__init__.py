@@ -4,5 +4,5 @@ In: a `knobs.Case` (a scene at a load). Out: a table of errors and times and one
 between settings is called a knob.
 
 Read in this order: `measure` (how the settings of a knob are timed, compared and recommended), `knobs` (the
-table of knobs), `choice` (the methods that measure disks, and the fastest for a frame).
+table of knobs).
 """

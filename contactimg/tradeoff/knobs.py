@@ -19,14 +19,20 @@ from contactimg.frame import Frame
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.greenwood_williamson import RingSolution
 from contactimg.models.solution import InteractingSolution
+from contactimg.pose.pairs import pair_points
 from contactimg.prediction import pattern_sides, solve_average
 from contactimg.render import Rendered, render_contacts, render_reference
 from contactimg.scene import Scene
 from contactimg.surfaces import generate_asperities
-from contactimg.tradeoff.choice import METHODS, disk_change
 from contactimg.tradeoff.measure import Knob, Setting
 
 Values = NDArray[np.float64]
+
+METHODS = {"threshold": "pixels above the threshold", "disk": "fit of blurred disks"}
+"""Method -> name in the table."""
+
+SAME_CONTACT_PX = 2.0
+"""Disks whose centres are closer than this, or than the radius, are the same contact. Chosen by hand."""
 
 COMPARED_RINGS = 8
 """Number of rings around the apex over which averages are compared. Chosen by hand."""
@@ -39,9 +45,6 @@ LEVELS = {
 }
 """Level of coupling -> name in the table."""
 
-TOLERANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-CONVERGED_RESIDUAL = 1e-13
-RINGS, MANY_RINGS = (10, 20, 50, 100, 200, 400), 800
 PATTERNS = (1, 2, 4, 8, 16, 32)
 DEPTHS, CONVERGED_DEPTH = (1, 2, 3, 4, 8), 16
 
@@ -130,13 +133,13 @@ class Case:
             raise InputError("the scene has no asperities")
         return self.asperities
 
-    def solve(self, coupling: str, tolerance: float | None = None) -> InteractingSolution:
+    def solve(self, coupling: str) -> InteractingSolution:
         """The contacts at a level of coupling."""
-        return solve_scene(self.scene, self.table(), load=self.load, coupling=coupling, tolerance=tolerance)
+        return solve_scene(self.scene, self.table(), load=self.load, coupling=coupling)
 
-    def converged(self, coupling: str, tolerance: float | None = None) -> InteractingSolution:
+    def converged(self, coupling: str) -> InteractingSolution:
         """A solution to compare with; raise if most of the planes between the asperities touch."""
-        solution = self.solve(coupling, tolerance)
+        solution = self.solve(coupling)
         if solution.base_gap.beyond_models:
             raise ModelRangeError(f"{solution.base_gap.sentence}; lower the load")
         return solution
@@ -191,6 +194,31 @@ def image_settings(case: Case) -> Iterator[Setting]:
         yield Setting(name, partial(run, method), *how)
 
 
+def disk_change(
+    output: str, measured: pd.DataFrame, expected: pd.DataFrame, sphere_radius: Values | None = None
+) -> float:
+    """Relative error of the output of measured disks; forces as ``a^3/R``.
+
+    A disk without a partner is compared with no contact; its radius of curvature is the mean one.
+    """
+    if not len(measured):
+        raise InputError("no contact was measured")
+    found, true = (table[["x_px", "y_px", "radius_px"]].to_numpy(float) for table in (measured, expected))
+    curvature = np.ones(len(true)) if sphere_radius is None else sphere_radius
+    reach = max(SAME_CONTACT_PX, float(true[:, 2].max(initial=0.0)))
+    i, j, distance = pair_points(found[:, :2], true[:, :2], max_distance=reach)
+    same = distance <= np.maximum(SAME_CONTACT_PX, true[j, 2])
+    i, j = i[same], j[same]
+    strangers = np.delete(found[:, 2], i)
+    radius = np.concatenate([np.zeros(len(true)), strangers])
+    radius[j] = found[i, 2]
+    complete = np.concatenate([true[:, 2], np.zeros(strangers.size)])
+    mean = float(np.mean(curvature)) if curvature.size else 1.0
+    curvature = np.concatenate([curvature, np.full(strangers.size, mean)])
+    pairs = [(a**3 / curvature, a) for a in (radius, complete)]
+    return relative_change(output, without=pairs[0], complete=pairs[1])
+
+
 def _render(scene: Scene, solution: InteractingSolution) -> Rendered:
     """Render a frame of the contacts."""
     rng = np.random.default_rng(scene.need("simulate", "rendering a frame").seed)
@@ -228,20 +256,22 @@ def supersampling_settings(case: Case) -> Iterator[Setting]:
 
 def model_settings(case: Case) -> Iterator[Setting]:
     """The contact models: statistical models and levels of coupling."""
-    reference = cache(lambda: case.converged("full"))
-    compared = f"the same asperities {LEVELS['full']}"
+    levels = ADHESIVE_COUPLINGS if case.scene.effects.adhesion == "on" else tuple(LEVELS)
+    best = levels[-1]
+    reference = cache(lambda: case.converged(best))
+    compared = f"the same asperities {LEVELS[best]}"
 
     def level_error(answer: InteractingSolution) -> float:
         return case.change(answer, reference())
 
     def average_error(rings: RingSolution) -> float:
-        best, centre = reference(), case.scene.need("indenter", "averages").apex
-        rows = best.touching
+        solution, centre = reference(), case.scene.need("indenter", "averages").apex
+        rows = solution.touching
         if not rows.size:
             raise InputError("there is no contact to average; increase the load")
-        farthest = float(np.hypot(best.x[rows] - centre[0], best.y[rows] - centre[1]).max())
+        farthest = float(np.hypot(solution.x[rows] - centre[0], solution.y[rows] - centre[1]).max())
         edges = np.linspace(0.0, farthest, COMPARED_RINGS + 1)
-        expected = average_contacts(best, centre=centre, edges=edges)
+        expected = average_contacts(solution, centre=centre, edges=edges)
         return average_rings(rings, edges=edges).change(case.output, expected)
 
     def stated_error(_: InteractingSolution) -> float:
@@ -257,8 +287,9 @@ def model_settings(case: Case) -> Iterator[Setting]:
             compared,
             message="an average over patterns; its error includes the scatter of this pattern",
         )
-    for level, name in LEVELS.items():
-        if level == "full":
+    for level in levels:
+        name = LEVELS[level]
+        if level == best:
             yield Setting(
                 name,
                 partial(case.solve, level),
@@ -266,34 +297,8 @@ def model_settings(case: Case) -> Iterator[Setting]:
                 "solutions of the whole contact problem",
                 message="estimated from its own terms, as the plan of the effects states it",
             )
-        elif level in ADHESIVE_COUPLINGS or case.scene.effects.adhesion != "on":
+        else:
             yield Setting(name, partial(case.solve, level), level_error, compared)
-
-
-def solver_settings(case: Case) -> Iterator[Setting]:
-    """The residual of the solver, with coupling by point forces."""
-    reference = cache(lambda: case.converged("asymptotic", CONVERGED_RESIDUAL))
-
-    def error(answer: InteractingSolution) -> float:
-        return case.change(answer, reference())
-
-    for tolerance in TOLERANCES:
-        run = partial(case.solve, "asymptotic", tolerance)
-        compared = f"the same equations to a residual of {CONVERGED_RESIDUAL:.0e}"
-        yield Setting(f"residual {tolerance:.0e}", run, error, compared)
-
-
-def ring_settings(case: Case) -> Iterator[Setting]:
-    """The number of rings of the Greenwood-Tripp model."""
-    solve = partial(solve_average, case.scene, case.asperities, load=case.load, model="gt")
-    reference = cache(lambda: solve(rings=MANY_RINGS))
-
-    def error(answer: RingSolution) -> float:
-        edges = np.linspace(0.0, float(reference().r[-1]), COMPARED_RINGS + 1)
-        return average_rings(answer, edges=edges).change(case.output, average_rings(reference(), edges=edges))
-
-    for rings in RINGS:
-        yield Setting(f"{rings} rings", partial(solve, rings=rings), error, f"{MANY_RINGS} rings")
 
 
 def pattern_settings(case: Case) -> Iterator[Setting]:
@@ -352,25 +357,21 @@ def _draw_pattern(case: Case, rng: np.random.Generator) -> tuple[pd.DataFrame, f
 
 
 def lacks(case: Case, kind: str) -> str:
-    """What a scene lacks for "mechanics", "averages", "rendering" or "frames"; empty for nothing."""
-    scene, section = case.scene, case.scene.asperities
+    """What a scene lacks for "mechanics", "rendering" or "frames"; empty for nothing."""
+    scene = case.scene
     if kind == "frames":
         missing = lacks(case, "rendering") if case.measured is None else ""
         return f"{missing} or frames of its own" if missing else ""
     sections = [*(("camera", "simulate") if kind == "rendering" else ()), "indenter", "elastic", "asperities"]
     missing = ", ".join(f"[{name}]" for name in sections if getattr(scene, name) is None)
     if not missing and case.asperities is None:
-        stated = section is not None and section.height_law is not None and section.radius is not None
-        if not (kind == "averages" and stated):  # statistical models need no table
-            missing = "[asperities] with a file or a generator"
+        missing = "[asperities] with a file or a generator"
     return f"needs {missing}" if missing else "" if case.load > 0 else "needs a load above 0"
 
 
 KNOBS: dict[str, tuple[str, Callable[[Case], Iterator[Setting]], str]] = {
     "image": ("measurement of a frame", image_settings, "frames"),
     "model": ("contact model", model_settings, "mechanics"),
-    "solver": ("tolerance of the solver", solver_settings, "mechanics"),
-    "rings": ("rings of Greenwood-Tripp", ring_settings, "averages"),
     "patterns": ("patterns of an ensemble", pattern_settings, "mechanics"),
     "supersampling": ("sampling of rendered frames", supersampling_settings, "rendering"),
 }

@@ -364,21 +364,6 @@ def test_exponent_leaves_out_what_has_no_logarithm():
         fit_area_law(areas[areas["load"] <= 0.2])
 
 
-def test_these_places_and_another_surface_are_told_apart():
-    areas = pd.DataFrame({"place": "a", "load": [0.1, 0.2, 0.4], "area": [1e-7, 1.9e-7, 3.6e-7]})
-    areas = areas.assign(area_std=0.01 * areas["area"], sampling_std=0.03 * areas["area"])
-    law = fit_area_law(areas)
-    # equal weights, x at -ln 2, 0 and ln 2: the exponent is ln(A3/A1)/(2 ln 2)
-    of_measurement = np.sqrt(2) * 0.01 / (2 * np.log(2))
-    assert law.here.std == pytest.approx(of_measurement, rel=1e-9)
-    assert law.exponent.std == pytest.approx(np.sqrt(10) * of_measurement, rel=1e-6)
-    assert law.here.value == law.exponent.value
-    assert law.here.high - law.here.value == pytest.approx(1.959964 * of_measurement, rel=1e-6)
-    exact = fit_area_law(areas.assign(area_std=0.0))
-    assert exact.here.std == 0.0  # what was measured exactly is known of these places, not of the surface
-    assert exact.exponent.std > 0.0
-
-
 def place_in_sectors(rng, share):
     """Six loads; each of eight sectors bears a share of the load, and has an area ~ its load^0.9."""
     loads = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5])
@@ -405,9 +390,6 @@ def test_sectors_of_one_place_tell_how_well_the_exponent_of_the_area_is_known(rn
     # a standard deviation of 80 values is good to 8 %; contacts alike have no counting error, so that the
     # scatter about the law counts a second time, sqrt(2) at most
     assert 1 - 3 * 0.08 < ratio < np.sqrt(2) * (1 + 3 * 0.08)
-    law = laws[0]
-    share = law.here.std / law.exponent.std
-    assert law.another_surface.std == pytest.approx(np.sqrt(2 - share**2) * law.exponent.std, rel=1e-9)
 
 
 def test_sectors_that_share_load_and_area_alike_leave_the_measurement_alone(rng):
@@ -415,7 +397,8 @@ def test_sectors_that_share_load_and_area_alike_leave_the_measurement_alone(rng)
     even = areas.assign(**{f"{name}_{k}": areas[f"{name}_0"] for name in ("area", "force") for k in range(8)})
     even["area"] = 1e-6 * even["load"] ** 0.9
     law = fit_area_law(even)
-    assert law.exponent.std == pytest.approx(law.here.std, rel=1e-6)
+    doubled = fit_area_law(even.assign(area_std=2 * even["area_std"]))
+    assert doubled.exponent.std == pytest.approx(2 * law.exponent.std, rel=0.1)
     unknown = fit_area_law(even.assign(force_3=np.nan))  # without forces, contacts are counted
     assert unknown.exponent.std > law.exponent.std
 

@@ -4,8 +4,6 @@ import pytest
 
 from contactimg import InputError
 from contactimg.analysis.contacts_against_pressure import fit_contact_law
-from contactimg.analysis.estimates import Estimate
-from contactimg.analysis.power_laws import PowerLaw
 
 SECTORS = 8
 EXPONENT = 0.4
@@ -81,18 +79,11 @@ def test_least_squares_would_be_biased_where_the_instrument_is_not(surfaces):
         assert (abs(values.mean() - 0.2) > 3 * error) == biased
 
 
-def test_intervals_hold_the_law_and_the_exponent_of_another_surface(surfaces):
+def test_intervals_hold_the_law(surfaces):
     laws = [law.single for law in surfaces[1]]
     held = np.mean([law.exponent.low <= EXPONENT <= law.exponent.high for law in laws])
     # three binomial standard deviations of 120 at 95 %
     assert abs(held - 0.95) < 0.06
-    others = np.roll([law.exponent.value for law in laws], 1)
-    pairs = [(law.another_surface, other) for law, other in zip(laws, others, strict=True)]
-    assert abs(np.mean([e.low <= other <= e.high for e, other in pairs]) - 0.95) < 0.06
-    narrow = np.mean(
-        [law.exponent.low <= o <= law.exponent.high for law, o in zip(laws, others, strict=True)]
-    )
-    assert narrow < 0.95 - 0.06  # the interval of this surface is not that of another one
 
 
 def test_a_break_is_seen_where_there_is_one_and_rarely_where_there_is_none(surfaces):
@@ -146,19 +137,6 @@ def test_a_change_of_units_changes_the_amplitude_alone(rng):
         assert other.exponent.value == pytest.approx(one.exponent.value, abs=1e-12)
         assert other.exponent.std == pytest.approx(one.exponent.std, rel=1e-9)
         assert other.amplitude.value == pytest.approx(unit * one.amplitude.value, rel=1e-9)
-
-
-def test_measurement_errors_count_once_for_another_surface():
-    def law(exponent, here):
-        measured = Estimate(1.0, here, 1 - 2 * here, 1 + 2 * here)
-        return PowerLaw(exponent, exponent, 1.0, 1.0, 2.0, 0.0, 6, 1, 0.95, here=measured).another_surface
-
-    estimate = Estimate(1.0, 0.05, 0.9, 1.1)
-    assert law(estimate, 0.05) == estimate  # places add nothing
-    # the places of either surface add 0.04: 0.05^2 + 0.04^2 = 0.064^2
-    assert law(estimate, 0.03).std == pytest.approx(0.064, abs=5e-4)
-    assert law(Estimate(1.0, 0.0, 1.0, 1.0), 0.0).std == 0.0
-    assert law(Estimate(1.0, 0.1, -np.inf, np.inf), 0.0).high == np.inf
 
 
 def test_without_sectors_or_places_the_scatter_is_unknown(rng):

@@ -90,18 +90,6 @@ def test_predict_reads_the_table(heights, tmp_path, capsys):
     capsys.readouterr()
 
 
-def test_a_file_of_an_instrument_needs_no_pixel_size(heights, tmp_path):
-    surfaces = pytest.importorskip("SurfaceTopography")
-    filled = np.nan_to_num(heights)
-    surface = surfaces.Topography(filled.T, (120 * PIXEL_UM, 100 * PIXEL_UM), unit="um")
-    surface.to_netcdf(str(tmp_path / "map.nc"))
-    out = tmp_path / "out"
-    assert main(["asperities", str(tmp_path / "map.nc"), "-o", str(out), "--quiet"]) == 0
-    table = read_asperities(out / "asperities.csv")
-    assert table["radius_m"].tolist() == pytest.approx([80e-6, 100e-6, 60e-6], rel=0.01)
-    assert table["y_m"].tolist() == pytest.approx([-45e-6, 50e-6, -30e-6], abs=1e-7)  # rows count downwards
-
-
 @pytest.mark.parametrize(
     ("file", "options", "sentence"),
     [

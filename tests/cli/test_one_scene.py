@@ -3,7 +3,6 @@
 import re
 from html import unescape
 
-import numpy as np
 import pandas as pd
 import pytest
 from small_series import copy_of
@@ -17,18 +16,6 @@ from contactimg.plots.numbers import number_with_interval, number_with_std
 LOADS = (0.005, 0.02, 0.05)
 
 
-def make_ellipsoids(table):
-    """Half of the caps of a table with another second radius, a third with a modulus of their own."""
-    caps = pd.read_csv(table)
-    number = np.arange(len(caps))
-    caps = caps.assign(
-        radius_2_m=caps["radius_m"] * np.where(number % 2, 1.0, 1.4),
-        azimuth_rad=0.1 * (number % 16),
-        young_modulus_Pa=np.where(number % 3, np.nan, 5e6),
-    )
-    caps.to_csv(table, index=False)
-
-
 @pytest.fixture(scope="module")
 def outputs(small_series, tmp_path_factory):
     """The folder with what predict, process, overlay, analyse and report wrote for one scene."""
@@ -36,7 +23,6 @@ def outputs(small_series, tmp_path_factory):
     series, run = copy_of(small_series, top / "series"), top / "run"
     source = {name: dict(keys) for name, keys in read_scene(series).source.items()}
     source["effects"] |= {"model": "planned"}
-    make_ellipsoids(series / "asperities.csv")
     source.pop("tolerance", None)
     write_scene(source, series / "scene.toml")
     loads = [word for load in LOADS for word in ("--load-N", str(load))]

@@ -103,14 +103,14 @@ export: --fiji --labels --napari --no-plausibility -o/--output --units --xlsx
 import-rois: --author --frame --no-plausibility -o/--output
 init: --force --lens-radius-mm --no-input --no-plausibility --pixel-size-um --young-modulus-MPa
 overlay: --min-radius-px --no-plausibility -o/--output --workers
-predict: --annulus-mm --cluster --coupling --displacement-um --load-N --model --no-plausibility
+predict: --annulus-mm --cluster --coupling --load-N --model --no-plausibility
     -o/--output --tolerance --workers
 process: --calibration --cluster --format --frames --loads --method --no-plausibility
     -o/--output --pictures/--no-pictures --pixel-size-um --polarity --reference
-    --scene --shape --threshold --tolerance --workers
+    --scene --shape --threshold --workers
 report: --max-pictures -o/--output --with
 review: --no-browser --origin --port --workers
-simulate: --cluster --no-plausibility -o/--output --plan --workers
+simulate: --cluster --no-plausibility -o/--output --workers
 tradeoff: --knob --load-N --no-plausibility -o/--output --tolerance
 """
 """Names that users script against, beside --quiet, --verbose and --timings, which every command has."""

@@ -108,8 +108,8 @@ COMMANDS = [
     ),
     Command(
         "tradeoff",
-        ["tradeoff", "{in}/scene.toml", "-o", "out", "--knob", "sums", "--tolerance", "0.02"],
-        ["tradeoff", "{in}/scene.toml", "-o", "out", "--knob", "sums"],
+        ["tradeoff", "{in}/scene.toml", "-o", "out", "--knob", "model", "--tolerance", "0.02"],
+        ["tradeoff", "{in}/scene.toml", "-o", "out", "--knob", "model"],
     ),
     Command(
         "analyse",

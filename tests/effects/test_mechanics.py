@@ -7,7 +7,7 @@ from itertools import cycle, product
 import numpy as np
 import pandas as pd
 import pytest
-from effect_scenes import SA_LENS, SCENES, caps, hexagon, mechanical_scene, pattern
+from effect_scenes import SA_LENS, SCENES, caps, hexagon, mechanical_scene, pattern, possible_effects
 
 from contactimg import ConvergenceError, InputError, ModelRangeError
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS, PART_CONTACTS, estimate_mechanics
@@ -29,13 +29,6 @@ def answer(scene, table, load):
     return solution.force, solution.radius
 
 
-def applicable(scene):
-    """Effects that the scene can have."""
-    elastic = scene.elastic
-    able = {"adhesion": elastic.work_of_adhesion > 0, "layer": elastic.thickness is not None}
-    return {name for name in MECHANICAL_EFFECTS if able.get(name, True)}
-
-
 def switched(name, on):
     """The answer with these effects and no others; full coupling needs coupling."""
     on = on if "coupling" in on else on - {"full_coupling"}
@@ -49,7 +42,7 @@ def truths():
     """For each scene the complete answer and those with one effect left out."""
     found = {}
     for name in SCENES:
-        able = applicable(mechanical_scene(name)[0])
+        able = possible_effects(mechanical_scene(name)[0])
         found[name] = {effect: switched(name, able - {effect}) for effect in able} | {
             "": switched(name, able)
         }
@@ -205,7 +198,7 @@ def test_of_many_adhesive_contacts_only_the_part_adheres():
     whole, part = found.compared
     for solved, adheres in ((whole.base, False), (part.base, True)):
         a = solved.radius
-        hertz = 4 / 3 * solved.conditions.contact_modulus * a**3 / solved.law_radius
+        hertz = 4 / 3 * solved.conditions.contact_modulus * a**3 / solved.composite_radius
         assert np.allclose(solved.force, hertz, rtol=1e-6, atol=0) != adheres
     # of a mean contact: a^3 grows by sqrt(6 pi w R/p) = 2.7 %, its area by two thirds of that
     p = load / whole.base.touching.size

@@ -166,7 +166,7 @@ def test_table_and_record():
 @pytest.fixture
 def counted(monkeypatch):
     """How often the code of each effect runs."""
-    counts = dict.fromkeys(("matrix", "product", "full", "full adhesive", "sphere", "layer", "adhesion"), 0)
+    counts = dict.fromkeys(("matrix", "product", "full", "sphere", "layer", "adhesion"), 0)
 
     def count(owner, name, key):
         original = getattr(owner, name)
@@ -184,7 +184,6 @@ def counted(monkeypatch):
     count(sphere, "scaled_indentation", "sphere")  # on a layer, and with adhesion
     count(layer, "deficit_table", "layer")
     count(adhesive.AdhesiveContacts, "direction", "adhesion")
-    count(adhesive, "_punch_over_hertz", "full adhesive")
     assert contact_solver.FieldCorrection is FieldCorrection
     assert interacting.asperity_law("sphere", aspect=1.0) == SphereLaw(1.0)
     return counts
@@ -207,7 +206,7 @@ EVERYTHING = {"matrix", "product", "full", "sphere", "layer"}
         ("very adhesive, light", 0.05, {"adhesion"}),
         ("RA+ adhesive", 0.01, {"matrix", "product", "sphere", "adhesion"}),
         # contacts that several effects together let form count for each of them, the layer too
-        ("RA+ adhesive", 0.002, {"matrix", "product", "sphere", "adhesion", "full adhesive", "layer"}),
+        ("RA+ adhesive", 0.002, {"matrix", "product", "sphere", "adhesion", "layer"}),
     ],
 )
 def test_the_code_of_an_effect_that_is_off_is_not_run(counted, name, relative, run):

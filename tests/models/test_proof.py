@@ -95,7 +95,6 @@ def test_a_load_that_no_contact_bears_is_not_called_converged():
             table,
             indenter_radius=3.69e-6,
             contact_modulus=1.74e6,
-            coupling="full",
             apex=(1.9e-7, 0.0),
             thickness=9.24e-12,
             work_of_adhesion=0.27,
@@ -103,7 +102,7 @@ def test_a_load_that_no_contact_bears_is_not_called_converged():
         )
 
 
-@pytest.mark.parametrize("coupling", ["none", "asymptotic", "full"])
+@pytest.mark.parametrize("coupling", ["none", "asymptotic"])
 @pytest.mark.parametrize("load", [1e-16, 1e-13, 1e-9])
 def test_loads_far_below_the_adhesive_forces_are_balanced_or_stated(coupling, load):
     table = caps([0.0, 3e-4, 7e-4], height=[4e-5, 3.9e-5, 3.99e-5])
@@ -118,9 +117,8 @@ def test_loads_far_below_the_adhesive_forces_are_balanced_or_stated(coupling, lo
 @pytest.mark.parametrize("law", ["hertz", "sphere"])
 def test_coincident_adhesive_asperities_are_named(law):
     table = caps([1e-3, 0, 0])
-    for coupling in ("asymptotic", "full"):
-        with pytest.raises(ModelRangeError, match="rows 1 and 2 are at the same place"):
-            solve_adhesive(table, load=1e-3, coupling=coupling, law=law, work_of_adhesion=0.05, **FLAT)
+    with pytest.raises(ModelRangeError, match="rows 1 and 2 are at the same place"):
+        solve_adhesive(table, load=1e-3, law=law, work_of_adhesion=0.05, **FLAT)
     alone = solve_adhesive(table, load=1e-3, coupling="none", law=law, work_of_adhesion=0.05, **FLAT)
     assert alone.status == CONVERGED
 

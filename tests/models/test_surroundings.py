@@ -104,8 +104,6 @@ def test_what_has_no_mean_field_is_refused():
     scene = scene_of(surroundings="mean_field")
     with pytest.raises(InputError, match="needs at least 20 asperities"):
         predict_contacts(scene, part.iloc[:5], load=0.01)
-    with pytest.raises(InputError, match="spherical caps of one modulus"):
-        predict_contacts(scene, part.assign(radius_2_m=2e-4), load=0.01)
     sticky = scene_of(surroundings="mean_field", effects={"adhesion": "on"})
     with pytest.raises(InputError, match="without adhesion"):
         predict_contacts(sticky, part, load=0.01)

@@ -150,7 +150,6 @@ def test_the_command_applies_edits_of_the_folder_and_counts_them(folder, tmp_pat
     try:
         assert main([*command, "-o", str(tmp_path / "a")]) == 0
         assert main([*command, "-o", str(tmp_path / "b")]) == 0
-        assert main([*command, "--tolerance", "0.1", "-o", str(tmp_path / "c")]) == 2
     finally:
         (folder / "edits.csv").unlink()
     for name in ("contacts.csv", "frames.csv", "rejected.csv"):

@@ -498,10 +498,6 @@ def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[
 
 # --- numbers, tables and figures
 
-ANOTHER_SURFACE = (
-    "the same exponent, interval of what another surface of the same kind gives at as many places"
-)
-
 
 def result_rows(analysis: Analysis) -> pd.DataFrame:
     """The numbers of an analysis, columns of `contactimg.tables.RESULTS`."""
@@ -517,10 +513,6 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
         source = "between places" if law.n_places > 1 else "within the place, and stated errors"
         note = "A ~ P^m, errors in A and P; of this surface, whatever its places: interval from scatter "
         add(fit, "area_exponent", law.exponent, "1", note + source)
-        if law.here is not None:
-            note = "the same exponent, interval from the errors of areas and loads alone: of these places"
-            add(fit, "area_exponent_here", law.here, "1", note)
-        add(fit, "area_exponent_another_surface", law.another_surface, "1", ANOTHER_SURFACE)
         note = f"A of that law at {law.reference:.6g} N, the geometric mean of the loads"
         add(fit, "area_at_mean_load", law.amplitude, "m2", note)
         if law.zero:
@@ -533,7 +525,6 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
         fit = _fit(model, single, "Pa", single.n_places)
         note = f"{quantity} ~ p^m, one law; of this surface, whatever its places"
         add(fit, name, single.exponent, "1", note)
-        add(fit, f"{name}_another_surface", single.another_surface, "1", ANOTHER_SURFACE)
         note = "probability of as much gain by a break that is not there (Davies)"
         add(fit, f"{quantity}_break_p_value", broken.p_value, "1", note)
         if broken.supported:

@@ -18,11 +18,10 @@ from contactimg.engine.calls import in_parallel
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.files import Run, open_experiment, read_calibration, read_run
 from contactimg.files.runs import frame_shift
-from contactimg.pipeline.inputs import loads_before, scene_asperities
+from contactimg.pipeline.inputs import scene_asperities
 from contactimg.pose import Pose
 from contactimg.prediction import load_name, predict_contacts, scene_of_model
 from contactimg.scene import Scene
-from contactimg.surfaces import equivalent_radii
 from contactimg.tables import CONTACTS, LOADS, Schema, Status
 
 logger = logging.getLogger(__name__)
@@ -186,7 +185,7 @@ def radius_ratios(contacts: pd.DataFrame, scene: Scene, asperities: pd.DataFrame
             raise InputError(
                 f"contacts.csv names asperity {last}, but their table has {len(asperities)} rows"
             )
-        radii[known] = equivalent_radii(asperities)[contacts["asperity"][known].to_numpy(int)]
+        radii[known] = asperities["radius_m"].to_numpy(float)[contacts["asperity"][known].to_numpy(int)]
     return contacts["radius_m"] / radii
 
 
@@ -358,7 +357,6 @@ def _solve(places: dict[str, Place], model: str, name: str, row: dict[Hashable, 
             cast("pd.DataFrame", place.asperities),
             load=load,
             frame=str(row["frame"]),
-            history=loads_before(place.scene, load, usable_frames(place)["load_N"].tolist()),
         )
     except (ModelRangeError, ConvergenceError) as error:
         return str(error)

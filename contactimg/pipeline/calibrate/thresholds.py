@@ -29,7 +29,6 @@ from contactimg.plausibility import MAX_SCANNED_FORCES_OVER_LOAD, doubts_about_f
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
 from contactimg.plots.numbers import number_with_interval, plain_number
 from contactimg.scene import Scene
-from contactimg.surfaces import refuse_own_caps
 from contactimg.tables import CONTACTS, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema
 
 Values = NDArray[np.float64]
@@ -141,9 +140,7 @@ def _runs(
     scene: Scene, frames: pd.DataFrame, counted: list[pd.DataFrame], shape: tuple[int, int], half: int
 ) -> list[Run]:
     """One run a threshold, all under the pose found at the threshold of number ``half``."""
-    scene, asperities, sites = asperities_and_sites(scene)
-    if asperities is not None:
-        refuse_own_caps(asperities, "calibrate", columns=("young_modulus_Pa",))
+    _, sites = asperities_and_sites(scene)
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
     middle = counted[half]
     run = Run(scene, middle, frames)

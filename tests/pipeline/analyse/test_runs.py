@@ -82,18 +82,6 @@ def test_measured_and_rendered_contacts_say_the_same(run):
     assert np.sum(first["pressure_Pa"] * area) == pytest.approx(0.005, rel=1e-9)
 
 
-def test_results_tell_this_surface_and_another_one_apart(run):
-    table = result_rows(analyse_places([open_place(run)], AnalysisOptions(models=False))).set_index(
-        "quantity"
-    )
-    own, other = table.loc["area_exponent"], table.loc["area_exponent_another_surface"]
-    assert own["value"] == other["value"]
-    # places count twice, errors of the measurement once
-    assert own["std"] < other["std"] <= own["std"] * np.sqrt(2) * (1 + 1e-9)
-    assert other["low"] < own["low"] < own["high"] < other["high"]
-    assert "another surface" in other["note"]
-
-
 def test_two_places_alike_are_one_place_twice(run, tmp_path):
     twin = tmp_path / "twin"
     shutil.copytree(run, twin)
