@@ -27,6 +27,7 @@ ROOMS = [
     "plausibility",
     "imaging",
     "models",
+    "sliding",
     "effects",
     "matching",
     "forces",
