@@ -414,6 +414,8 @@ def solve_average(
     refuse_profile(scene, f'model "{model}"')
     if asperities is not None:
         refuse_own_caps(asperities, f'model "{model}"')
+    if not np.isfinite(indenter.radius):
+        raise InputError(f'model "{model}" takes a lens of finite radius, and [indenter] radius_m is "flat"')
     radius = _mean_radius(section, asperities)
     solve: Callable[..., RingSolution] = (
         solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
