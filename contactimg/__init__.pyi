@@ -30,6 +30,9 @@ from .calibration.jkr import calibrate_jkr as calibrate_jkr
 from .calibration.modulus import calibrate_modulus as calibrate_modulus
 from .calibration.plateau import find_plateau as find_plateau
 from .calibration.threshold import calibrate_threshold as calibrate_threshold
+from .design.laws import WantedLaw as WantedLaw
+from .design.surface import DesignedSurface as DesignedSurface
+from .design.surface import design_heights as design_heights
 from .errors import ContactimgError as ContactimgError
 from .errors import ConvergenceError as ConvergenceError
 from .errors import FrameError as FrameError

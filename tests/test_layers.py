@@ -28,6 +28,7 @@ ROOMS = [
     "imaging",
     "models",
     "sliding",
+    "design",
     "effects",
     "matching",
     "forces",
