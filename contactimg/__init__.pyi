@@ -24,6 +24,9 @@ from .calibration.jkr import calibrate_jkr as calibrate_jkr
 from .calibration.modulus import calibrate_modulus as calibrate_modulus
 from .calibration.plateau import find_plateau as find_plateau
 from .calibration.threshold import calibrate_threshold as calibrate_threshold
+from .design.laws import WantedLaw as WantedLaw
+from .design.surface import DesignedSurface as DesignedSurface
+from .design.surface import design_heights as design_heights
 from .errors import ContactimgError as ContactimgError
 from .errors import ConvergenceError as ConvergenceError
 from .errors import FrameError as FrameError
@@ -78,6 +81,11 @@ from .render import render_smooth_contact as render_smooth_contact
 from .report import build_report as build_report
 from .scene import Scene as Scene
 from .scene import scene_from_dict as scene_from_dict
+from .sliding.compliance import ShearForces as ShearForces
+from .sliding.compliance import recover_shear_forces as recover_shear_forces
+from .sliding.compliance import tangential_compliance as tangential_compliance
+from .sliding.onset import SlidingOnset as SlidingOnset
+from .sliding.onset import solve_sliding_onset as solve_sliding_onset
 from .surfaces import DropletCaps as DropletCaps
 from .surfaces import GaussianCaps as GaussianCaps
 from .surfaces import UniformCaps as UniformCaps

@@ -140,6 +140,7 @@ def doubts_about_scene(
             ("thickness_m", elastic.thickness),
         ]
     stated += [] if camera is None else [("pixel_size_m", camera.pixel_size)]
+    indenter = None if indenter is None or np.isinf(indenter.radius) else indenter  # a flat is plausible
     stated += [] if indenter is None else [("[indenter] radius_m", indenter.radius)]
     table = asperities if asperities is not None and len(asperities) > 1 else None
     if table is not None:

@@ -368,6 +368,8 @@ def solve_average(
     """Solve a statistical model for a scene: the rings behind `predict_average`, with its arguments."""
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     section: Asperities = scene.need("asperities", "a statistical model")
+    if not np.isfinite(indenter.radius):
+        raise InputError(f'model "{model}" takes a lens of finite radius, and [indenter] radius_m is "flat"')
     radius = _mean_radius(section, asperities)
     solve: Callable[..., RingSolution] = (
         solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp

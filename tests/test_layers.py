@@ -26,6 +26,8 @@ ROOMS = [
     "plausibility",
     "imaging",
     "models",
+    "sliding",
+    "design",
     "effects",
     "matching",
     "forces",

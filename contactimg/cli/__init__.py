@@ -27,6 +27,7 @@ COMMANDS = {
     "check": ("process", "Test the measurement on contacts of known radius drawn into your own frames."),
     "calibrate": ("calibrate", "Calibrate the modulus, the threshold or the plateau on a folder of frames."),
     "predict": ("models", "Predict the contacts at given loads with a contact model."),
+    "design": ("design", "Design a surface whose contact area follows a wanted law of the load."),
     "overlay": ("runs", "Compare measured with predicted contacts, frame by frame."),
     "simulate": ("models", "Render synthetic frames of a scene, with the true contacts."),
     "effects": ("models", "Decide which physical effects matter for a scene."),

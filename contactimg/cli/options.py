@@ -95,6 +95,7 @@ def _parameter(parameter: inspect.Parameter, meaning: str) -> click.Parameter:
         return click.Argument([parameter.name], **settings)
     if plain is bool:
         settings = {"default": parameter.default, "is_flag": True}
+    settings["required"] = required
     names = flags.split(" ") if flags else [f"--{parameter.name.replace('_', '-')}"]
     help_text = said or " ".join(meaning.split())
     return click.Option([*names, parameter.name], multiple=many, help=help_text, **settings)

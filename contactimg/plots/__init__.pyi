@@ -10,6 +10,7 @@ from .captions import caption_of as caption_of
 from .curves import plot_pressure_law as plot_pressure_law
 from .curves import plot_profile as plot_profile
 from .curves import plot_topography as plot_topography
+from .design import plot_design as plot_design
 from .images import COUPLED as COUPLED
 from .images import HERTZ as HERTZ
 from .images import MEASURED as MEASURED

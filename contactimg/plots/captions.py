@@ -27,6 +27,9 @@ CAPTIONS = {
     f"minus the load. {NO_BARS}",
     "plateau": "Total contact area of each frame against threshold, with the plateau shaded, on which "
     f"the total area falls slowest. {NO_BARS}",
+    "law": "Real contact area against load: the wanted law, and those of the surfaces designed for it as if "
+    "contacts were independent and with contacts that displace each other. The lower panel shows how far "
+    "each lies from the wanted law. The band is one standard uncertainty from errors of the heights.",
     "check": "Contacts of known radius drawn into the frames and measured again. Above the share that is "
     "found, below measured minus true radius of each (dots), their mean by radius, and as error bars their "
     "root mean square.",

@@ -14,6 +14,7 @@ from contactimg.scene.rules import (
     OpenFraction,
     Point,
     Positive,
+    RadiusOrFlat,
     Section,
 )
 
@@ -21,7 +22,9 @@ from contactimg.scene.rules import (
 class Indenter(Section):
     """The smooth sphere, or the textured lens."""
 
-    radius: Positive = Field(alias="radius_m", description="Radius of curvature of the lens, m.")
+    radius: RadiusOrFlat = Field(
+        alias="radius_m", description='Radius of curvature of the lens, m; "flat" for a flat plate.'
+    )
     apex: Point = Field(
         (0.0, 0.0), alias="apex_m", description="Sample point (x, y) below the apex of the indenter, m."
     )

@@ -6,12 +6,16 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     PlainSerializer,
     ValidationError,
     WrapValidator,
 )
+
+FLAT = "flat"
+"""What a radius may be instead of a number."""
 
 
 def must_be(rule: str) -> WrapValidator:
@@ -32,6 +36,13 @@ Count = Annotated[int, Field(strict=True, ge=0)]
 CountFrom1 = Annotated[int, Field(strict=True, ge=1)]
 YesNo = Annotated[bool, Field(strict=True)]
 Positive = Annotated[Number, Field(gt=0)]
+# a flat has an infinite radius, which JSON cannot hold
+RadiusOrFlat = Annotated[
+    float,
+    Field(strict=True, gt=0, allow_inf_nan=True),
+    BeforeValidator(lambda value: math.inf if value == FLAT else value),
+    PlainSerializer(lambda value: FLAT if math.isinf(value) else value),
+]
 NonNegative = Annotated[Number, Field(ge=0)]
 Fraction = Annotated[Number, Field(ge=0, le=1)]
 OpenFraction = Annotated[Number, Field(gt=0, lt=1)]

@@ -6,6 +6,7 @@ from .schemas import ASPERITIES as ASPERITIES
 from .schemas import CHECK as CHECK
 from .schemas import CIRCLES as CIRCLES
 from .schemas import CONTACTS as CONTACTS
+from .schemas import DESIGNED as DESIGNED
 from .schemas import DRAWN as DRAWN
 from .schemas import EDITS as EDITS
 from .schemas import EFFECTS as EFFECTS
@@ -28,6 +29,7 @@ from .schemas import THRESHOLD_CURVE as THRESHOLD_CURVE
 from .schemas import TOPOGRAPHY as TOPOGRAPHY
 from .schemas import TRADEOFF as TRADEOFF
 from .schemas import VARIANTS as VARIANTS
+from .schemas import WANTED_LAW as WANTED_LAW
 from .schemas import Schema as Schema
 from .statuses import FAILED as FAILED
 from .statuses import NO_RESULT as NO_RESULT

@@ -546,3 +546,30 @@ FORCE_SUMS = Schema(
     },
     "Area and force sum of each frame at the calibrated threshold (forces.csv, areas.csv).",
 )
+
+WANTED_LAW = Schema(
+    "wanted",
+    {
+        "load_N": LOAD,
+        "area_m2": ("float64", "wanted real contact area A at this load, m^2"),
+        "friction_N": ("float64", "instead of the area: wanted friction force, N"),
+    },
+    "A wanted law for `design`, one row per load; straight lines lie between the rows.",
+)
+
+DESIGNED = Schema(
+    "law",
+    {
+        "load_N": LOAD,
+        "wanted_area_m2": ("float64", "real contact area of the wanted law, m^2"),
+        "independent_area_m2": (
+            "float64",
+            "area of the design for independent contacts, if they were so, m^2",
+        ),
+        "uncorrected_area_m2": ("float64", "area of that design with contacts that displace each other, m^2"),
+        "coupled_area_m2": ("float64", "area of the designed surface, contacts displacing each other, m^2"),
+        "coupled_std_m2": ("float64", "root mean square change of coupled_area_m2 by errors of heights, m^2"),
+        "n_contacts": ("Int64", "number of contacts of the designed surface"),
+    },
+    "The wanted law and the laws of the surface that `design` found, one row per load.",
+)

@@ -43,6 +43,8 @@ ROOM_TITLES = {  # headings of the Python reference, in its order
     "surfaces": "Asperities",
     "mechanics": "Closed forms",
     "models": "Contact models",
+    "sliding": "Onset of sliding",
+    "design": "Designed surfaces",
     "render": "Rendering frames",
     "analysis": "Analysis",
     "calibration": "Calibration",

@@ -73,8 +73,10 @@ def test_the_help_is_the_docstring_and_the_meaning_of_the_key():
     text = " ".join(CliRunner().invoke(draw_lines, ["--help"]).output.split())
     assert "Draw lines on NAME. Options:" in text
     assert "--load-std-N FLOAT RANGE Standard uncertainty of a load, in newtons." in text
-    assert "--lens-radius-mm NUMBER Radius of curvature of the lens, mm." in text
-    assert section_keys("indenter")["radius_m"].description == "Radius of curvature of the lens, m."
+    assert '--lens-radius-mm NUMBER Radius of curvature of the lens, mm; "flat" for a flat plate.' in text
+    assert section_keys("indenter")["radius_m"].description == (
+        'Radius of curvature of the lens, m; "flat" for a flat plate.'
+    )
 
 
 @pytest.mark.parametrize("value", [6, 5.9, 0.1, 1 / 3, 6.123456789])

@@ -1,0 +1,191 @@
+"""``contactimg design``: heights of equal caps whose contacts follow a wanted law."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import click
+
+from contactimg.cli import options as shared
+from contactimg.cli.printing import echo_table, say
+from contactimg.errors import InputError
+
+if TYPE_CHECKING:
+    from contactimg.design.laws import WantedLaw
+    from contactimg.design.surface import DesignedSurface
+    from contactimg.scene import Scene
+
+ASPERITIES_FILE, LAW_FILE = "asperities.csv", "law.csv"
+
+SHOWN_ROWS = 8
+"""Loads between two printed rows. Chosen: five rows."""
+
+
+@shared.command()
+@shared.scene_options(
+    shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa", default="the scene's"),
+    shared.SceneOption("--poisson-ratio", "elastic", "poisson_ratio"),
+)
+@shared.no_plausibility
+def design(
+    scene: shared.Existing | None = None,
+    *,
+    stated: shared.Stated,
+    law: Annotated[str, "--law"],
+    caps: shared.Count = 64,
+    cap_radius_um: shared.Positive,
+    spacing_mm: shared.Positive,
+    max_load_n: Annotated[shared.Positive | None, "--max-load-N"] = None,
+    min_load_n: Annotated[shared.Positive | None, "--min-load-N"] = None,
+    shear_strength_mpa: Annotated[shared.Positive | None, "--shear-strength-MPa"] = None,
+    lowest_um: shared.Positive | None = None,
+    height_error_um: shared.NonNegative = 1.0,
+    tolerance: Annotated[float, click.FloatRange(min=0, max=1, min_open=True, max_open=True)] = 0.01,
+    nearest: bool = False,
+    seed: Annotated[int, click.IntRange(min=0)] = 0,
+    output: Annotated[
+        shared.NewFolder | None, f"Folder for the results.  [default: {shared.DEFAULT_FOLDER}]"
+    ] = None,
+) -> int:
+    """Design a surface whose contact area with a flat plate follows a wanted law of the load.
+
+    The surface has equal spherical caps on a square grid; what is designed is the height of each. The elastic
+    constants are those of SCENE (a scene.toml or the folder that holds one) or of the options. The heights
+    are found for independent Hertz contacts first, then corrected for exact spheres that displace each
+    other. A friction law becomes an area law by the shear strength, which is assumed not to depend on the
+    load.
+
+    Writes asperities.csv (x, y, height, radius of each cap, in m), law.csv (wanted and designed areas, and
+    their scatter from errors of the heights), law.png (.svg, .pdf), provenance.json, and scene.toml, which
+    `contactimg predict` reads.
+
+    Exit codes: 0 done, 1 done but the surface misses the law by more than the tolerance, 2 nothing done (the
+    law is not possible, for example).
+
+    \b
+    Examples:
+      contactimg design --law "A = 5e-6 P" --max-load-N 0.3 --cap-radius-um 500 --spacing-mm 1.5
+          --young-modulus-MPa 1.36 -o designed
+      contactimg predict designed --load-N 0.1 -o predicted
+      contactimg design scene.toml --law friction.csv --shear-strength-MPa 0.3 --cap-radius-um 500
+          --spacing-mm 1.5
+
+    Parameters
+    ----------
+    law
+        "A = c P^m": area in m2 for a load in N; "F = c P^m": friction force in N, with --shear-strength-MPa;
+        or a CSV table with the columns load_N and area_m2 or friction_N, straight lines between the rows.
+    caps
+        Number of caps. Those that the law does not need stand lower than all others.
+    cap_radius_um
+        Radius of curvature of the caps, in micrometres.
+    spacing_mm
+        Distance between neighbouring caps, in millimetres.
+    max_load_n
+        Largest load at which the law holds, in newtons.  [default: the last row of a table]
+    min_load_n
+        Smallest one.  [default: the first row of a table; of a formula a tenth of the largest]
+    shear_strength_mpa
+        Friction force over contact area, in MPa.
+    lowest_um
+        Height of the lowest cap above the plane between the caps.  [default: a tenth of the radius]
+    height_error_um
+        Standard deviation of the errors of the milled heights, for the scatter of the law.
+    tolerance
+        Largest relative difference from the wanted area that is accepted.
+    nearest
+        If the law is not possible, design the nearest possible one.
+    seed
+        Of the random numbers that decide which cap has which height.
+    """
+    import numpy as np
+
+    from contactimg.cli.scenes import scene_at
+    from contactimg.design.surface import design_heights
+    from contactimg.files import write_figures, write_scene, write_table
+    from contactimg.plots import caption_of, plot_design
+    from contactimg.scene import scene_from_dict
+    from contactimg.tables import ASPERITIES, DESIGNED
+
+    described, inputs = (scene_from_dict(stated), []) if scene is None else scene_at(scene, stated)
+    elastic = described.need("elastic", "the design of a surface (or --young-modulus-MPa)")
+    strength = None if shear_strength_mpa is None else shear_strength_mpa * 1e6
+    is_table = Path(law).suffix == ".csv"
+    wanted = _wanted(law, least=min_load_n, largest=max_load_n, shear_strength=strength)
+    found = design_heights(
+        wanted,
+        count=caps,
+        cap_radius=cap_radius_um * 1e-6,
+        spacing=spacing_mm * 1e-3,
+        contact_modulus=elastic.contact_modulus,
+        lowest=None if lowest_um is None else lowest_um * 1e-6,
+        height_std=height_error_um * 1e-6,
+        tolerance=tolerance,
+        nearest=nearest,
+        rng=np.random.default_rng(seed),
+    )
+    inputs = [*inputs, *([Path(law)] if is_table else [])]
+    main_files = [ASPERITIES_FILE, LAW_FILE, "scene.toml"]
+    with shared.results_in(output, ".", scene=described, inputs=inputs, main_files=main_files) as out:
+        out.record |= {"status": found.status, "residual": found.residual}
+        write_table(found.asperities, ASPERITIES, out.folder / ASPERITIES_FILE)
+        write_table(found.law, DESIGNED, out.folder / LAW_FILE)
+        write_scene(_designed_scene(described), out.folder / "scene.toml")
+        write_figures(plot_design(found.law), out.folder, "law", caption=caption_of("law"))
+        _echo(found, height_error_um)
+    return int(found.residual > tolerance)
+
+
+def _wanted(
+    law: str, *, least: float | None, largest: float | None, shear_strength: float | None
+) -> "WantedLaw":
+    """The law that the options state."""
+    from contactimg.design.laws import WantedLaw
+    from contactimg.files import read_table
+    from contactimg.tables import WANTED_LAW
+
+    if Path(law).suffix != ".csv":
+        if largest is None:
+            raise InputError("a law in words needs --max-load-N, the largest load at which it holds")
+        return WantedLaw.parse(
+            law,
+            least=largest / 10 if least is None else least,
+            largest=largest,
+            shear_strength=shear_strength,
+        )
+    table = read_table(law, WANTED_LAW, required=("load_N",))
+    areas = table["area_m2"].notna().all()
+    column = table["area_m2" if areas else "friction_N"].to_numpy(float)
+    whole = WantedLaw(table["load_N"].to_numpy(float), column).over(1.0 if areas else shear_strength)
+    return whole.between(least, largest)
+
+
+def _designed_scene(described: "Scene") -> dict[str, dict[str, object]]:
+    """The scene of the designed surface under a flat plate."""
+    elastic = described.source["elastic"]
+    kept = {key: elastic[key] for key in ("young_modulus_Pa", "poisson_ratio") if key in elastic}
+    return {"indenter": {"radius_m": "flat"}, "elastic": kept, "asperities": {"file": ASPERITIES_FILE}}
+
+
+def _echo(found: "DesignedSurface", height_error_um: float) -> None:
+    """Print the laws at some loads, and how good the surface is."""
+    table = found.law
+    wanted = table["wanted_area_m2"]
+    rows = [
+        {
+            "load mN": f"{1e3 * row['load_N']:.4g}",
+            "contacts": str(row["n_contacts"]),
+            "wanted mm²": f"{1e6 * row['wanted_area_m2']:.4g}",
+            "designed mm²": f"{1e6 * row['coupled_area_m2']:.4g}",
+            "scatter": f"{100 * row['coupled_std_m2'] / row['coupled_area_m2']:.2g} %",
+        }
+        for row in table.iloc[::SHOWN_ROWS].to_dict("records")
+    ]
+    echo_table("area against load", rows, left=0)
+    heights, off = found.asperities["height_m"] * 1e6, (table["coupled_area_m2"] / wanted - 1).abs().max()
+    say(
+        f"{len(heights)} caps with heights from {heights.min():.1f} to {heights.max():.1f} µm: "
+        f"the area is within {100 * off:.2g} % of the wanted law",
+        f"designed for independent contacts they would be off by {100 * found.independent_residual:.2g} %",
+        f"scatter: root mean square change of the area if the heights have errors of {height_error_um:g} µm",
+        "" if found.status == "ok" else found.status,
+    )

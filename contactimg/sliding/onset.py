@@ -1,0 +1,232 @@
+"""Onset of sliding: contacts that stick until they bear their strength, one after the other.
+
+``min_q q.C.q/2 - D sum(q)`` with ``0 <= q_i <= tau0 pi a_i^2``. As the displacement D grows, the solution is
+piecewise linear: between two events the contacts that stick follow ``C_SS q_S = D - C_SF q_F``, and at an
+event one of them reaches a bound, or one that slips sticks again. The path from event to event is followed
+exactly, with one sweep (principal pivot) of the matrix an event.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cholesky
+from scipy.optimize import nnls
+
+from contactimg.errors import ConvergenceError, InputError
+from contactimg.sliding.compliance import checked_contacts, tangential_compliance
+
+Values = NDArray[np.float64]
+
+TOLERANCE = 1e-8
+"""Largest accepted residual. Chosen: as the bounded problem is asked for; rounding gives 1e-13."""
+
+EVENTS_PER_CONTACT = 20
+"""Events after which the path is given up. Chosen by hand: one a contact is usual."""
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingOnset:
+    """Shear forces of all contacts against the displacement of the glass.
+
+    Parameters
+    ----------
+    compliance : ndarray, shape (n, n), m/N
+    strength : ndarray, shape (n,), N
+        Largest shear force of each contact.
+    events : ndarray, shape (k,), m
+        Displacements, from 0 on, between which every force is linear.
+    forces : ndarray, shape (k, n), N
+        At these displacements; from the last one on every contact slips.
+    slip_displacement : ndarray, shape (n,), m
+        Where each contact first bears its strength.
+    residual : float
+        Largest violation of the conditions of the minimum at the events, relative to the displacement.
+    """
+
+    compliance: Values
+    strength: Values
+    events: Values
+    forces: Values
+    slip_displacement: Values
+    residual: float
+
+    @property
+    def condition_number(self) -> float:
+        """Largest over smallest eigenvalue of the compliance."""
+        values = np.linalg.eigvalsh(self.compliance)
+        return float(values[-1] / values[0])
+
+    @property
+    def order(self) -> NDArray[np.intp]:
+        """Rows of the contacts in the order in which they slip."""
+        return np.argsort(self.slip_displacement, kind="stable")
+
+    def forces_at(self, displacements: ArrayLike) -> Values:
+        """Shear forces (N) at displacements (m): one row a displacement, one column a contact."""
+        D = _displacements(displacements)
+        low = np.clip(np.searchsorted(self.events, D, side="right") - 1, 0, len(self.events) - 2)
+        steps = np.diff(self.events)[low]
+        share = np.divide(D - self.events[low], steps, out=np.ones_like(D), where=steps > 0)
+        return self.forces[low] + np.clip(share, 0.0, 1.0)[:, None] * (
+            self.forces[low + 1] - self.forces[low]
+        )
+
+    def independent_forces_at(self, displacements: ArrayLike) -> Values:
+        """The same of contacts that do not displace each other: ``min(D/C_ii, strength)``."""
+        D = _displacements(displacements)
+        return np.minimum(D[:, None] / np.diag(self.compliance), self.strength)
+
+    def curve(self, displacements: ArrayLike) -> pd.DataFrame:
+        """Force (N) against displacement (m), coupled and independent, and how many contacts slip."""
+        D = _displacements(displacements)
+        forces = self.forces_at(D)
+        return pd.DataFrame(
+            {
+                "displacement_m": D,
+                "force_N": forces.sum(axis=1),
+                "independent_N": self.independent_forces_at(D).sum(axis=1),
+                "slipping": (forces >= self.strength * (1 - TOLERANCE)).sum(axis=1),
+            }
+        )
+
+
+def solve_sliding_onset(
+    contacts: pd.DataFrame,
+    *,
+    shear_strength: float,
+    contact_modulus: float,
+    poisson_ratio: float,
+    direction: float = 0.0,
+) -> SlidingOnset:
+    """Follow the contacts from rest to full slip as the glass is displaced tangentially.
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        Columns ``x_m, y_m, radius_m``, of one frame or load (`InteractingSolution.contacts`,
+        contacts.csv).
+    shear_strength : float, Pa
+        ``tau0``: shear force of a contact that slips, over its area.
+    contact_modulus : float, Pa
+        ``E* = E/(1 - nu^2)``.
+    poisson_ratio : float
+    direction : float, rad
+        Of the tangential load, from +x towards +y.
+
+    Returns
+    -------
+    SlidingOnset
+
+    Raises
+    ------
+    InputError
+        As `tangential_compliance`, or if the strength is not positive.
+    ConvergenceError
+        If the path does not end, or the forces do not minimise to 1e-8.
+
+    Notes
+    -----
+    Each contact sticks as a whole and then slips as a whole, with the radius of pure compression. A contact
+    of constant strength that slips from its rim inwards reaches the same force at ``4/pi`` times the
+    displacement. The radius under shear is smaller; see the laws of area under shear.
+
+    Examples
+    --------
+    Alone, a contact follows ``8 G a D/(2 - nu)`` up to ``tau0 pi a^2``:
+
+    >>> contact = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "radius_m": [2e-5]})
+    >>> onset = solve_sliding_onset(contact, shear_strength=4e5, contact_modulus=4e6, poisson_ratio=0.5)
+    >>> [round(float(q) * 1e6, 2) for q in onset.forces_at([1e-6, 1e-5])[:, 0]]  # uN
+    [106.67, 502.65]
+    """
+    if not (np.isfinite(shear_strength) and shear_strength > 0):
+        raise InputError(f"shear_strength must be positive and finite, got {shear_strength!r} Pa")
+    C = tangential_compliance(
+        contacts, contact_modulus=contact_modulus, poisson_ratio=poisson_ratio, direction=direction
+    )
+    strength = shear_strength * np.pi * checked_contacts(contacts)[2] ** 2
+    events, forces = _follow(C, strength)
+    residual = _residual(C, strength, events, forces)
+    if not residual <= TOLERANCE:
+        raise ConvergenceError(
+            f"the shear forces violate the conditions of the minimum by {residual:.2g} of the displacement, "
+            f"more than {TOLERANCE:g}; contacts may be too close for point forces"
+        )
+    full = forces >= strength * (1 - TOLERANCE)
+    slips = np.where(full.any(axis=0), events[full.argmax(axis=0)], np.inf)
+    return SlidingOnset(C, strength, events, forces, slips, residual)
+
+
+def _displacements(displacements: ArrayLike) -> Values:
+    """Displacements as an array, none of them negative."""
+    D = np.atleast_1d(np.asarray(displacements, dtype=np.float64))
+    if D.ndim != 1 or not (D >= 0).all():
+        raise InputError("displacements must be a list of numbers in m, none of them negative or NaN")
+    return D
+
+
+def _follow(C: Values, strength: Values) -> tuple[Values, Values]:
+    """Displacements of the events, and the forces there.
+
+    ``T`` is C with the rows of the contacts that stick swept: ``-C_SS^-1``, ``C_SS^-1 C_SF`` and the
+    Schur complement of the others. ``start`` and ``rate`` are the force of a contact that sticks, of others
+    the displacement of the glass against the rubber, as ``start + rate D``.
+    """
+    n = len(C)
+    T, held = C.copy(), np.zeros(n)  # held: forces of contacts that do not stick
+    sticks = _first_sticking(C)
+    for k in np.flatnonzero(sticks):
+        _sweep(T, k)
+    D, events, forces = 0.0, [0.0], [np.zeros(n)]
+    for _ in range(EVENTS_PER_CONTACT * n):
+        start, rate = -T @ held, np.where(sticks, 0.0, 1.0) - T[:, sticks].sum(axis=1)
+        slips = ~sticks & (held > 0)
+        bound = np.where(sticks & (rate > 0), strength, 0.0)
+        # a contact that slips sticks again where glass and rubber come to rest, one without force likewise
+        leaves = np.where(sticks, rate != 0, np.where(slips, rate < 0, rate > 0))
+        at = np.full(n, np.inf)
+        at[leaves] = np.maximum((bound - start)[leaves] / rate[leaves], D)
+        k = np.argmin(at)
+        D = float(at[k])
+        if not np.isfinite(D):  # every contact slips
+            return np.array(events), np.array(forces)
+        forces.append(np.where(sticks, np.clip(start + rate * D, 0.0, strength), held))
+        events.append(D)
+        held[k] = bound[k] if sticks[k] else 0.0
+        forces[-1][k] = bound[k] if sticks[k] else forces[-1][k]
+        sticks[k] = not sticks[k]
+        _sweep(T, k)
+    raise ConvergenceError(
+        f"the onset of sliding of {n} contacts did not end in {EVENTS_PER_CONTACT * n} events; contacts "
+        "may be too close for point forces"
+    )
+
+
+def _first_sticking(C: Values) -> NDArray[np.bool_]:
+    """Contacts that bear shear from the first displacement on: others are moved by their neighbours."""
+    one = np.ones(len(C))
+    if (np.linalg.solve(C, one) > 0).all():
+        return one > 0
+    L = cholesky(C, lower=True)
+    return np.asarray(nnls(L.T, np.linalg.solve(L, one))[0] > 0)
+
+
+def _sweep(T: Values, k: np.intp) -> None:
+    """Pivot on row k, in place; a second time undoes it."""
+    pivot, column = T[k, k], T[:, k].copy()
+    T -= np.outer(column / pivot, column)
+    T[k] = T[:, k] = column / abs(pivot)
+    T[k, k] = -1 / pivot
+
+
+def _residual(C: Values, strength: Values, events: Values, forces: Values) -> float:
+    """Largest violation of the conditions of the minimum: ``C q = D`` between the bounds, below D at most."""
+    excess = forces @ C - events[:, None]
+    free = (forces > 0) & (forces < strength)
+    wrong = np.where(
+        free, np.abs(excess), np.where(forces > 0, np.maximum(excess, 0), np.maximum(-excess, 0))
+    )
+    scale = np.maximum(events[1:], np.finfo(np.float64).tiny)
+    return float((wrong[1:].max(axis=1) / scale).max(initial=0.0))
