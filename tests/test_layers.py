@@ -31,6 +31,7 @@ ROOMS = [
     "matching",
     "forces",
     "analysis",
+    "shear",
     "calibration",
     "prediction",
     "hard_cases",
