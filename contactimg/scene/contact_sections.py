@@ -135,6 +135,11 @@ class Load(Section):
         description="Stiffness of the load cell and the frame of the instrument, N/m, where `predict` is "
         "given displacements of the stage; rigid if not given.",
     )
+    tangential_direction: Angle = Field(
+        0.0,
+        alias="tangential_direction_deg",
+        description="Direction on the sample of a positive tangential load, from +x_m towards +y_m, degrees.",
+    )
     path: Literal["loading", "unloading"] | Annotated[list[Number], Field(max_length=1000)] = Field(
         "loading",
         description="How adhesive contacts reach a load: at first loading, by unloading from the larger "

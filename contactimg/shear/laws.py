@@ -213,7 +213,7 @@ def _power_terms(exponent: float, *, free: bool = False) -> Basis:
 
 
 def _free_exponent(points: Points, confidence: float) -> Estimate:
-    """The exponent m of ``y = b x^m``, by steps of fits of ``b x^m + (b dm) x^m ln x``; NaN if none is found."""
+    """The exponent m of ``y = b x^m``, by fits of ``b x^m + (b dm) x^m ln x``; NaN if none is found."""
     unknown = Estimate(np.nan, np.nan, np.nan, np.nan)
     exponent = EXPONENT
     if np.ptp(np.asarray(points.x)) == 0:

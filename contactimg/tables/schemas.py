@@ -224,6 +224,10 @@ LOADS = Schema(
         "velocity_m_s": ("float64", "sliding velocity, m/s"),
     },
     "Loads of the frames, given by the experimenter or written by simulate.",
+    later={
+        "tangential_N": ("float64", "tangential load Q of a contact that does not slide, N"),
+        "time_s": ("float64", "time of the frame, s"),
+    },
 )
 
 EDITS = Schema(
