@@ -1,6 +1,7 @@
 """Each asperity of a series in each frame: its contact, or where it would touch; and the laws of these."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -96,8 +97,9 @@ class ShearLaws:
     contacts : DataFrame
         One row a contact: ``asperity, area, area_std, rate, rate_std, correlation``, with ``rate`` (m^2/N^2)
         the decrease of its area with the square of its own share of the load.
-    along, across : Decrease
-        Of the mean half-axes, along the load and across it, of contacts that touch in all frames.
+    along, across : Decrease or None
+        Of the mean half-axes, along the load and across it, of contacts that touch in all frames; None if
+        there are none.
     largest : float, N
         Largest tangential load.
     """
@@ -105,8 +107,8 @@ class ShearLaws:
     load: float
     total: Decrease
     contacts: pd.DataFrame
-    along: Decrease
-    across: Decrease
+    along: Decrease | None
+    across: Decrease | None
     largest: float
 
 
@@ -167,9 +169,17 @@ def fit_shear_laws(
     both = half_axes_along(*(whole[name] for name in MEASURED[4:7]), direction=direction)
     means = pd.DataFrame(dict(zip("xy", both, strict=True))).groupby(whole["frame"].to_numpy()).mean()
     along, across = (
-        fit_decrease(loads, means[name].reindex(shots.index), confidence=confidence) for name in "xy"
+        fit_decrease(loads, means[name].reindex(shots.index), confidence=confidence) if len(means) else None
+        for name in "xy"
     )
-    return ShearLaws(float(shots["load_N"].mean()), total, contacts, along, across, float(loads.abs().max()))
+    return ShearLaws(
+        float(shots["load_N"].mean()),
+        total,
+        contacts[contacts["area"] > 0],
+        along,
+        across,
+        float(loads.abs().max()),
+    )
 
 
 def _law_of_contact(one: pd.DataFrame, total: float) -> tuple[float, ...]:
@@ -180,10 +190,22 @@ def _law_of_contact(one: pd.DataFrame, total: float) -> tuple[float, ...]:
     return law.start.value, law.start.std, share * law.rate.value, share * law.rate.std, law.correlation
 
 
-def fit_beta(laws: list[ShearLaws], *, confidence: float = 0.95) -> RateLaw:
-    """Fit ``alpha = beta A0^(-3/2)`` to the contacts of all normal loads; see `fit_rate_law`."""
+def fit_beta(laws: Sequence[ShearLaws], *, confidence: float = 0.95) -> RateLaw:
+    """Fit ``alpha = beta A0^(-3/2)`` to the contacts of all normal loads; see `fit_rate_law`.
+
+    What the contacts of a frame share (contrast, blur, edges, the tangential load) does not average out over
+    them. It acts on the sum of their areas alike, so the relative uncertainty of its rate is added to that of
+    beta.
+    """
     table = pd.concat([one.contacts for one in laws])
-    return fit_rate_law(
-        table["area"], table["rate"], area_std=table["area_std"], rate_std=table["rate_std"],
-        correlation=table["correlation"].clip(-1, 1), confidence=confidence,
-    )  # fmt: skip
+    law = fit_rate_law(
+        table["area"],
+        table["rate"],
+        area_std=table["area_std"],
+        rate_std=table["rate_std"],
+        correlation=table["correlation"].clip(-1, 1),
+        confidence=confidence,
+    )
+    known = sum((one.total.rate.value / one.total.rate.std) ** 2 for one in laws if one.total.rate.std > 0)
+    shared = abs(law.beta.value) / np.sqrt(known) if known > 0 else 0.0
+    return replace(law, beta=law.beta.widened(float(shared), confidence=confidence))

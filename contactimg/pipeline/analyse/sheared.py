@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contactimg.analysis.area_against_load import group_loads
 from contactimg.analysis.estimates import Estimate
 from contactimg.engine.calls import in_parallel
-from contactimg.errors import ContactimgError, InputError
+from contactimg.errors import ContactimgError
 from contactimg.files import Experiment, open_experiment, write_figures, write_table
 from contactimg.files.runs import frame_shift
 from contactimg.files.sources import FrameSource
@@ -31,7 +31,7 @@ logger = logging.getLogger(__name__)
 Strip = tuple[tuple[str, NDArray], ...]
 
 STRIP_RADII, STRIP_FRAMES = 2.0, 12
-"""Half side of the pictures of a contact, in its largest radius, and their number at most. Chosen by eye."""
+"""Margin of the pictures of a contact about its motion, in its radii, and their number at most. By eye."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,27 +58,22 @@ class Sheared:
         """Quantity, its estimate, unit, note and number of points, for results.csv."""
         rows = []
         for law in self.laws:
-            at, n = f" at P = {law.load:.4g} N", law.total.n_points
-            rows += [
-                (
-                    "shear_area",
-                    law.total.start,
-                    "m2",
-                    "A0 of A = A0 - alpha Q^2, sum of the contacts" + at,
-                    n,
-                ),
-                ("shear_area_rate", law.total.rate, "m2/N2", "alpha of the sum" + at, n),
-                (
-                    "shear_axis_along_rate",
-                    law.along.rate,
-                    "m/N2",
-                    "k of the mean half-axis along Q, a0 - k Q^2" + at,
-                    n,
-                ),
-                ("shear_axis_across_rate", law.across.rate, "m/N2", "the same across Q" + at, n),
+            at, total = f" at P = {law.load:.4g} N", law.total
+            fits = [
+                ("shear_area", total.start, "m2", "A0 of A = A0 - alpha Q^2, sum of the contacts"),
+                ("shear_area_rate", total.rate, "m2/N2", "alpha of the sum"),
             ]
-            note = "Q/A(Q) of the largest tangential load: sigma, if the contact slides there" + at
-            rows.append(("shear_strength_at_largest", fit_strength(law.total, law.largest), "Pa", note, n))
+            axes = (("along", law.along), ("across", law.across))
+            fits += [
+                (f"shear_axis_{name}_rate", axis.rate, "m/N2", f"k of a0 - k Q^2, mean half-axis {name} Q")
+                for name, axis in axes
+                if axis is not None
+            ]
+            if total.start.value > total.rate.value * law.largest**2:
+                sigma = fit_strength(total, law.largest)
+                note = "Q/A(Q) of the largest tangential load: sigma, if the contact slides there"
+                fits.append(("shear_strength_at_largest", sigma, "Pa", note))
+            rows += [(name, found, unit, note + at, total.n_points) for name, found, unit, note in fits]
         if self.beta is not None:
             note = "of single contacts, alpha = beta A0^(-3/2); loads shared as the areas"
             rows += [
@@ -97,7 +92,9 @@ class Sheared:
         """Write asperities.csv, and the figures of runs with tangential loads."""
         if self.followed.empty:
             return
-        write_table(self.followed, FOLLOWED.filled(self.followed), folder / "asperities.csv")
+        several = (self.followed["place"] != "").any()
+        schema = FOLLOWED if several else replace(FOLLOWED, later={})
+        write_table(self.followed[list(schema.columns)], schema, folder / "asperities.csv")
         if self.laws:
             figures = {"sheared_areas": plot_sheared_areas(self.followed)}
             if self.strip:
@@ -123,6 +120,8 @@ def analyse_shear(
     strip: Strip = ()
     for place in places:
         if place.asperities is None or not place.contacts["asperity"].notna().any():
+            if place.loads["tangential_N"].notna().any():
+                notes.append(f"{place.name}: no laws under shear: no contact has an asperity")
             continue
         table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
         experiment = _images(place) if place.pose is not None else None
@@ -136,16 +135,19 @@ def analyse_shear(
             strip = _strip(place.pose, place, resting, experiment)
         direction = place.scene.load.tangential_direction
         angle = direction if place.pose is None else float(place.pose.angle_in_image(direction))
-        groups = group_loads(resting["load_N"].to_numpy(float), tolerance=load_tolerance)
-        for _, part in resting.groupby(groups):
+        loads, before, said = resting["load_N"].to_numpy(float), len(laws), ""
+        for _, part in resting.groupby(group_loads(loads, tolerance=load_tolerance)):
             try:
                 laws.append(fit_shear_laws(part, place.frames, direction=angle, confidence=confidence))
-            except InputError as error:
-                notes.append(f"{place.name}: {error}")
+            except ContactimgError as error:
+                said = f"{place.name}: {error}"
+        notes += [said] if len(laws) == before else []
     followed = FOLLOWED.conform(pd.concat(tables[1:] or tables, ignore_index=True))
     beta = None
-    if sum(len(law.contacts) for law in laws) > 1:
-        beta = fit_beta(laws, confidence=confidence)
+    try:
+        beta = fit_beta(laws, confidence=confidence) if laws else None
+    except ContactimgError as error:
+        notes.append(f"beta: {error}")
     return Sheared(followed, tuple(laws), beta, strip)
 
 
@@ -224,17 +226,17 @@ def _strip(pose: Pose, place: Place, resting: pd.DataFrame, experiment: Experime
     rows = resting[resting["asperity"] == largest["asperity"]]
     rows = rows.iloc[np.unique(np.linspace(0, len(rows) - 1, STRIP_FRAMES).round().astype(int))]
     sources = {source.name: source for source in experiment.frames}
-    reach = STRIP_RADII * float(largest["radius_m"]) / pose.pixel_size
+    moved = float(np.nanmax(np.hypot(rows["displacement_x_m"], rows["displacement_y_m"])))
+    half = int((STRIP_RADII * float(largest["radius_m"]) + moved) / pose.pixel_size)
     pictures = []
     for row in rows.to_dict("records"):
         if row["frame"] not in sources:
             continue
-        x, y = _in_pixels(pose, place, rows.iloc[:1], row["frame"])[0]
+        x, y = np.rint(_in_pixels(pose, place, rows.iloc[:1], row["frame"])[0]).astype(int).tolist()
         try:
             image = sources[row["frame"]].read().image
         except ContactimgError:
             continue
-        top, left = max(round(y - reach), 0), max(round(x - reach), 0)
-        window = image[top : round(y + reach) + 1, left : round(x + reach) + 1]
+        window = image[max(y - half, 0) : y + half + 1, max(x - half, 0) : x + half + 1]
         pictures.append((f"{1e3 * row['tangential_N']:.4g} mN", window))
     return tuple(pictures)
