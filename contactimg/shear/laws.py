@@ -471,13 +471,14 @@ class AdhesiveSphere:
             If a tangential load lies beyond `largest_tangential`, or a load below pull-off.
         """
         P, T = np.asarray(load, float), np.asarray(tangential, float)
-        square = self._scale * (2 * P + self._scale) - self.mode_coupling * self.kappa * T**2
-        if not np.all(square >= 0):
+        bound = self._scale * (2 * P + self._scale)
+        square = bound - self.mode_coupling * self.kappa * T**2
+        if not np.all(square >= -1e-12 * np.abs(bound)):  # rounding at the end of the law
             raise ModelRangeError(
                 f"no contact in equilibrium: the law ends at a tangential load of "
                 f"{float(np.min(self.largest_tangential(P))):.6g} N (of pull-off below 0)"
             )
-        hertz = P + self._scale + np.sqrt(square)
+        hertz = P + self._scale + np.sqrt(np.maximum(square, 0.0))
         return np.cbrt(0.75 * self.sphere_radius / self.contact_modulus * hertz)
 
     def fit_mode_coupling(

@@ -85,7 +85,8 @@ def limit_radii(
     free, inside = (
         cv2.erode(one, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0) for one in (free, inside)
     )
-    sums = cv2.filter2D(image, cv2.CV_32F, _aperture(0.0, 0.0, radius, half), borderType=cv2.BORDER_REPLICATE)
+    centred = _aperture(0.0, 0.0, radius, half)
+    sums = cv2.filter2D(image, cv2.CV_32F, centred, borderType=cv2.BORDER_REPLICATE)
     step = slice(half, None, 2 * half + 1)
     background = sums[step, step][free[step, step] > 0]
     limits = np.full(len(places), np.nan)
@@ -93,6 +94,7 @@ def limit_radii(
         return limits
     middle = float(np.median(background))
     spread = float(np.median(np.abs(background - middle))) / float(special.ndtri(0.75))
+    least = float(special.ndtri(confidence)) * spread
     columns, rows = np.rint(places).astype(int).T
     shown = (columns >= 0) & (columns < image.shape[1]) & (rows >= 0) & (rows < image.shape[0])
     sizes, light = _light_of_disks(radius, blur_px)
@@ -102,8 +104,8 @@ def limit_radii(
             continue
         window = image[row - half : row + half + 1, column - half : column + half + 1]
         weights = _aperture(places[k, 0] - column, places[k, 1] - row, radius, half)
-        seen = max(float(np.sum(window * weights)) - middle, 0.0) + float(special.ndtri(confidence)) * spread
-        limits[k] = np.interp(seen / contrast, light, sizes, right=np.inf)
+        seen = float(np.sum(window * weights)) - middle * float(weights.sum() / centred.sum())
+        limits[k] = np.interp((max(seen, 0.0) + least) / contrast, light, sizes, right=np.inf)
     return limits
 
 

@@ -45,6 +45,7 @@ ROOM_TITLES = {  # headings of the Python reference, in its order
     "models": "Contact models",
     "render": "Rendering frames",
     "analysis": "Analysis",
+    "shear": "Contacts under a tangential load",
     "calibration": "Calibration",
     "report": "Report",
     "tables": "Flags",

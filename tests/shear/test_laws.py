@@ -172,6 +172,7 @@ def test_rim_of_the_adhesive_sphere_is_in_equilibrium_up_to_the_end_of_the_law()
         assert released == pytest.approx(sphere.work_of_adhesion, rel=1e-9)
     with pytest.raises(ModelRangeError, match="the law ends at a tangential load"):
         sphere.radius(0.05, 1.000001 * end)
+    assert sphere.radius(0.05, end) == pytest.approx(a, rel=1e-3)
     # there the larger root is the only one: P_H = P + 3 pi w R
     assert hertz == pytest.approx(0.05 + 3 * np.pi * 0.027 * 9.42e-3, rel=1e-3)
 

@@ -9,7 +9,10 @@ from helpers import sheared_series as series
 
 from contactimg import tables
 from contactimg.cli import main
+from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places
+from contactimg.pipeline.background import FrameView
+from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
 from contactimg.scene import scene_from_dict
 
 
@@ -78,6 +81,20 @@ def test_beta_exponent_and_strength_lie_within_their_intervals(sheared):
     total = rows["shear_area"].value
     assert along.value == pytest.approx(series.BETA / np.sqrt(np.pi) / total**2, abs=4 * along.std)
     assert abs(across.value) < 4 * across.std
+
+
+def test_ellipses_are_not_divided_out_of_a_pooled_background_as_disks(sheared):
+    folder, _, place, _ = sheared
+    experiment = open_experiment(read_scene(folder))
+    part = measure_scene_frame(
+        experiment.frames[2].read(),
+        experiment.reference.read().image,
+        options=FrameOptions.of(place.scene, None),
+    )
+    shapes, view = part.contacts["shape"], FrameView.of(part, FrameOptions.of(place.scene, None))
+    assert (shapes == "ellipse").sum() > 20
+    assert len(view.disks) == (shapes == "disk").sum() > 0
+    assert len(view.hidden) == (shapes == "ellipse").sum() + len(part.tables.rejected)
 
 
 def test_analyse_writes_the_table_and_figures(sheared, tmp_path):
