@@ -113,7 +113,8 @@ def analyse(
         then="report" if len(runs) == 1 else "",
     ) as out:
         count = len(COMPARED_MODELS) * count_solutions(places) if models else 0
-        with progress("solving models", count) as advance:
+        count += sum(len(place.frames) for place in places if place.asperities is not None)
+        with progress("models and upper limits", count) as advance:
             analysis = analyse_places(places, settings, workers=workers, advance=advance)
         results = write_analysis(analysis, out.folder, smooth_stress=settings.smooth_stress)
         out.record["notes"] = [*differences(places), *analysis.notes]

@@ -13,7 +13,6 @@ from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places
 from contactimg.pipeline.background import FrameView
 from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
-from contactimg.scene import scene_from_dict
 
 
 @pytest.fixture(scope="module")
@@ -109,10 +108,8 @@ def test_analyse_writes_the_table_and_figures(sheared, tmp_path):
     assert {"sheared_areas.png", "strip.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
-def test_without_images_the_limit_is_that_of_detection(sheared, tmp_path):
-    place = sheared[2]
-    gone = scene_from_dict(place.scene.source, folder=str(tmp_path))
-    place = replace(place, scene=gone)
+def test_without_images_the_limit_is_that_of_detection(sheared):
+    place = replace(sheared[2], experiment=None)
     found = analyse_places([place], AnalysisOptions(models=False), workers=1).sheared
     away = found.followed[~found.followed["touches"]]
     limits = place.frames.set_index("frame")["detection_limit_px"] * place.pose.pixel_size

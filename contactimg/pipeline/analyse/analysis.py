@@ -145,7 +145,7 @@ def analyse_places(
     workers : int, optional
         Processes that share the model solutions.
     advance : callable, optional
-        Called once a model solution.
+        Called once a model solution, and once a frame that is read again.
 
     Returns
     -------
@@ -179,7 +179,7 @@ def analyse_places(
         for _, part in shots.groupby("group")
     ]
     shearing = {"load_tolerance": options.load_tolerance, "confidence": options.confidence}
-    sheared = analyse_shear(places, notes, **shearing, workers=workers)
+    sheared = analyse_shear(places, notes, **shearing, workers=workers, advance=advance)
     stress = None if friction.empty else _fit_or_note(notes, "friction", _shear_stress, friction, options)
     ratio = None
     if stress is not None and options.smooth_stress is not None:

@@ -1,8 +1,9 @@
 """Contacts of runs by asperity: the table with upper limits from the images, and laws under shear."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from contactimg.analysis.area_against_load import group_loads
 from contactimg.analysis.estimates import Estimate
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError
-from contactimg.files import Experiment, open_experiment, write_figures, write_table
+from contactimg.files import Experiment, write_figures, write_table
 from contactimg.files.runs import frame_shift
 from contactimg.files.sources import FrameSource
 from contactimg.pipeline.analyse.places import Place
@@ -29,6 +30,9 @@ from contactimg.tables import FOLLOWED
 logger = logging.getLogger(__name__)
 
 Strip = tuple[tuple[str, NDArray], ...]
+
+MOST_ROWS = 2_000_000
+"""Rows of asperities.csv at most. Chosen for memory: some 300 MB."""
 
 STRIP_RADII, STRIP_FRAMES = 2.0, 12
 """Margin of the pictures of a contact about its motion, in its radii, and their number at most. By eye."""
@@ -110,11 +114,13 @@ def analyse_shear(
     load_tolerance: float,
     confidence: float = 0.95,
     workers: int | None = None,
+    advance: Callable[[], None] | None = None,
 ) -> Sheared:
     """The contacts of places by asperity, and their laws; what cannot be fitted is added to the notes.
 
     Upper limits need the images: frames in which some asperity of the table does not touch are read again
-    from the folder that the run names. Where they are gone, the limit is the detection limit of the frame.
+    from the folder that the run names; ``advance`` is called once such a frame. Where they are gone, the
+    limit is the detection limit of the frame.
     """
     tables, laws = [FOLLOWED.empty()], list[ShearLaws]()
     strip: Strip = ()
@@ -123,16 +129,23 @@ def analyse_shear(
             if place.loads["tangential_N"].notna().any():
                 notes.append(f"{place.name}: no laws under shear: no contact has an asperity")
             continue
+        rows = len(place.frames) * place.contacts["asperity"].nunique()
+        if rows > MOST_ROWS:
+            notes.append(
+                f"{place.name}: no asperities.csv: it would have {rows} rows; analyse fewer than "
+                f"{MOST_ROWS * len(place.frames) // rows} frames"
+            )
+            continue
         table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
-        experiment = _images(place) if place.pose is not None else None
-        table = table.assign(radius_upper_m=_upper_limits(place, table, experiment, workers))
+        limits = _upper_limits(place, table, workers=workers, advance=advance or _nothing)
+        table = table.assign(radius_upper_m=limits)
         tables.append(table if len(places) == 1 else table.assign(place=place.name))
         still = place.loads.loc[~(place.loads["velocity_m_s"].abs() > 0), "frame"]
         resting = table[table["frame"].isin(still) & table["tangential_N"].notna() & table["load_N"].notna()]
         if resting["tangential_N"].abs().nunique() < 2:
             continue
-        if not strip and experiment is not None and place.pose is not None:
-            strip = _strip(place.pose, place, resting, experiment)
+        if not strip and place.experiment is not None and place.pose is not None:
+            strip = _strip(place.pose, place, resting, place.experiment)
         direction = place.scene.load.tangential_direction
         angle = direction if place.pose is None else float(place.pose.angle_in_image(direction))
         loads, before, said = resting["load_N"].to_numpy(float), len(laws), ""
@@ -151,25 +164,25 @@ def analyse_shear(
     return Sheared(followed, tuple(laws), beta, strip)
 
 
-def _images(place: Place) -> Experiment | None:
-    """The images of a run; None if they are gone."""
-    try:
-        return open_experiment(place.scene)
-    except ContactimgError:
-        logger.warning("%s: images not found; limits of contacts are those of detection", place.name)
-        return None
+def _nothing() -> None:
+    """What is called for each frame where nobody waits."""
 
 
 def _upper_limits(
-    place: Place, table: pd.DataFrame, experiment: Experiment | None, workers: int | None
+    place: Place,
+    table: pd.DataFrame,
+    *,
+    workers: int | None,
+    advance: Callable[[], None],
 ) -> NDArray[np.float64]:
     """Upper limit of the radius in each row without a contact, m; NaN in the others and outside the image."""
     limits = np.full(len(table), np.nan)
     if place.pose is None:
         return limits
-    pixel = place.pose.pixel_size
+    pixel, experiment = place.pose.pixel_size, place.experiment
     shots = place.frames.set_index("frame")[["contrast", "blur_px", "detection_limit_px"]].astype(float)
     sources = {} if experiment is None else {source.name: source for source in experiment.frames}
+    known = dict(list(place.contacts.groupby("frame")[["x_px", "y_px", "radius_px"]]))
     jobs, rows = [], []
     for frame, part in table.reset_index()[~table["touches"].to_numpy()].groupby("frame"):
         name, index = str(frame), part.index.to_numpy()
@@ -179,14 +192,14 @@ def _upper_limits(
         contrast, blur, detected = (float(number) for number in shots.loc[name].to_numpy(float))
         limits[index[shown]] = pixel * detected
         if experiment is not None and name in sources and np.isfinite(contrast) and np.isfinite(blur):
-            own = place.contacts.loc[place.contacts["frame"] == name, ["x_px", "y_px", "radius_px"]]
-            numbers = {"contrast": abs(contrast), "blur_px": blur}
-            jobs.append((experiment, sources[name], spots, own.to_numpy(float), numbers))
+            own = known[name].to_numpy(float) if name in known else np.empty((0, 3))
+            jobs.append((sources[name], spots, own, {"contrast": abs(contrast), "blur_px": blur}))
             rows.append(index)
-    measured = in_parallel(_limits_of_frame, jobs, count=len(jobs), workers=workers)
+    measured = in_parallel(partial(_limits_of_frame, experiment), jobs, count=len(jobs), workers=workers)
     for index, found in zip(rows, measured, strict=True):
         if found is not None:
             limits[index] = pixel * found
+        advance()
     return limits
 
 
@@ -196,13 +209,15 @@ def _in_pixels(pose: Pose, place: Place, rows: pd.DataFrame, frame: str) -> NDAr
 
 
 def _limits_of_frame(
-    experiment: Experiment,
+    experiment: Experiment | None,
     source: FrameSource,
     spots: NDArray[np.float64],
     contacts: NDArray[np.float64],
     numbers: dict[str, float],
 ) -> NDArray[np.float64] | None:
     """Limits (px) at places of a frame, which is read again; None if that fails."""
+    if experiment is None:
+        return None
     try:
         frame, reference = source.read(), read_reference(experiment)
         image = None if reference is None else reference.image
