@@ -32,6 +32,7 @@ ROOMS = [
     "matching",
     "forces",
     "analysis",
+    "shear",
     "calibration",
     "prediction",
     "hard_cases",

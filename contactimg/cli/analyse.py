@@ -39,8 +39,9 @@ def analyse(
 
     Writes area.csv (contact area against load), profile.csv and profile_normalised.csv (pressure against
     distance from the apex), pressure_law.csv (density and mean radius of the contacts against local
-    pressure), friction.csv, results.csv (exponents and other numbers with confidence intervals),
-    provenance.json, and the figures as PNG and SVG.
+    pressure), friction.csv, asperities.csv (each asperity in each frame, with displacement or upper limit),
+    results.csv (exponents and other numbers with confidence intervals), provenance.json, and the figures as
+    PNG and SVG.
 
     Exit codes: 0 done, 2 nothing done, also where fewer than half of the contacts match those of the model.
 
@@ -112,7 +113,8 @@ def analyse(
         then="report" if len(runs) == 1 else "",
     ) as out:
         count = len(COMPARED_MODELS) * count_solutions(places) if models else 0
-        with progress("solving models", count) as advance:
+        count += sum(len(place.frames) for place in places if place.asperities is not None)
+        with progress("models and upper limits", count) as advance:
             analysis = analyse_places(places, settings, workers=workers, advance=advance)
         results = write_analysis(analysis, out.folder, smooth_stress=settings.smooth_stress)
         out.record["notes"] = [*differences(places), *analysis.notes]

@@ -221,7 +221,7 @@ def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
     ----------
     path : str or Path
         CSV with columns ``frame, load_N`` (or load_mN, load_g) and, if measured, ``friction_N,
-        velocity_m_s``; others are ignored.
+        velocity_m_s, tangential_N, time_s``; others are ignored.
     pulled : bool
         Whether negative loads are allowed (tension on an adhesive contact).
 
@@ -321,7 +321,7 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     ...     path = Path(folder) / "loads.csv"
     ...     write_table(pd.DataFrame({"frame": ["a.tif"], "load_N": [0.1]}), LOADS, path)
     ...     path.read_text()
-    'frame,load_N,friction_N,velocity_m_s\na.tif,0.1,,\n'
+    'frame,load_N,friction_N,velocity_m_s,tangential_N,time_s\na.tif,0.1,,,,\n'
     """
     with replacing(path) as part:
         text = ",".join(schema.columns) + "\n" + text_of_rows(table, schema)

@@ -66,6 +66,8 @@ the noise is known to 0.6 %."""
 HIDDEN_PX = 5.0
 """Margin around what a frame hides: three and a half blur widths of the usual optics. Chosen by hand."""
 
+OF_ELLIPSES = ("semi_major_std_px", "semi_minor_std_px", "angle_std_rad")
+
 _MARGIN = np.array([0.0, 0.0, HIDDEN_PX])
 
 
@@ -110,8 +112,12 @@ class FrameView:
 
     @classmethod
     def of(cls, part: MeasuredFrame, options: FrameOptions) -> "FrameView":
-        """The contacts of a frame, to be divided out if their optics are known, else to be left out."""
+        """The contacts of a frame, to be divided out if they are disks of known optics, else to be left out.
+
+        An ellipse divided out as a disk would leave a ring in every frame, which takes its ellipticity away.
+        """
         tables, optics = part.tables, part.own_optics
+        disk = (tables.contacts["shape"] == "disk").to_numpy(bool)
         places, rejected = (
             table[["x_px", "y_px", "radius_px"]].to_numpy(float)
             for table in (tables.contacts, tables.rejected)
@@ -121,10 +127,11 @@ class FrameView:
             contrast = np.sign(part.row["contrast"]) * optics.contrast / part.level
             blur = float(np.sqrt(optics.blur_px**2 + PIXEL_VARIANCE))
         rim = part.film is not None and part.film.taken and options.film is not None
+        hidden = np.concatenate([rejected[np.isfinite(rejected).all(axis=1)], places[~disk]])
         view = cls(
-            np.column_stack([places, np.full(len(places), contrast)]),
-            np.nan_to_num(tables.contacts["radius_std_px"].to_numpy(float), nan=1.0),
-            rejected[np.isfinite(rejected).all(axis=1)] + _MARGIN,
+            np.column_stack([places[disk], np.full(int(disk.sum()), contrast)]),
+            np.nan_to_num(tables.contacts["radius_std_px"].to_numpy(float)[disk], nan=1.0),
+            hidden + _MARGIN,
             blur,
             options.film.rim if rim and options.film else None,
         )
@@ -270,8 +277,9 @@ def _with_excess(
     factor = (1.0 + excess) / (1.0 + usual)
     shared = np.sum(contacts[list(SHARED_SHIFTS)].fillna(0.0).to_numpy(float) ** 2, axis=1)
     own = np.maximum(std**2 - shared, 0.0)
+    axes = {name: contacts[name] * np.sqrt(factor) for name in OF_ELLIPSES}
     return measured.with_contacts(
-        contacts.assign(radius_std_px=np.where(own > 0, np.sqrt(shared + own * factor), std))
+        contacts.assign(radius_std_px=np.where(own > 0, np.sqrt(shared + own * factor), std), **axes)
     )
 
 

@@ -391,7 +391,7 @@ def frame_row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:
     same = ["status", "threshold", "contrast", "noise", "shift_x_px", "shift_y_px", "message", "smallest_px"]
     row: dict[str, Any] = {"frame": name} | {column: getattr(measurement, column) for column in same}
     row["n_contacts"] = len(measurement.disks) if measurement.measurable else pd.NA
-    return row | {"detection_limit_px": measurement.smallest_px}
+    return row | {"detection_limit_px": measurement.smallest_px, "blur_px": measurement.blur_px}
 
 
 def contacts_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:

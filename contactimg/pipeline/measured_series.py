@@ -42,7 +42,7 @@ from contactimg.pose.fit import (
     fit_pose,
     search_everywhere,
 )
-from contactimg.pose.pairs import pair_points, pairing_distance
+from contactimg.pose.pairs import PAIRING_FRACTION, common_shift, pair_points, pairing_distance
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
 from contactimg.timings import stage
@@ -195,7 +195,11 @@ def shown_apex(
 def locate_frames(
     contacts: pd.DataFrame, frames: pd.DataFrame, pose: Pose, targets: NDArray[np.float64] | None
 ) -> pd.DataFrame:
-    """The contacts of frames in sample coordinates, each with its asperity."""
+    """The contacts of frames in sample coordinates, each with its asperity.
+
+    Where few contacts of a frame fall on one, they may have moved together, as under a tangential load: they
+    are paired after a common shift, up to the spacing of the asperities, if nearly all fall on one then.
+    """
     shifts = frames.set_index("frame")[["shift_x_px", "shift_y_px"]].reindex(contacts["frame"])
     shift_x, shift_y = np.nan_to_num(shifts.to_numpy(float).T, nan=0.0)
     located = locate_contacts(contacts, pose, shift_px=(shift_x, shift_y))
@@ -205,6 +209,10 @@ def locate_frames(
     asperity, reach = np.full(len(located), -1), pairing_distance(targets, pose)
     for rows in contacts.groupby("frame").indices.values():
         i, j, _ = pair_points(points[rows], targets, max_distance=reach)
+        if len(i) < MATCHED_FRACTION * len(rows) and len(rows) >= LEAST_VOTING_POINTS:
+            shift = common_shift(points[rows], targets, near=reach, far=reach / PAIRING_FRACTION)
+            moved = pair_points(points[rows] - shift, targets, max_distance=reach)
+            i, j, _ = moved if len(moved[0]) >= MATCHED_FRACTION * len(rows) else (i, j, _)
         asperity[rows[i]] = j
     return located.assign(asperity=pd.arrays.IntegerArray(asperity, asperity < 0))
 

@@ -20,6 +20,7 @@ from contactimg.pipeline.inputs import contact_sites
 from contactimg.prediction import make_mechanical_plan, predict_contacts
 from contactimg.render import render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
+from contactimg.shear.deform import shear_contacts
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
 
 
@@ -87,9 +88,9 @@ def explicit_switches(scene: Scene) -> Scene:
 
 @dataclass(frozen=True)
 class SimulatedFrame:
-    """One synthetic frame: its load (nan for the reference), its pixels and its true contacts."""
+    """One synthetic frame: its loads and time (none of the reference), its pixels and its true contacts."""
 
-    load: float
+    loads: dict[str, float]
     frame: Frame
     truth: pd.DataFrame | None
 
@@ -123,13 +124,15 @@ def simulate_series(
     simulate = scene.need("simulate", "simulating frames")
     if not simulate.loads:
         raise InputError("simulating frames needs at least one load in [simulate] loads_N; add it")
+    if simulate.tangential and asperities is None:
+        raise InputError("[simulate] tangential_N needs asperities; give [asperities], or leave it out")
     seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)
     reference = render_reference(scene, rng=np.random.default_rng(seeds[0]), name="reference.tif")
-    yield SimulatedFrame(np.nan, reference, None)
+    yield SimulatedFrame({}, reference, None)
     width = len(str(len(simulate.loads)))
     names = [f"frame_{k:0{width}d}.tif" for k in range(1, len(simulate.loads) + 1)]
     radius = None if asperities is None else contact_sites(asperities, scene)["radius_m"].to_numpy(float)
-    jobs = list(zip(simulate.loads, names, seeds[1:], strict=True))
+    jobs = list(zip(range(len(names)), names, seeds[1:], strict=True))
     render = partial(_render, scene, asperities, radius)
     yield from in_parallel(render, jobs, count=len(jobs), workers=workers)
 
@@ -140,16 +143,24 @@ def _render(
     sphere_radius: NDArray[np.float64] | None,
     *job: Any,
 ) -> SimulatedFrame:
-    """The frame of a load: a smooth contact, or asperities, given the radius of each on the smooth sphere."""
-    load, name, seed = job
-    rng = np.random.default_rng(seed)
+    """The frame of a number: a smooth contact, or asperities with the radius of each on the smooth sphere."""
+    number, name, seed = job
+    rng, simulate = np.random.default_rng(seed), scene.need("simulate", "simulating frames")
+    load = simulate.loads[number]
+    loads = {"load_N": load}
+    if simulate.tangential:
+        loads["tangential_N"] = simulate.tangential[number]
+    if simulate.interval:
+        loads["time_s"] = number * simulate.interval
     if asperities is None or sphere_radius is None:
         rendered = render_smooth_contact(load, scene, rng=rng, name=name)
     else:
         contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
+        if simulate.tangential:
+            contacts = shear_contacts(contacts, scene, tangential=loads["tangential_N"])
         radii = sphere_radius[contacts["asperity"].to_numpy(int)]
         rendered = render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
-    return SimulatedFrame(load, rendered.frame, rendered.contacts)
+    return SimulatedFrame(loads, rendered.frame, rendered.contacts)
 
 
 def write_simulation(
@@ -178,11 +189,12 @@ def write_simulation(
     for simulated in simulate_series(scene, asperities, workers=workers):
         write_frame(simulated.frame, folder / simulated.frame.name)
         if simulated.truth is not None:
-            loads.append({"frame": simulated.frame.name, "load_N": simulated.load})
+            loads.append({"frame": simulated.frame.name} | simulated.loads)
             truth.append(simulated.truth)
         if advance is not None:
             advance()
-    write_table(pd.DataFrame(loads), LOADS, folder / "loads.csv")
+    table = pd.DataFrame(loads)
+    write_table(table, LOADS.filled(table), folder / "loads.csv")
     write_table(pd.concat(truth, ignore_index=True), CONTACTS, folder / "truth.csv")
     if asperities is not None:
         write_table(asperities, ASPERITIES.filled(asperities), folder / "asperities.csv")

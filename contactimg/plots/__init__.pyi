@@ -22,3 +22,5 @@ from .laws import plot_area as plot_area
 from .laws import plot_area_residuals as plot_area_residuals
 from .laws import plot_areas as plot_areas
 from .laws import plot_friction as plot_friction
+from .sheared import plot_sheared_areas as plot_sheared_areas
+from .sheared import plot_strip as plot_strip

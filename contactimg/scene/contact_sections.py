@@ -74,6 +74,11 @@ class Load(Section):
     gain_std: Fraction | None = Field(
         None, description="Relative standard uncertainty of the gain of the load cell; 0.01 if not given."
     )
+    tangential_direction: Angle = Field(
+        0.0,
+        alias="tangential_direction_deg",
+        description="Direction on the sample of a positive tangential load, from +x_m towards +y_m, degrees.",
+    )
 
 
 class Asperities(Section):

@@ -2,7 +2,7 @@
 
 import math
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -129,7 +129,8 @@ class Images(Section):
     )
     loads: FilePath | None = Field(
         None,
-        description="CSV table of the loads: frame, load_N and optionally friction_N, velocity_m_s; "
+        description="CSV table of the loads: frame, load_N and optionally friction_N, velocity_m_s, "
+        "tangential_N, time_s; "
         "if not given, loads.csv where it exists.",
     )
     polarity: Literal["bright", "dark", "auto"] = Field(
@@ -286,6 +287,25 @@ class Simulate(FilmLight):
     loads: list[Number] = Field(
         [], alias="loads_N", description="Normal loads, N; a negative load is a pull that adhesion must bear."
     )
+    tangential: list[Number] = Field(
+        [],
+        alias="tangential_N",
+        description="Tangential loads, N, one for each of loads_N; the contacts share each as their areas.",
+    )
+    interval: NonNegative = Field(
+        0.0, alias="interval_s", description="Time between frames, s; 0 for frames without a time."
+    )
+    shear_beta: NonNegative = Field(
+        0.0,
+        alias="shear_beta_m5_N2",
+        description="beta, m^5/N^2: under its tangential load q a contact shrinks along it to the area "
+        "A0 - beta A0^(-3/2) q^2.",
+    )
+    shear_compliance: Number = Field(
+        0.0,
+        alias="shear_compliance_m_N",
+        description="Displacement of all contacts along the tangential load, over that load, m/N.",
+    )
     shape: tuple[Side, Side] = Field((1200, 1600), description="Rows and columns of the frames.")
     background_levels: Annotated[Positive, Field(le=1e6)] = Field(
         80.0, description="Grey level of the background at the centre of the image."
@@ -333,6 +353,15 @@ class Simulate(FilmLight):
         4, description="Subpixels per pixel in each direction when rendering."
     )
     seed: Count = Field(0, description="Seed of the random numbers of the frames.")
+
+    @model_validator(mode="after")
+    def _tangential(self) -> Self:
+        if self.tangential and len(self.tangential) != len(self.loads):
+            raise ValueError(
+                f"tangential_N must have one value for each of the {len(self.loads)} loads_N, "
+                f"got {len(self.tangential)}"
+            )
+        return self
 
     @field_validator("electrons_per_level", mode="after")
     @classmethod

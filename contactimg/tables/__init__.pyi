@@ -10,6 +10,7 @@ from .schemas import DESIGNED as DESIGNED
 from .schemas import DRAWN as DRAWN
 from .schemas import EDITS as EDITS
 from .schemas import EFFECTS as EFFECTS
+from .schemas import FOLLOWED as FOLLOWED
 from .schemas import FORCE_SUMS as FORCE_SUMS
 from .schemas import FRAMES as FRAMES
 from .schemas import FRICTION as FRICTION

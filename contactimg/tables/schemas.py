@@ -211,6 +211,7 @@ FRAMES = Schema(
         "unseen_force_std_N": ("float64", "standard uncertainty of unseen_force_N, N"),
         "force_hertz_sum_N": ("float64", "sum of the local forces by Hertz's formula, N"),
         "law": ("str", "law of the local forces: hertz or sphere, +jkr where contacts adhere"),
+        "blur_px": ("float64", "standard deviation of the optical blur, px; empty where none was fitted"),
         "min_gap_m": ("float64", "smallest gap of lens and rubber between the caps, m; touching below 0"),
     },
 )
@@ -224,6 +225,10 @@ LOADS = Schema(
         "velocity_m_s": ("float64", "sliding velocity, m/s"),
     },
     "Loads of the frames, given by the experimenter or written by simulate.",
+    later={
+        "tangential_N": ("float64", "tangential load Q of a contact that does not slide, N"),
+        "time_s": ("float64", "time of the frame, s"),
+    },
 )
 
 EDITS = Schema(
@@ -361,6 +366,32 @@ FRICTION = Schema(
         "stress_Pa": ("float64", "mean shear stress |Q|/A, Pa"),
     },
     "Friction force and real contact area, one row per frame.",
+)
+
+FOLLOWED = Schema(
+    "asperities",
+    {
+        "asperity": ("Int64", "row number of the asperity in the asperity table, from 0"),
+        "frame": FRAME,
+        "load_N": LOAD,
+        "tangential_N": ("float64", "tangential load Q, N"),
+        "time_s": ("float64", "time of the frame, s"),
+        "x_m": ("float64", "sample coordinate x of the contact, or of where it would be, m"),
+        "y_m": ("float64", "sample coordinate y of the same, m"),
+        "radius_m": ("float64", "contact radius a, m; empty where it does not touch"),
+        "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
+        "semi_major_m": ("float64", "major half-axis, m"),
+        "semi_minor_m": ("float64", "minor half-axis, m"),
+        "angle_rad": ("float64", "angle of the major axis in the image, from +x towards +y, rad"),
+        "area_m2": ("float64", "contact area, m^2"),
+        "force_N": ("float64", "local normal force p, N"),
+        "displacement_x_m": ("float64", "x_m minus that in the first frame in which it touches, m"),
+        "displacement_y_m": ("float64", "y_m minus that in the first frame in which it touches, m"),
+        "touches": ("bool", "whether a contact was measured on it"),
+        "radius_upper_m": ("float64", "where none was: 95 % upper limit of its radius, m"),
+    },
+    "Each asperity that touches in some frame, in each measured frame; from `analyse`.",
+    later={"place": ("str", "folder of the run; only where several are analysed together")},
 )
 
 RESULTS = Schema(

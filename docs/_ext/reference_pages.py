@@ -47,6 +47,7 @@ ROOM_TITLES = {  # headings of the Python reference, in its order
     "design": "Designed surfaces",
     "render": "Rendering frames",
     "analysis": "Analysis",
+    "shear": "Contacts under a tangential load",
     "calibration": "Calibration",
     "report": "Report",
     "tables": "Flags",

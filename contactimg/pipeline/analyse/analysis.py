@@ -35,6 +35,7 @@ from contactimg.pipeline.analyse.places import (
     predict_places,
     usable_frames,
 )
+from contactimg.pipeline.analyse.sheared import Sheared, analyse_shear
 from contactimg.pipeline.measured_series import shown_apex
 from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 from contactimg.plots import caption_of, plot_areas, plot_friction, plot_pressure_law, plot_profile
@@ -106,6 +107,8 @@ class Analysis:
         Over the smooth contact's.
     velocity_law : PowerLaw or None
         Shear stress against sliding velocity, if the loads state two velocities or more.
+    sheared : Sheared
+        Contacts by asperity, and their laws under a tangential load.
     notes : tuple of str
         What was left out, and why.
     """
@@ -120,6 +123,7 @@ class Analysis:
     shear_stress: ShearStress | None
     stress_ratio: Estimate | None
     velocity_law: PowerLaw | None
+    sheared: Sheared
     notes: tuple[str, ...]
 
 
@@ -141,7 +145,7 @@ def analyse_places(
     workers : int, optional
         Processes that share the model solutions.
     advance : callable, optional
-        Called once a model solution.
+        Called once a model solution, and once a frame that is read again.
 
     Returns
     -------
@@ -174,6 +178,8 @@ def analyse_places(
         )
         for _, part in shots.groupby("group")
     ]
+    shearing = {"load_tolerance": options.load_tolerance, "confidence": options.confidence}
+    sheared = analyse_shear(places, notes, **shearing, workers=workers, advance=advance)
     stress = None if friction.empty else _fit_or_note(notes, "friction", _shear_stress, friction, options)
     ratio = None
     if stress is not None and options.smooth_stress is not None:
@@ -191,6 +197,7 @@ def analyse_places(
         shear_stress=stress,
         stress_ratio=ratio,
         velocity_law=_velocity_law(friction, options, notes),
+        sheared=sheared,
         notes=tuple(dict.fromkeys(notes)),
     )
 
@@ -547,6 +554,8 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
         fit = _fit("measured", speed, "m/s", n_places)
         note = "tau0 ~ v^m, one shear stress at each velocity; 0 where friction does not depend on it"
         add(fit, "shear_stress_velocity_exponent", speed.exponent, "1", note)
+    for quantity, found, unit, note, n_points in analysis.sheared.rows():
+        add({"model": "measured", "n_points": n_points, "n_places": n_places}, quantity, found, unit, note)
     return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))
 
 
@@ -581,6 +590,7 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
     ]
     for table, schema in tables:
         write_table(table, schema, folder / f"{schema.name}.csv")
+    analysis.sheared.write(folder)
     figures = {"area": plot_areas(analysis.area, analysis.area_laws)}
     normalised = analysis.normalised
     known = normalised["model"].isin(RUN_MODELS) & normalised["pressure_over_hertz"].notna()

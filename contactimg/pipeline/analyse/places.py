@@ -16,7 +16,7 @@ from contactimg.analysis.annuli import MOMENTS, SECTORS, FieldOfView, annulus_mo
 from contactimg.analysis.area_against_load import group_loads
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
-from contactimg.files import Run, open_experiment, read_calibration, read_run
+from contactimg.files import Experiment, Run, open_experiment, read_calibration, read_run
 from contactimg.files.runs import frame_shift
 from contactimg.pipeline.inputs import scene_asperities
 from contactimg.pose import Pose
@@ -62,6 +62,8 @@ class Place:
         Columns of `contactimg.tables.LOADS`, with the friction; empty if there are none.
     predicted : bool
         Whether its contacts come from `predict`.
+    experiment : Experiment or None
+        Its images; None if they are gone.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Place:
     asperities: pd.DataFrame | None
     loads: pd.DataFrame
     predicted: bool = False
+    experiment: Experiment | None = None
 
     def field(self, frame: str) -> FieldOfView | None:
         """Field of view of the camera in a frame; None if everything is visible."""
@@ -106,7 +109,9 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
     used = run.provenance["configuration"].get("options", {}).get("calibration") or {}
     centre = _centre(run, pose, centre_px or _centre_in(used.get("record", {})))
     asperities = _optional(lambda: scene_asperities(scene), run.folder, "no asperities")
-    loads = _optional(lambda: open_experiment(scene).loads, run.folder, "no friction forces")
+    experiment = _optional(
+        lambda: open_experiment(scene), run.folder, "no friction forces, no limits of unseen contacts"
+    )
     return Place(
         name=str(run.folder),
         contacts=run.contacts.assign(radius_ratio=radius_ratios(run.contacts, scene, asperities)),
@@ -115,8 +120,9 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
         pose=pose,
         centre=centre,
         asperities=asperities,
-        loads=LOADS.empty() if loads is None else loads,
+        loads=LOADS.empty() if experiment is None else experiment.loads,
         predicted=run.command == "predict",
+        experiment=experiment,
     )
 
 

@@ -1,0 +1,257 @@
+"""Contacts of runs by asperity: the table with upper limits from the images, and laws under shear."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.analysis.area_against_load import group_loads
+from contactimg.analysis.estimates import Estimate
+from contactimg.engine.calls import in_parallel
+from contactimg.errors import ContactimgError
+from contactimg.files import Experiment, write_figures, write_table
+from contactimg.files.runs import frame_shift
+from contactimg.files.sources import FrameSource
+from contactimg.pipeline.analyse.places import Place
+from contactimg.pipeline.frame import measure_prepared
+from contactimg.pipeline.inputs import read_reference
+from contactimg.plots import caption_of, plot_sheared_areas, plot_strip
+from contactimg.pose import Pose
+from contactimg.shear.followed import ShearLaws, fit_beta, fit_shear_laws, follow_contacts
+from contactimg.shear.laws import RateLaw, fit_strength
+from contactimg.shear.unseen import limit_radii
+from contactimg.tables import FOLLOWED
+
+logger = logging.getLogger(__name__)
+
+Strip = tuple[tuple[str, NDArray], ...]
+
+MOST_ROWS = 2_000_000
+"""Rows of asperities.csv at most. Chosen for memory: some 300 MB."""
+
+STRIP_RADII, STRIP_FRAMES = 2.0, 12
+"""Margin of the pictures of a contact about its motion, in its radii, and their number at most. By eye."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sheared:
+    """Contacts by asperity, and what they do under a tangential load.
+
+    Parameters
+    ----------
+    followed : DataFrame
+        Columns of `contactimg.tables.FOLLOWED`; empty where contacts have no asperities.
+    laws : tuple of ShearLaws
+        One a place and normal load that has tangential loads.
+    beta : RateLaw or None
+    strip : list of (str, ndarray)
+        Name of each picture of the largest contact, and its pixels; empty without tangential loads.
+    """
+
+    followed: pd.DataFrame
+    laws: tuple[ShearLaws, ...] = ()
+    beta: RateLaw | None = None
+    strip: Strip = ()
+
+    def rows(self) -> list[tuple[str, Estimate, str, str, int]]:
+        """Quantity, its estimate, unit, note and number of points, for results.csv."""
+        rows = []
+        for law in self.laws:
+            at, total = f" at P = {law.load:.4g} N", law.total
+            fits = [
+                ("shear_area", total.start, "m2", "A0 of A = A0 - alpha Q^2, sum of the contacts"),
+                ("shear_area_rate", total.rate, "m2/N2", "alpha of the sum"),
+            ]
+            axes = (("along", law.along), ("across", law.across))
+            fits += [
+                (f"shear_axis_{name}_rate", axis.rate, "m/N2", f"k of a0 - k Q^2, mean half-axis {name} Q")
+                for name, axis in axes
+                if axis is not None
+            ]
+            if total.start.value > total.rate.value * law.largest**2:
+                sigma = fit_strength(total, law.largest)
+                note = "Q/A(Q) of the largest tangential load: sigma, if the contact slides there"
+                fits.append(("shear_strength_at_largest", sigma, "Pa", note))
+            rows += [(name, found, unit, note + at, total.n_points) for name, found, unit, note in fits]
+        if self.beta is not None:
+            note = "of single contacts, alpha = beta A0^(-3/2); loads shared as the areas"
+            rows += [
+                ("shear_beta", self.beta.beta, "m5/N2", note, self.beta.n_points),
+                (
+                    "shear_rate_exponent",
+                    self.beta.exponent,
+                    "1",
+                    "the same with a free exponent",
+                    self.beta.n_points,
+                ),
+            ]
+        return rows
+
+    def write(self, folder: Path) -> None:
+        """Write asperities.csv, and the figures of runs with tangential loads."""
+        if self.followed.empty:
+            return
+        several = (self.followed["place"] != "").any()
+        schema = FOLLOWED if several else replace(FOLLOWED, later={})
+        write_table(self.followed[list(schema.columns)], schema, folder / "asperities.csv")
+        if self.laws:
+            figures = {"sheared_areas": plot_sheared_areas(self.followed)}
+            if self.strip:
+                figures["strip"] = plot_strip(self.strip)
+            for name, ax in figures.items():
+                write_figures(ax, folder, name, caption=caption_of(name))
+
+
+def analyse_shear(
+    places: Sequence[Place],
+    notes: list[str],
+    *,
+    load_tolerance: float,
+    confidence: float = 0.95,
+    workers: int | None = None,
+    advance: Callable[[], None] | None = None,
+) -> Sheared:
+    """The contacts of places by asperity, and their laws; what cannot be fitted is added to the notes.
+
+    Upper limits need the images: frames in which some asperity of the table does not touch are read again
+    from the folder that the run names; ``advance`` is called once such a frame. Where they are gone, the
+    limit is the detection limit of the frame.
+    """
+    tables, laws = [FOLLOWED.empty()], list[ShearLaws]()
+    strip: Strip = ()
+    for place in places:
+        if place.asperities is None or not place.contacts["asperity"].notna().any():
+            if place.loads["tangential_N"].notna().any():
+                notes.append(f"{place.name}: no laws under shear: no contact has an asperity")
+            continue
+        rows = len(place.frames) * place.contacts["asperity"].nunique()
+        if rows > MOST_ROWS:
+            notes.append(
+                f"{place.name}: no asperities.csv: it would have {rows} rows; analyse fewer than "
+                f"{MOST_ROWS * len(place.frames) // rows} frames"
+            )
+            continue
+        table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
+        limits = _upper_limits(place, table, workers=workers, advance=advance or _nothing)
+        table = table.assign(radius_upper_m=limits)
+        tables.append(table if len(places) == 1 else table.assign(place=place.name))
+        still = place.loads.loc[~(place.loads["velocity_m_s"].abs() > 0), "frame"]
+        resting = table[table["frame"].isin(still) & table["tangential_N"].notna() & table["load_N"].notna()]
+        if resting["tangential_N"].abs().nunique() < 2:
+            continue
+        if not strip and place.experiment is not None and place.pose is not None:
+            strip = _strip(place.pose, place, resting, place.experiment)
+        direction = place.scene.load.tangential_direction
+        angle = direction if place.pose is None else float(place.pose.angle_in_image(direction))
+        loads, before, said = resting["load_N"].to_numpy(float), len(laws), ""
+        for _, part in resting.groupby(group_loads(loads, tolerance=load_tolerance)):
+            try:
+                laws.append(fit_shear_laws(part, place.frames, direction=angle, confidence=confidence))
+            except ContactimgError as error:
+                said = f"{place.name}: {error}"
+        notes += [said] if len(laws) == before else []
+    followed = FOLLOWED.conform(pd.concat(tables[1:] or tables, ignore_index=True))
+    beta = None
+    try:
+        beta = fit_beta(laws, confidence=confidence) if laws else None
+    except ContactimgError as error:
+        notes.append(f"beta: {error}")
+    return Sheared(followed, tuple(laws), beta, strip)
+
+
+def _nothing() -> None:
+    """What is called for each frame where nobody waits."""
+
+
+def _upper_limits(
+    place: Place,
+    table: pd.DataFrame,
+    *,
+    workers: int | None,
+    advance: Callable[[], None],
+) -> NDArray[np.float64]:
+    """Upper limit of the radius in each row without a contact, m; NaN in the others and outside the image."""
+    limits = np.full(len(table), np.nan)
+    if place.pose is None:
+        return limits
+    pixel, experiment = place.pose.pixel_size, place.experiment
+    shots = place.frames.set_index("frame")[["contrast", "blur_px", "detection_limit_px"]].astype(float)
+    sources = {} if experiment is None else {source.name: source for source in experiment.frames}
+    known = dict(list(place.contacts.groupby("frame")[["x_px", "y_px", "radius_px"]]))
+    jobs, rows = [], []
+    for frame, part in table.reset_index()[~table["touches"].to_numpy()].groupby("frame"):
+        name, index = str(frame), part.index.to_numpy()
+        spots = _in_pixels(place.pose, place, part, name)
+        shape = np.array(place.pose.shape)[::-1]
+        shown = ((spots > -0.5) & (spots < shape - 0.5)).all(axis=1)
+        contrast, blur, detected = (float(number) for number in shots.loc[name].to_numpy(float))
+        limits[index[shown]] = pixel * detected
+        if experiment is not None and name in sources and np.isfinite(contrast) and np.isfinite(blur):
+            own = known[name].to_numpy(float) if name in known else np.empty((0, 3))
+            jobs.append((sources[name], spots, own, {"contrast": abs(contrast), "blur_px": blur}))
+            rows.append(index)
+    measured = in_parallel(partial(_limits_of_frame, experiment), jobs, count=len(jobs), workers=workers)
+    for index, found in zip(rows, measured, strict=True):
+        if found is not None:
+            limits[index] = pixel * found
+        advance()
+    return limits
+
+
+def _in_pixels(pose: Pose, place: Place, rows: pd.DataFrame, frame: str) -> NDArray[np.float64]:
+    """Places on the sample in the pixels of a frame, shape (n, 2)."""
+    return np.column_stack(pose.to_pixels(rows["x_m"], rows["y_m"])) + frame_shift(place.frames, frame)
+
+
+def _limits_of_frame(
+    experiment: Experiment | None,
+    source: FrameSource,
+    spots: NDArray[np.float64],
+    contacts: NDArray[np.float64],
+    numbers: dict[str, float],
+) -> NDArray[np.float64] | None:
+    """Limits (px) at places of a frame, which is read again; None if that fails."""
+    if experiment is None:
+        return None
+    try:
+        frame, reference = source.read(), read_reference(experiment)
+        image = None if reference is None else reference.image
+        # the cheaper count subtracts the same background
+        seen = measure_prepared(frame, image, experiment.scene, count_at=0.5).foreground
+    except ContactimgError as error:
+        logger.warning("%s: limits of contacts are those of detection: %s", source.name, error)
+        return None
+    return limit_radii(
+        seen.image * np.float32(seen.frame_pair.unit),
+        spots,
+        contacts=contacts,
+        **numbers,
+        valid=seen.frame_pair.valid,
+    )
+
+
+def _strip(pose: Pose, place: Place, resting: pd.DataFrame, experiment: Experiment) -> Strip:
+    """Pictures of the largest contact in frames of different tangential load, about its first place."""
+    largest = resting.iloc[int(np.nanargmax(resting["radius_m"].to_numpy(float)))]
+    rows = resting[resting["asperity"] == largest["asperity"]]
+    rows = rows.iloc[np.unique(np.linspace(0, len(rows) - 1, STRIP_FRAMES).round().astype(int))]
+    sources = {source.name: source for source in experiment.frames}
+    moved = float(np.nanmax(np.hypot(rows["displacement_x_m"], rows["displacement_y_m"])))
+    half = int((STRIP_RADII * float(largest["radius_m"]) + moved) / pose.pixel_size)
+    pictures = []
+    for row in rows.to_dict("records"):
+        if row["frame"] not in sources:
+            continue
+        x, y = np.rint(_in_pixels(pose, place, rows.iloc[:1], row["frame"])[0]).astype(int).tolist()
+        try:
+            image = sources[row["frame"]].read().image
+        except ContactimgError:
+            continue
+        window = image[max(y - half, 0) : y + half + 1, max(x - half, 0) : x + half + 1]
+        pictures.append((f"{1e3 * row['tangential_N']:.4g} mN", window))
+    return tuple(pictures)
