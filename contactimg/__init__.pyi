@@ -81,11 +81,6 @@ from .render import render_smooth_contact as render_smooth_contact
 from .report import build_report as build_report
 from .scene import Scene as Scene
 from .scene import scene_from_dict as scene_from_dict
-from .sliding.compliance import ShearForces as ShearForces
-from .sliding.compliance import recover_shear_forces as recover_shear_forces
-from .sliding.compliance import tangential_compliance as tangential_compliance
-from .sliding.onset import SlidingOnset as SlidingOnset
-from .sliding.onset import solve_sliding_onset as solve_sliding_onset
 from .shear.deform import shear_contacts as shear_contacts
 from .shear.followed import fit_beta as fit_beta
 from .shear.followed import fit_shear_laws as fit_shear_laws
@@ -98,6 +93,11 @@ from .shear.laws import half_axes_along as half_axes_along
 from .shear.laws import local_friction as local_friction
 from .shear.laws import static_friction as static_friction
 from .shear.unseen import limit_radii as limit_radii
+from .sliding.compliance import ShearForces as ShearForces
+from .sliding.compliance import recover_shear_forces as recover_shear_forces
+from .sliding.compliance import tangential_compliance as tangential_compliance
+from .sliding.onset import SlidingOnset as SlidingOnset
+from .sliding.onset import solve_sliding_onset as solve_sliding_onset
 from .surfaces import DropletCaps as DropletCaps
 from .surfaces import GaussianCaps as GaussianCaps
 from .surfaces import UniformCaps as UniformCaps

@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from contactimg.errors import InputError
 from contactimg.scene.rules import (
+    Angle,
     Count,
     FilePath,
     Fraction,
