@@ -277,11 +277,12 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     misfit = float(window.misfit(disks)[lit].mean()) / usual if lit.any() else 0.0
     if misfit < POOR_RATIO:
         return None
-    coarse = _coarser_cover(window, disks)
+    coarse, region = _coarser_cover(window, disks)
     if not len(coarse):
         return None
-    beside = ~are_parts(disks, coarse, window.problem.image, 0.5 * float(np.median(disks[:, CONTRAST])))
-    beside &= (disks[:, RADIUS] < coarse[:, RADIUS].max()) & (disks[:, CONTRAST] > 0.5 * coarse[0, CONTRAST])
+    x, y = (np.clip(np.rint(disks[:, k]), 0, region.shape[1 - k] - 1).astype(int) for k in (0, 1))
+    beside = (region[y, x] == 0) & (disks[:, CONTRAST] > 0.5 * coarse[0, CONTRAST])
+    beside &= disks[:, RADIUS] < coarse[:, RADIUS].max()
     fewer = np.vstack([coarse, disks[beside]])
     moved = len(fewer) == len(disks) == 1 and np.abs(fewer - disks)[0, :3].max() > window.blur
     if misfit < UNDESCRIBED_RATIO or len(coarse) > 1 or not (len(fewer) < len(disks) or moved):
@@ -308,8 +309,8 @@ def are_parts(places: NDArray, disks: NDArray, image: NDArray[np.float32], level
     return (apart < disks[:, RADIUS]).any(axis=1) | np.isin(numbers[0], np.setdiff1d(numbers[1], [0]))
 
 
-def _coarser_cover(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
-    """Disks inscribed in a group when its holes are filled and a wider blur hides its mottling.
+def _coarser_cover(window: GroupWindow, disks: NDArray) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """Disks inscribed in a group when its holes are filled and a wider blur hides its mottling; its pixels.
 
     The level is half of the median height within the disks of the group; a blur moves a rim there only in
     second order.
@@ -320,11 +321,11 @@ def _coarser_cover(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
     )
     inside = window.model(disks) > 0.5 * window.problem.contrast
     if not inside.any():
-        return np.empty((0, 4))
+        return np.empty((0, 4)), np.zeros_like(inside, np.uint8)
     plateau = float(np.median(smooth[inside]))
     above = (smooth > 0.5 * plateau).astype(np.uint8)
     count, labels = cv2.connectedComponents(above, connectivity=8)
-    found = [np.empty((0, 3))]
+    found, region = [np.empty((0, 3))], np.zeros_like(above)
     for own in ((labels == k).astype(np.uint8) for k in range(1, count)):
         if not (own & inside).any():
             continue
@@ -333,8 +334,9 @@ def _coarser_cover(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
         disks = inscribed_in(filled, cut)
         one = None if any(cut) or len(disks) > 1 else as_one_contact(filled, own, LEAST_CONVEX)
         found.append(disks if one is None else one)
+        region |= filled
     places = np.vstack(found)
-    return np.column_stack([places, np.full(len(places), plateau)])
+    return np.column_stack([places, np.full(len(places), plateau)]), region
 
 
 def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
