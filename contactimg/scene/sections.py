@@ -201,6 +201,11 @@ class Measure(Section):
         description='Shape of the contacts, for the method "disk". "auto": a disk, an ellipse or a free '
         "shape, as the pixels of each call for; the others: all contacts alike.",
     )
+    registration: Literal["strips", "whole"] = Field(
+        "strips",
+        description="What of an image the shift of a frame is found from; all of it takes longer and makes "
+        "displacements of contacts more accurate.",
+    )
     hertz: Literal["equal_area", "ellipse"] = Field(
         "equal_area",
         description='Local force of a contact that is an ellipse: "equal_area": that of the circle of its '
