@@ -94,6 +94,7 @@ def measuring(
         blur_px=sharp if measure.blur_px is None else measure.blur_px,
         optics=own.with_edge(measure.edge_shift_px, measure.edge_shift_std_px),
         shape=measure.shape,
+        registration=measure.registration,
         absent=scene.effects.switched_off(*CORRECTIONS),
         linearity=scene.camera.linearity if scene.camera else LINEARITY,
     )

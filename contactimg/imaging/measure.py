@@ -176,6 +176,7 @@ def measure_image(
     edits: Sequence[HandEdit] = (),
     shape: str = "auto",
     linearity: float = LINEARITY,
+    registration: str = "strips",
 ) -> ImageMeasurement:
     """Measure the contacts of one frame.
 
@@ -216,6 +217,8 @@ def measure_image(
     linearity : float
         Standard uncertainty of the camera's response at mid-level, of the contrast; no fit can see it, and
         ``edge_shift_px`` contains what it does to the edges. 0 for a camera that is known to be linear.
+    registration : {"strips", "whole"}
+        What of the image the shift against the reference is found from.
 
     Returns
     -------
@@ -244,7 +247,8 @@ def measure_image(
     keep_freed_memory()
     prior = _prior_optics(optics, blur_px)
     pair = _without_sensor(FramePair.of(image, _match_levels(image, reference), full_scale))
-    difference, sign = _subtract_background(pair, polarity, registered="position_drift" in absent)
+    registered, whole = "position_drift" in absent, registration == "whole"
+    difference, sign = _subtract_background(pair, polarity, registered=registered, whole=whole)
     pair = pair if difference.valid is None else pair.within(difference.valid)
     prior, dust = prior.scaled(1.0 / pair.unit), "dust" not in absent
     foreground = find_foreground(pair, difference, sign, prior, dust=dust)
@@ -451,7 +455,7 @@ def _check(
 
 
 def _subtract_background(
-    frame_pair: FramePair, polarity: str, *, registered: bool
+    frame_pair: FramePair, polarity: str, *, registered: bool, whole: bool
 ) -> tuple[DifferenceImage, int]:
     """Difference image and the sign that makes contacts positive."""
     frame, reference = frame_pair.frame, frame_pair.reference
@@ -465,6 +469,7 @@ def _subtract_background(
             valid=frame_pair.valid,
             background_is=BACKGROUND_IS[polarity],
             registered=registered,
+            whole=whole,
         )
         if polarity == "auto":
             polarity = find_polarity(block_means(difference.image))

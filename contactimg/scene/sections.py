@@ -201,6 +201,11 @@ class Measure(Section):
         description='Shape of the contacts, for the method "disk". "auto": a disk, an ellipse or a free '
         "shape, as the pixels of each call for; the others: all contacts alike.",
     )
+    registration: Literal["strips", "whole"] = Field(
+        "strips",
+        description="What of an image the shift of a frame is found from; all of it takes longer and makes "
+        "displacements of contacts more accurate.",
+    )
     pose: Literal["fit", "given"] = Field(
         "fit",
         description="Whether the pose of the camera is corrected with the asperities, or kept as given.",

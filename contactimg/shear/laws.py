@@ -282,7 +282,9 @@ def static_friction(area: ArrayLike, *, rate: ArrayLike, strength: float) -> Val
     return 2 * sigma * size / (1 + np.sqrt(square))
 
 
-def fit_strength(decrease: Decrease, static_friction: float, *, std: float = 0.0) -> Estimate:
+def fit_strength(
+    decrease: Decrease, static_friction: float, *, std: float = 0.0, confidence: float = 0.95
+) -> Estimate:
     """Shear strength ``sigma = Qs/(A0 - alpha Qs^2)`` from a measured static friction force.
 
     Parameters
@@ -293,11 +295,13 @@ def fit_strength(decrease: Decrease, static_friction: float, *, std: float = 0.0
         ``Qs``, the tangential load at the onset of sliding.
     std : float, N
         Its standard uncertainty.
+    confidence : float
+        Of the interval, that of a normal distribution.
 
     Returns
     -------
     Estimate, Pa
-        With a normal 95 % interval. Errors of `decrease` and of the force are taken as independent.
+        Errors of `decrease` and of the force are taken as independent.
 
     Raises
     ------
@@ -321,7 +325,7 @@ def fit_strength(decrease: Decrease, static_friction: float, *, std: float = 0.0
     from_force = std / force * (1 + 2 * decrease.rate.value * force**2 / area)
     relative = float(np.sqrt(max(float(parts @ parts) + mixed, 0.0) + from_force**2))
     sigma = force / area
-    return student_estimate(sigma, sigma * relative, freedom=np.inf)
+    return student_estimate(sigma, sigma * relative, freedom=np.inf, confidence=confidence)
 
 
 def half_axes_along(

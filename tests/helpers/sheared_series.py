@@ -35,7 +35,7 @@ def scene_of(size: dict, seed: int = 7) -> Scene:
             "asperities": {"generate": "SA", "coverage": 0.4, "side_m": size["side_m"], "seed": seed},
             "camera": {"pixel_size_m": PIXEL, "linearity": 0.0, "centre_m": middle},
             "effects": {"model": "paper"},
-            "measure": {"shape": "ellipse", "film_doubt": 0.0},
+            "measure": {"shape": "ellipse", "registration": "whole", "film_doubt": 0.0},
             "load": {"tangential_direction_deg": DIRECTION_DEG},
             "simulate": {
                 "loads_N": size["loads_N"], "tangential_N": size["tangential_N"], "interval_s": 0.5,

@@ -136,6 +136,13 @@ def test_runs_without_tangential_loads_have_the_table_alone(tiny, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["asperities.csv"]
 
 
+def test_rows_of_several_places_have_the_name_of_theirs(tiny, tmp_path):
+    found = analyse_shear([tiny, replace(tiny, name="other")], [], load_tolerance=0.05, workers=1)
+    assert found.followed["place"].unique().tolist() == [tiny.name, "other"]
+    found.write(tmp_path)
+    assert pd.read_csv(tmp_path / "asperities.csv").columns[-1] == "place"
+
+
 def test_runs_without_asperities_have_nothing_but_a_sentence(tiny, tmp_path):
     bare = replace(tiny, asperities=None)
     found, notes = shear_of(bare)

@@ -105,6 +105,9 @@ def test_analyse_writes_the_table_and_figures(sheared, tmp_path):
     assert table.columns.tolist() == list(tables.FOLLOWED.first)
     assert table["touches"].dtype == bool
     assert sorted(table["time_s"].unique()) == [0.0, 0.5, 1.0, 1.5]
+    numbers = pd.read_csv(tmp_path / "results.csv").set_index("quantity").loc["shear_beta"]
+    assert (numbers["unit"], numbers["confidence"]) == ("m5/N2", 0.95)
+    assert numbers["low"] < numbers["value"] < numbers["high"]
     assert {"sheared_areas.png", "strip.png"} <= {path.name for path in tmp_path.iterdir()}
 
 

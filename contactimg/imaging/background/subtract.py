@@ -53,6 +53,7 @@ def subtract_reference(
     valid: Mask = None,
     background_is: BackgroundLevel = "nearest_one",
     registered: bool = False,
+    whole: bool = False,
 ) -> DifferenceImage:
     """Frame minus background: registered reference times the ratio of the illuminations.
 
@@ -66,6 +67,8 @@ def subtract_reference(
         Which level is background, see `contactimg.imaging.background.find_illumination`.
     registered : bool
         The images are known to be registered: no shift is looked for.
+    whole : bool
+        The shift is found from all rows at once, not from strips first.
 
     Returns
     -------
@@ -77,7 +80,7 @@ def subtract_reference(
         return _subtract_plainly(images)
     residual, textured = REGISTERED, False
     if not registered:
-        placed, residual, textured = _register(placed)
+        placed, residual, textured = _register(placed, whole=whole)
     image = divide_by_reference(
         frame, placed.reference, placed.half, placed.illumination, residual=residual, level=placed.level
     )
@@ -182,12 +185,12 @@ def _exclude_dark(reference: NDArray, valid: Mask, lowest: float) -> Mask:
     return lit if valid is None else lit & valid
 
 
-def _register(placed: _PlacedReference) -> tuple[_PlacedReference, Alignment, bool]:
+def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReference, Alignment, bool]:
     """The reference moved to within a pixel, the alignment that is left, and whether there is texture.
 
     From strips of the image; if that is too uncertain, from all rows; if that is as well, by a far search.
     """
-    for everywhere in (False, True):
+    for everywhere in (True,) if whole else (False, True):
         residual = placed.align(everywhere=everywhere)
         if residual.std_px < GOOD_STD_PX and residual.consistent:
             return *_approach(placed, residual, everywhere=everywhere), True

@@ -555,7 +555,8 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
         note = "tau0 ~ v^m, one shear stress at each velocity; 0 where friction does not depend on it"
         add(fit, "shear_stress_velocity_exponent", speed.exponent, "1", note)
     for quantity, found, unit, note, n_points in analysis.sheared.rows():
-        add({"model": "measured", "n_points": n_points, "n_places": n_places}, quantity, found, unit, note)
+        fit = {"model": "measured", "n_points": n_points, "n_places": n_places}
+        add(fit | {"confidence": analysis.sheared.confidence}, quantity, found, unit, note)
     return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))
 
 

@@ -51,12 +51,15 @@ class Sheared:
     beta : RateLaw or None
     strip : list of (str, ndarray)
         Name of each picture of the largest contact, and its pixels; empty without tangential loads.
+    confidence : float
+        Of the intervals.
     """
 
     followed: pd.DataFrame
     laws: tuple[ShearLaws, ...] = ()
     beta: RateLaw | None = None
     strip: Strip = ()
+    confidence: float = 0.95
 
     def rows(self) -> list[tuple[str, Estimate, str, str, int]]:
         """Quantity, its estimate, unit, note and number of points, for results.csv."""
@@ -74,22 +77,15 @@ class Sheared:
                 if axis is not None
             ]
             if total.start.value > total.rate.value * law.largest**2:
-                sigma = fit_strength(total, law.largest)
+                sigma = fit_strength(total, law.largest, confidence=self.confidence)
                 note = "Q/A(Q) of the largest tangential load: sigma, if the contact slides there"
                 fits.append(("shear_strength_at_largest", sigma, "Pa", note))
             rows += [(name, found, unit, note + at, total.n_points) for name, found, unit, note in fits]
         if self.beta is not None:
             note = "of single contacts, alpha = beta A0^(-3/2); loads shared as the areas"
-            rows += [
-                ("shear_beta", self.beta.beta, "m5/N2", note, self.beta.n_points),
-                (
-                    "shear_rate_exponent",
-                    self.beta.exponent,
-                    "1",
-                    "the same with a free exponent",
-                    self.beta.n_points,
-                ),
-            ]
+            same, n_points = "the same with a free exponent", self.beta.n_points
+            rows.append(("shear_beta", self.beta.beta, "m5/N2", note, n_points))
+            rows.append(("shear_rate_exponent", self.beta.exponent, "1", same, n_points))
         return rows
 
     def write(self, folder: Path) -> None:
@@ -161,7 +157,7 @@ def analyse_shear(
         beta = fit_beta(laws, confidence=confidence) if laws else None
     except ContactimgError as error:
         notes.append(f"beta: {error}")
-    return Sheared(followed, tuple(laws), beta, strip)
+    return Sheared(followed, tuple(laws), beta, strip, confidence)
 
 
 def _nothing() -> None:

@@ -63,6 +63,19 @@ def test_shift_is_found_with_contacts_in_the_frame(shift):
     assert found.y_px == pytest.approx(shift[1], abs=4 * found.std_px)
 
 
+def test_shift_of_a_large_image_is_better_known_from_all_of_it():
+    optics = Optics(shape=(800, 560), shift=(0.3, -0.2), texture=0.03)
+    pair = render(some_disks(), optics, np.random.default_rng(2))
+    frame, reference = (image.astype(np.float32) for image in pair)
+    strips, whole = (
+        subtract_reference(frame, reference, background_is="lowest", whole=whole).alignment
+        for whole in (False, True)
+    )
+    # two strips of 32 rows hold a twelfth of the pixels
+    assert whole.std_px < strips.std_px / 2.5
+    assert (whole.x_px, whole.y_px) == pytest.approx((0.3, -0.2), abs=4 * whole.std_px)
+
+
 def crowd():
     y, x = np.mgrid[40:400:66, 40:560:66]
     return pd.DataFrame({"x_px": x.ravel(), "y_px": y.ravel(), "radius_px": 30.0})
