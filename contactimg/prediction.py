@@ -227,8 +227,8 @@ def surrounding_field(
 
 def _without_mean_field(scene: Scene, asperities: pd.DataFrame) -> str:
     """Why a table has no mean field; empty if it has."""
-    if scene.indenter is None:
-        return "takes an indenter"
+    if scene.indenter is None or not np.isfinite(scene.indenter.radius):
+        return "takes a lens of finite radius"
     spans = np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0) if len(asperities) else np.zeros(2)
     if len(asperities) < MIN_ASPERITIES_FOR_SIDES or not spans.min() > 0:
         return f"needs at least {MIN_ASPERITIES_FOR_SIDES} asperities spread over a rectangle"
