@@ -419,7 +419,6 @@ def measure_fall(
     >>> measure_fall(np.exp(-(far**2) / 1800), None, np.array([[50.0, 50.0, 35.0]]), 1.5).round(2).tolist()
     [0.12]
     """
-    blur = min(max(blur, SHARPEST_BLUR_PX), WIDEST_BLUR_PX)
     out = np.full(len(disks), np.inf)
     wide = np.flatnonzero(disks[:, 2] > WIDE_BLUR_WIDTHS * blur)
     if not len(wide):
@@ -443,6 +442,7 @@ def _fall_of_rims(
 ) -> NDArray[np.float64]:
     """`measure_fall`, across the outlines at half of their plateaus for regions that are no disks."""
     image, valid = foreground.image, foreground.frame_pair.valid
+    blur = min(max(blur, SHARPEST_BLUR_PX), WIDEST_BLUR_PX)
     fall = measure_fall(image, valid, disks, blur)
     for row in np.flatnonzero(fall < RIM_FALL * plateau):
         x, y, reach = disks[row, 0], disks[row, 1], OUTLINE_REACH * disks[row, 2] + 4.0 * blur
