@@ -1,5 +1,6 @@
 """Heights corrected until the contacts that displace each other follow the wanted law."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 
 from contactimg.models.interacting import solve_loads
 from contactimg.models.solution import InteractingSolution
+
+logger = logging.getLogger(__name__)
 
 Values = NDArray[np.float64]
 
@@ -88,6 +91,7 @@ def refine(
         tried = evaluate(table.assign(height_m=best.table["height_m"] + step), loads, wanted, how)
         left = np.sum(np.log(tried.areas / wanted) ** 2) / np.sum(r**2)
         best, damping = (tried, damping * LESS) if left < 1 else (best, damping * MORE)
+        logger.info("step %d: the area is off by up to %.2g %%", iterations, 100 * best.residual)
         stalled = 0 if left < PROGRESS else stalled + 1
     return Refined(best.table, best.solutions, best.residual, iterations, best.gradient)
 
