@@ -1,5 +1,6 @@
 """Heights corrected until the contacts that displace each other follow the wanted law."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,14 +12,19 @@ from numpy.typing import NDArray
 from contactimg.models.interacting import solve_loads
 from contactimg.models.solution import InteractingSolution
 
+logger = logging.getLogger(__name__)
+
 Values = NDArray[np.float64]
 
 LARGEST_STEP = 0.5
 """Largest change of a height in an iteration over the mean indentation of the contacts. Chosen by hand."""
 
-DAMPING, MOST_STALLED, PROGRESS = 1e-3, 6, 0.9
-"""Damping of the first step, relative, and steps in turn after which it is given up, each of which leaves
-more than that share of the squared residuals. Chosen by hand."""
+DAMPING, LESS, MORE = 1e-3, 0.5, 4.0
+"""Damping of the first step, relative, and its factors after a step that helps and one that does not."""
+
+MOST_STALLED, PROGRESS = 8, 0.9
+"""Steps in turn after which it ends, each of which leaves more than this share of the squared residuals.
+Chosen with the dampings among six sets, on eight designs: the largest residual is least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +90,8 @@ def refine(
         step *= min(1.0, LARGEST_STEP * float(touching.mean()) / float(np.abs(step).max(initial=1e-300)))
         tried = evaluate(table.assign(height_m=best.table["height_m"] + step), loads, wanted, how)
         left = np.sum(np.log(tried.areas / wanted) ** 2) / np.sum(r**2)
-        best, damping = (tried, damping / 10) if left < 1 else (best, damping * 10)
+        best, damping = (tried, damping * LESS) if left < 1 else (best, damping * MORE)
+        logger.info("step %d: the area is off by up to %.2g %%", iterations, 100 * best.residual)
         stalled = 0 if left < PROGRESS else stalled + 1
     return Refined(best.table, best.solutions, best.residual, iterations, best.gradient)
 

@@ -30,8 +30,11 @@ AIM = 3
 NEWTON_STEPS = 20
 """Steps to the load of a set of heights. Chosen: from any start the last ones change nothing."""
 
-MOST_CAPS = 10**9
-"""As many caps as any law needs."""
+MOST_CAPS, UNLIMITED = 10_000, 10**9
+"""Most caps of a design (chosen: it takes minutes), and as many as any law may need in a message."""
+
+LEAST_RADIUS = 1e-9
+"""Radius (m) below which a smaller cap is no advice. Chosen: atoms."""
 
 LOWEST_SHARE = 0.1
 """Height of the lowest cap over the radius, if it is not stated. Chosen: the plane between stays free."""
@@ -141,13 +144,13 @@ def design_heights(
     ):
         if not 0 < value < np.inf:
             raise InputError(f"{name} must be positive and finite, got {value!r}")
-    if count < 1 or not 0 < tolerance < 1 or not 0 <= height_std < np.inf:
+    if not 1 <= count <= MOST_CAPS or not 0 < tolerance < 1 or not 0 <= height_std < np.inf:
         raise InputError(
-            "a design needs one cap or more, a tolerance between 0 and 1 and an error of the heights that is "
-            f"not negative, got {count}, {tolerance} and {height_std}"
+            f"a design needs 1 to {MOST_CAPS} caps, a tolerance between 0 and 1 and an error of the heights "
+            f"that is not negative, got {count}, {tolerance} and {height_std}"
         )
     up = cap_radius * LOWEST_SHARE if lowest is None else lowest
-    if not (up > 0 and 2 * base_radius(up, cap_radius) <= spacing):
+    if not (0 < up < cap_radius and 2 * base_radius(up, cap_radius) <= spacing):
         raise InputError(
             f"caps of radius {cap_radius * 1e6:.4g} um that are {up * 1e6:.4g} um high cannot stand "
             f"{spacing * 1e6:.4g} um apart; their discs are {2e6 * base_radius(up, cap_radius):.4g} um wide"
@@ -219,19 +222,20 @@ def why_impossible(
     if wrong.size == 0:
         return ""
     first, worst = int(wrong[0]), int(np.abs(excess).argmax())
-    load, off = density.load[first], f"{100 * abs(excess[worst]):.2g} %"
+    load, off = density.load[first], f"{100 * abs(excess[worst]):.3g} %"
     if first == 0 and excess[0] > 0:
         fit = cap_radius * (law.at(load) / density.area[0]) ** 1.5
+        smaller = f"take caps of a radius below {fit * 1e6:.3g} um, or " if fit > LEAST_RADIUS else "take "
         return (
             f"one cap alone has {density.area[0]:.3g} m2 at {load:.3g} N and {law.at(load):.3g} m2 are "
-            f"wanted; take caps of a radius below {fit * 1e6:.3g} um, or a larger first load"
+            f"wanted; {smaller}a larger first load"
         )
     if excess[first] < 0:
-        caps = {"cap_radius": cap_radius, "contact_modulus": contact_modulus}
-        needed = find_density(law, count=MOST_CAPS, **caps).caps.sum()
+        caps = find_density(law, count=UNLIMITED, cap_radius=cap_radius, contact_modulus=contact_modulus).caps
+        needed = f"{np.ceil(caps.sum()):.0f}" if caps.sum() < 0.99 * UNLIMITED else f"over {UNLIMITED:.0g}"
         return (
-            f"the law needs {np.ceil(needed):.0f} caps, and there are {count}; from {load:.3g} N on the area "
-            f"is too small, by up to {off} (at {density.load[worst]:.3g} N)"
+            f"the law needs {needed} caps, and there are {count}; from {load:.3g} N on the area is too "
+            f"small, by up to {off} (at {density.load[worst]:.3g} N)"
         )
     return (
         f"from {load:.3g} N on the area would have to grow more slowly than that of the caps which touch "
