@@ -29,6 +29,12 @@ def plain_edge(problem, joint, *_arguments, **_options):
     return edge.EdgeFit(problem, joint, edge.LearnedEdge(edge.Edge.plain(joint.fit.blur)))
 
 
+def fall_of_disks(foreground, disks, blur, _plateau):
+    """The fall across the rim of each disk, whatever the outline of its region."""
+    rules = importlib.import_module(BASE + "evidence.rules")
+    return rules.measure_fall(foreground.image, foreground.frame_pair.valid, disks, min(max(blur, 1.0), 8.0))
+
+
 def no_rule(name):
     """The rules of rejection without one."""
     rules = importlib.import_module(BASE + "evidence.rules").RULES
@@ -41,6 +47,9 @@ def mechanisms():
     foreign = importlib.import_module(BASE + "detect.foreign").NONE
     table = {
         "better covers of groups": [("fit.assemble", "_Assembly.improve_covers", lambda _self: None)],
+        "coarser look at groups": [("fit.covers", "_simpler", lambda *_a: None)],
+        "one ellipse for touching disks": [("fit.assemble", "_Assembly.join_ellipses", lambda _self: None)],
+        "falls along outlines": [("evidence.rules", "_fall_of_rims", fall_of_disks)],
         "wide residuals": [("fit.assemble", "_Assembly.add_wide_residuals", lambda _self: None)],
         "faint regions": [
             ("detect.candidates", "_faint_regions", lambda *a: ([], np.zeros(len(a[4]), np.bool_)))
