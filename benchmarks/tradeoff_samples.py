@@ -17,7 +17,7 @@ import cv2
 
 from contactimg import read_scene
 from contactimg.files import write_figure
-from contactimg.pipeline.tradeoff import FIRST_PAGE, REPETITION_SECONDS, prepare_tradeoff
+from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.tradeoff.measure import error_text, run_knobs, time_text
 
@@ -55,11 +55,9 @@ def measure(name):
         seconds=2 * REPETITION_SECONDS,
         clock=time.process_time,
     )
-    first = found.table["knob"].isin(FIRST_PAGE)
-    for pictured, ending in ((first, ""), (~first, "_settings")):
-        ax = plot_tradeoff(found.table[pictured], relative=found.relative)
-        write_figure(ax, ROOT / "docs" / "figures" / f"tradeoff_{name}{ending}.png")
-    put_table(f"{name} settings", markdown(HEADER, rows(found.table[first])))
+    ax = plot_tradeoff(found.table, relative=found.relative)
+    write_figure(ax, ROOT / "docs" / "figures" / f"tradeoff_{name}.png")
+    put_table(f"{name} settings", markdown(HEADER, rows(found.table)))
     put_table(f"{name} sentences", [f"- {text}" for text in found.sentences.values()])
 
 

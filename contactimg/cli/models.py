@@ -213,7 +213,7 @@ def effects(
 
 # --- tradeoff
 
-Knob = Literal["image", "model", "patterns", "supersampling"]
+Knob = Literal["image", "model"]
 
 
 @shared.command()
@@ -234,9 +234,8 @@ def tradeoff(
     """Measure how much computing time accuracy costs for SCENE, a scene.toml or the folder that holds one.
 
     Each choice is run with several settings, in turn, and the results are compared with a converged one. The
-    choices are: image (method that measures a frame), model (contact model), patterns (number of random
-    surfaces that are averaged), supersampling (of rendered frames). The result that must be accurate is
-    "output" in the section [tolerance] of the scene.
+    choices are: image (method that measures a frame) and model (contact model). The result that must be
+    accurate is "output" in the section [tolerance] of the scene.
 
     Writes tradeoff.csv (one row per setting: error and time), tradeoff.png (.svg, .pdf) and provenance.json.
 

@@ -11,7 +11,6 @@ other effects, which act in a contact and among its nearest neighbours, are comp
 about the apex.
 """
 
-import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -173,9 +172,7 @@ class Comparison:
         self.scene, self.table, self.load = scene, table, load
         self.elastic = scene.need("elastic", PURPOSE)
         self.solved: dict[frozenset[str], InteractingSolution] = {}
-        self.seconds: dict[frozenset[str], float] = {}
         self.steps: dict[str, Values] = {}
-        self.costs: dict[str, float] = {}
         self.reasons: dict[str, str] = {}
         self.alone = self.solve(())
         off = scene.effects.switched_off(*MECHANICAL_EFFECTS)
@@ -208,9 +205,7 @@ class Comparison:
         scene = self.scene.model_copy(update={"effects": self.scene.effects.model_copy(update=switches)})
         level = coupling_level(coupling="coupling" in effects, full_coupling="full_coupling" in effects)
         load = self.load if "adhesion" in effects else max(self.load, 0.0)
-        began = time.thread_time()
         solution = solve_scene(scene, self.table, load=load, coupling=level, start=start)
-        self.seconds[key] = time.thread_time() - began
         return self.solved.setdefault(key, solution)
 
     def state(self, solution: InteractingSolution) -> Values:
@@ -253,9 +248,6 @@ class Comparison:
         else:
             other = self.state(solution)
             self.reasons[effect] = reason(self, effect, solution)
-            times = [self.seconds[frozenset(chosen)] for chosen in (others, self.on)]
-            times[0] += times[1] * (effect == "full_coupling")  # which has started from the base
-            self.costs[effect] = max(times[effect in self.on] / times[effect not in self.on], 1.0)
         self.steps[effect] = base - other if effect in self.on else other - base
         if effect not in self.on:
             self.complete = self.complete + self.steps[effect]
@@ -471,15 +463,8 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
     for name in MECHANICAL_EFFECTS:
         changes = found.together([name])
         source = whole if name in whole.reasons else near
-        estimates.append(
-            EffectEstimate(
-                name,
-                max(changes[output] for output in requested),
-                source.reasons[name],
-                source.costs.get(name, 1.0),
-                changes,
-            )
-        )
+        change = max(changes[output] for output in requested)
+        estimates.append(EffectEstimate(name, change, source.reasons[name], changes))
         if source.reasons[name].startswith(UNSOLVED):
             limits.append(f"{name} is not compared: {source.reasons[name]}")
     return MechanicalEstimates(tuple(estimates), tuple(limits), whole.base, compared, _model_error(near))

@@ -5,7 +5,6 @@ as ``[measure]`` says. Of many contacts only a part is rendered: the quarter abo
 holds the most, cropped to them.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -215,7 +214,6 @@ class Camera:
         )
         self.lights: dict[Shown, tuple[NDArray, NDArray]] = {}
         self.radii: dict[Shown, list[tuple[NDArray[np.intp], Values]]] = {}
-        self.seconds: dict[Shown, float] = {}
         self.clipped = False
 
     def light(self, shown: Shown) -> tuple[NDArray, NDArray]:
@@ -225,14 +223,12 @@ class Camera:
             switches = {name: "on" if name in key else "off" for name in OPTICS}
             effects = self.scene.effects.model_copy(update=switches)
             scene = self.scene.model_copy(update={"effects": effects})
-            began = time.thread_time()
             frame = render_contacts(
                 self.part.contacts,
                 scene,
                 rng=np.random.default_rng(SEED),
                 sphere_radius=self.part.sphere_radius if "film" in key else None,
             ).frame.image
-            self.seconds[key] = time.thread_time() - began
             self.lights[key] = frame, render_reference(scene, rng=np.random.default_rng(SEED)).image
         return self.lights[key]
 
@@ -387,14 +383,12 @@ def _estimate(
         return EffectEstimate(effect, 0.0, "no contact lies in the frame")
     if effect == "position_drift":
         leaving, changes = _leaving_contacts(scene, contacts, outputs)
-        return EffectEstimate(effect, max(changes.values()), leaving, 1.0, changes)
+        return EffectEstimate(effect, max(changes.values()), leaving, changes)
     reason = _reason(effect, camera)
     if NO_FILM in reason or (effect == "saturation" and not _clips(camera, shown)):
         return EffectEstimate(effect, 0.0, reason)
     changes = {name: camera.change(name, effect, shown) for name in outputs}
-    keys = (shown | {effect}) - SENSOR, (shown - {effect}) - SENSOR
-    cost = max(camera.seconds[keys[0]] / camera.seconds[keys[1]], 1.0)
-    return EffectEstimate(effect, max(changes.values()), reason, cost, changes)
+    return EffectEstimate(effect, max(changes.values()), reason, changes)
 
 
 def _clips(camera: Camera, shown: Shown) -> bool:

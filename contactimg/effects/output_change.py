@@ -223,7 +223,7 @@ def change_sentence(changes: Mapping[str, float]) -> str:
 
 @dataclass(frozen=True)
 class EffectEstimate:
-    """Estimated change of the outputs if an effect is left out, and the cost of computing it.
+    """Estimated change of the outputs if an effect is left out.
 
     Parameters
     ----------
@@ -234,30 +234,26 @@ class EffectEstimate:
         the effect cannot act.
     reason : str
         The numbers that decide, in words.
-    cost : float
-        Time to solve, render or measure with the effect divided by the time without; 1 means no extra time.
     changes : mapping
         Output -> its relative change; empty where ``change`` holds for every one.
 
     Examples
     --------
-    >>> EffectEstimate("layer", 0.004, "loaded region over thickness 0.15", cost=1.1).change
+    >>> EffectEstimate("layer", 0.004, "loaded region over thickness 0.15").change
     0.004
     """
 
     effect: str
     change: float
     reason: str
-    cost: float = 1.0
     changes: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        numbers = {"change": self.change, "cost": self.cost}
-        for name, value in (numbers | {f"change of {key}": v for key, v in self.changes.items()}).items():
-            if not (math.isfinite(value) and value >= (1.0 if name == "cost" else 0.0)):
+        changes = {"change": self.change} | {f"change of {key}": v for key, v in self.changes.items()}
+        for name, value in changes.items():
+            if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(
-                    f"{name} of the effect {self.effect} must be finite and not below "
-                    f"{1 if name == 'cost' else 0}, got {value!r}"
+                    f"{name} of the effect {self.effect} must be finite and not negative, got {value!r}"
                 )
 
     def change_of(self, output: str) -> float:

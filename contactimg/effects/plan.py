@@ -7,7 +7,6 @@ change together stays below the tolerance in each of these outputs.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from time import thread_time
 from typing import Any
 
 import pandas as pd
@@ -82,8 +81,6 @@ class Plan:
         Output -> estimated relative change by all mechanical effects that are left out.
     model_error : ModelError
         How well the complete model is known.
-    seconds : float
-        Time that the plan took.
     unmodelled : tuple of EffectEstimate
         What every solution leaves out: rows of the table with the decision "not modelled".
     """
@@ -96,7 +93,6 @@ class Plan:
     limits: tuple[str, ...] = ()
     expected_errors: Mapping[str, float] = field(default_factory=dict)
     model_error: ModelError = field(default_factory=ModelError)
-    seconds: float = 0.0
     unmodelled: tuple[EffectEstimate, ...] = ()
 
     def is_on(self, effect: str) -> bool:
@@ -212,7 +208,7 @@ def decide(
     def kept(required: set[str]) -> set[str]:
         """Effects that are switched on, that others require, or that change the output too much."""
         dropped: list[EffectEstimate] = []
-        for estimate in sorted(estimates, key=lambda e: (e.change, -e.cost, e.effect)):
+        for estimate in sorted(estimates, key=lambda e: (e.change, e.effect)):
             free = switch[estimate.effect] == "auto" and estimate.effect not in required
             if free and fits([*dropped, estimate]):
                 dropped.append(estimate)
@@ -283,7 +279,6 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     >>> plan.coupling, plan.is_on("sphere_profile")
     ('asymptotic', False)
     """
-    began = thread_time()
     mechanics = estimate_mechanics(scene, asperities, load=load)
     optics: tuple[EffectEstimate, ...] = ()
     if scene.simulate is not None:
@@ -310,6 +305,5 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
         limits=mechanics.limits,
         expected_errors=mechanics.together(dropped),
         model_error=mechanics.model_error,
-        seconds=thread_time() - began,
         unmodelled=unmodelled_effects(mechanics.base, law=law, output=tolerance.output),
     )

@@ -20,9 +20,6 @@ from contactimg.tradeoff.measure import Knob, Tradeoff, run_knobs
 REPETITION_SECONDS = 15.0
 """Time for repeated runs of the settings, s. Chosen by hand."""
 
-FIRST_PAGE = ("image", "model")
-"""Choices of the first figure; the others have one of their own."""
-
 
 def measure_tradeoff(
     scene: Scene,
@@ -40,8 +37,8 @@ def measure_tradeoff(
     load : float, optional, N
         By default the largest of the scene.
     knobs : str or sequence of str
-        Of ``image`` (measurement of a frame), ``model`` (contact model), ``patterns`` (of an
-        ensemble), ``supersampling`` (of rendered frames); all that apply if none is named.
+        Of ``image`` (measurement of a frame), ``model`` (contact model); those that apply if
+        none is named.
     advance : callable, optional
         Called once a setting.
 
@@ -120,16 +117,7 @@ def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
 
 
 def write_tradeoff(tradeoff: Tradeoff, folder: Path) -> None:
-    """Write tradeoff.csv, the figure of measurement and model, and one of the other choices if there are any.
-
-    Figures are written as PNG, SVG and PDF.
-    """
+    """Write tradeoff.csv and the figure of the choices, as PNG, SVG and PDF."""
     write_table(tradeoff.table, TRADEOFF, folder / "tradeoff.csv")
-    first = tradeoff.table["knob"].isin(FIRST_PAGE)
-    pages = {"tradeoff": tradeoff.table[first], "tradeoff_settings": tradeoff.table[~first]}
-    if not first.any():
-        pages = {"tradeoff": tradeoff.table}
-    for name, table in pages.items():
-        if len(table):
-            ax = plot_tradeoff(table, relative=tradeoff.relative)
-            write_figures(ax, folder, name, caption=caption_of("tradeoff"))
+    ax = plot_tradeoff(tradeoff.table, relative=tradeoff.relative)
+    write_figures(ax, folder, "tradeoff", caption=caption_of("tradeoff"))

@@ -23,7 +23,6 @@ MARKS: tuple[tuple[int, dict[str, str], str], ...] = (
 
 # Layout, chosen by eye
 PANEL_INCHES = (4.6, 3.4)  # width and height of a panel with its key
-PANEL_COLUMNS = 2
 LABEL_FONT = 8.3  # pt, 6 pt on a page of 170 mm
 LABEL_CHARACTERS, SENTENCE_CHARACTERS = 20, 60  # in a line of the key and of a title
 NUMBER_PT = 4.0  # from a point to its number
@@ -107,17 +106,12 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
         The first panel; its figure holds the others.
     """
     groups = [part for _, part in table.groupby("knob", sort=False)]
-    columns = min(PANEL_COLUMNS, len(groups))
-    rows = -(-len(groups) // columns)
-    figure = Figure(
-        figsize=(PANEL_INCHES[0] * columns, PANEL_INCHES[1] * rows), layout="constrained", dpi=FIGURE_DPI
-    )
+    width, height = PANEL_INCHES
+    figure = Figure(figsize=(width * len(groups), height), layout="constrained", dpi=FIGURE_DPI)
     FigureCanvasAgg(figure)
-    panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
-    for ax, part in zip(panels, groups, strict=False):
+    panels = list(figure.subplots(1, len(groups), squeeze=False).ravel())
+    for ax, part in zip(panels, groups, strict=True):
         plot_knob(part, relative=relative, ax=ax)
-    for ax in panels[len(groups) :]:
-        ax.axis("off")
     entries = {
         label: handle
         for ax in panels[: len(groups)]
@@ -127,7 +121,7 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
         entries.values(),
         entries.keys(),
         loc="outside lower center",
-        ncols=columns,
+        ncols=len(groups),
         fontsize="small",
         frameon=False,
     )

@@ -424,7 +424,6 @@ EFFECTS = Schema(
         "tolerance": ("float64", "limit on the sum of the changes of all effects that are left out"),
         "decision": ("str", "on, off, or not modelled"),
         "switch": ("str", "switch of the effect in the scene: auto, on or off"),
-        "cost": ("float64", "computing time of its stage with the effect over the time without it"),
         "reason": ("str", "the numbers behind the decision"),
         "change_area": ("float64", "change of the total contact area; empty where not estimated"),
         "change_force": ("float64", "change of the local forces, sum |dp|/sum |p|"),

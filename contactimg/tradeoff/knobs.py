@@ -20,10 +20,9 @@ from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.greenwood_williamson import RingSolution
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose.pairs import pair_points
-from contactimg.prediction import pattern_sides, solve_average
+from contactimg.prediction import solve_average
 from contactimg.render import Rendered, render_contacts, render_reference
 from contactimg.scene import Scene
-from contactimg.surfaces import generate_asperities
 from contactimg.tradeoff.measure import Knob, Setting
 
 Values = NDArray[np.float64]
@@ -44,15 +43,6 @@ LEVELS = {
     "full": "fully coupled",
 }
 """Level of coupling -> name in the table."""
-
-PATTERNS = (1, 2, 4, 8, 16, 32)
-DEPTHS, CONVERGED_DEPTH = (1, 2, 3, 4, 8), 16
-
-SAMPLING_NOISE_LEVELS = 1.0
-"""Noise of the frames that compare samplings, in grey levels; the same in all. Chosen by hand."""
-
-SENSOR = ("vignetting", "light_drift", "position_drift", "shot_noise", "quantisation", "saturation", "dust")
-"""Effects that do not depend on the sampling and are switched off."""
 
 RADIAL_NODES = 4001
 """Points of the trapezoidal rule over rings. Chosen: far more than any number of rings."""
@@ -226,34 +216,6 @@ def _render(scene: Scene, solution: InteractingSolution) -> Rendered:
     return render_contacts(solution.contacts("rendered"), scene, rng=rng, sphere_radius=radii)
 
 
-def supersampling_settings(case: Case) -> Iterator[Setting]:
-    """The samples per pixel of the renderer, without effects that do not depend on them."""
-    simulate = case.scene.need("simulate", "rendering a frame")
-    solution = cache(case.contacts)
-    switches = dict.fromkeys(SENSOR, "off") | {"read_noise": "on", "supersampling": "on"}
-    effects = case.scene.effects.model_copy(update=switches)
-
-    def run(depth: int) -> Rendered:
-        camera = {"texture": 0.0, "electrons_per_level": 1.0, "supersampling": depth}
-        camera["read_noise_electrons"] = SAMPLING_NOISE_LEVELS
-        changed = {"effects": effects, "simulate": simulate.model_copy(update=camera)}
-        return _render(case.scene.model_copy(update=changed), solution())
-
-    def measured(rendered: Rendered) -> pd.DataFrame:
-        image = rendered.frame.image
-        flat = np.full_like(image, simulate.background_levels)
-        return measuring(case.scene, rendered.frame.full_scale)(image, flat, method="disk").disks
-
-    reference = cache(lambda: measured(run(CONVERGED_DEPTH)))
-
-    def error(answer: Rendered) -> float:
-        return disk_change(case.output, measured(answer), reference())
-
-    for depth in DEPTHS:
-        compared = f"{CONVERGED_DEPTH} a pixel, both measured by {METHODS['disk']}"
-        yield Setting(f"{depth} a pixel", partial(run, depth), error, compared)
-
-
 def model_settings(case: Case) -> Iterator[Setting]:
     """The contact models: statistical models and levels of coupling."""
     levels = ADHESIVE_COUPLINGS if case.scene.effects.adhesion == "on" else tuple(LEVELS)
@@ -301,61 +263,6 @@ def model_settings(case: Case) -> Iterator[Setting]:
             yield Setting(name, partial(case.solve, level), level_error, compared)
 
 
-def pattern_settings(case: Case) -> Iterator[Setting]:
-    """The number of random patterns that are averaged."""
-    most = PATTERNS[-1]
-    indenter = case.scene.need("indenter", "averages")
-
-    def one(index: int) -> Average:
-        rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(index,)))
-        pattern, side = _draw_pattern(case, rng)
-        solution = solve_scene(case.scene, pattern, load=case.load, coupling="asymptotic")
-        edges = np.linspace(0.0, side / 2, 4 * COMPARED_RINGS + 1)
-        return average_contacts(solution, centre=indenter.apex, edges=edges)
-
-    def run(count: int) -> list[Average]:
-        return [one(index) for index in range(count)]
-
-    @cache
-    def scatter() -> float:
-        """Root mean square of the errors of single patterns against the mean of all."""
-        patterns = run(most)
-        mean = Average(
-            float(np.mean([p.area for p in patterns])),
-            np.mean([p.loads for p in patterns], axis=0),
-            float(np.mean([p.mean_radius for p in patterns])),
-        )
-        squares = [p.change(case.output, mean) ** 2 for p in patterns]
-        return float(np.sqrt(np.mean(squares) * most / (most - 1)))
-
-    def error(answer: list[Average]) -> float:
-        return scatter() / math.sqrt(len(answer))
-
-    for count in PATTERNS:
-        yield Setting(
-            f"{count} pattern" + "s" * (count > 1),
-            partial(run, count),
-            error,
-            f"mean of all such patterns (standard error from the scatter of {most})",
-        )
-
-
-def _draw_pattern(case: Case, rng: np.random.Generator) -> tuple[pd.DataFrame, float]:
-    """A pattern by the scene's generator, or its table shifted with permuted caps; the longer side, m."""
-    section = case.scene.need("asperities", "a pattern")
-    if section.generate is not None:
-        pattern = generate_asperities(section.generate, side=section.side, coverage=section.coverage, rng=rng)
-        return pattern, section.side
-    table = case.table().copy()
-    sides = pattern_sides(section, table)
-    for name, side, shift in zip(("x_m", "y_m"), sides, rng.random(2), strict=True):
-        low = float(table[name].min() + table[name].max() - side) / 2
-        table[name] = low + (table[name] - low + shift * side) % side
-    caps = ["height_m", "radius_m"]
-    table[caps] = table[caps].to_numpy()[rng.permutation(len(table))]
-    return table, max(sides)
-
-
 def lacks(case: Case, kind: str) -> str:
     """What a scene lacks for "mechanics", "rendering" or "frames"; empty for nothing."""
     scene = case.scene
@@ -372,8 +279,6 @@ def lacks(case: Case, kind: str) -> str:
 KNOBS: dict[str, tuple[str, Callable[[Case], Iterator[Setting]], str]] = {
     "image": ("measurement of a frame", image_settings, "frames"),
     "model": ("contact model", model_settings, "mechanics"),
-    "patterns": ("patterns of an ensemble", pattern_settings, "mechanics"),
-    "supersampling": ("sampling of rendered frames", supersampling_settings, "rendering"),
 }
 """Knob -> what its settings choose, the function that yields them, what a scene must have for it."""
 

@@ -63,23 +63,12 @@ def test_the_reference_of_full_coupling_is_not_itself(found):
     assert row["reference"] == "solutions of the whole contact problem"
 
 
-def test_the_mean_of_patterns_converges_as_one_over_the_root(found):
-    patterns = errors(found, "patterns")
-    assert patterns["16 patterns"] == pytest.approx(patterns["1 pattern"] / 4, rel=1e-12)
-
-
 def test_the_image_methods_are_compared_with_the_truth(found):
     image = errors(found, "image")
     assert set(found.table.loc[found.table["knob"] == "image", "reference"]) == {"truth of the frame"}
     # small contacts lose s^2/a^2 at half height
     assert image["pixels above the threshold"] > 0.05
     assert image["fit of blurred disks"] < 0.01
-
-
-def test_sampling_converges(found):
-    sampling = errors(found, "supersampling")
-    assert sampling["8 a pixel"] <= sampling["1 a pixel"]
-    assert sampling["4 a pixel"] < 1e-3
 
 
 def test_the_output_can_be_forces_or_radii(scene):
@@ -118,8 +107,7 @@ def test_a_load_must_be_finite(scene):
 def test_without_a_camera_the_models_remain():
     data = {name: part for name, part in SCENE.items() if name not in ("camera", "simulate")}
     knobs, left_out = prepare_tradeoff(scene_from_dict(data), load=0.05)
-    assert [knob.name for knob in knobs] == ["model", "patterns"]
-    assert left_out["supersampling"] == "needs [camera], [simulate]"
+    assert [knob.name for knob in knobs] == ["model"]
     assert left_out["image"] == "needs [camera], [simulate] or frames of its own"
 
 

@@ -200,7 +200,7 @@ def test_an_error_of_zero_is_drawn_below_the_others():
     table = TRADEOFF.conform(
         pd.DataFrame(
             {
-                "knob": "patterns",
+                "knob": "image",
                 "setting": ["a", "b"],
                 "error": [1e-3, 0.0],
                 "time_s": [1.0, 2.0],
@@ -215,13 +215,11 @@ def test_an_error_of_zero_is_drawn_below_the_others():
 
 def test_one_panel_a_knob_and_a_legend():
     table = measured().reset_index()
-    two = pd.concat(
-        [table, table.assign(knob="patterns"), table.assign(knob="supersampling")], ignore_index=True
-    )
+    two = pd.concat([table, table.assign(knob="image")], ignore_index=True)
     figure = plot_tradeoff(two, relative=0.01).get_figure()
     titles = [ax.get_title(loc="left") for ax in figure.axes if ax.axison]
     kinds = [title.split("\n")[0] for title in titles]
-    assert kinds == ["contact model", "patterns of an ensemble", "sampling of rendered frames"]
+    assert kinds == ["contact model", "measurement of a frame"]
     assert len(figure.legends) == 1
 
 
