@@ -16,14 +16,15 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
+from numba.core import event
 from platformdirs import user_cache_path
 
 PACKAGE = Path(__file__).parent
@@ -38,6 +39,7 @@ _IMPORT = re.compile(
 
 _settings: Any = numba.config
 _folders: dict[str, Path | None] = {}
+_declared: list[str] = []
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -53,12 +55,31 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         folder = _folder_of(function.__module__, Path(function.__code__.co_filename))
         usual = _settings.CACHE_DIR
         _settings.CACHE_DIR = str(folder or usual)
+        _declared.append(function.__name__)
         try:
             return numba.njit(**options | {"cache": folder is not None})(function)
         finally:
             _settings.CACHE_DIR = usual
 
     return declare
+
+
+@contextmanager
+def telling_compilations(tell: Callable[[int, int], None]) -> Iterator[None]:
+    """Tell, whenever a function begins to be compiled, how many were until then and how many may be."""
+
+    class Listener(event.Listener):
+        begun = 0
+
+        def on_start(self, _event: Any) -> None:
+            self.begun += 1
+            tell(self.begun, len(_declared))
+
+        def on_end(self, _event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        yield
 
 
 def is_stored(room: str) -> bool:

@@ -7,10 +7,12 @@ import sys
 import time
 from pathlib import Path
 
+import numba
 import pytest
 
 import contactimg
 from contactimg import compiled
+from contactimg.compiled import njit, telling_compilations
 
 PACKAGE = Path(contactimg.__file__).parent
 
@@ -131,3 +133,25 @@ def test_the_user_s_own_functions_are_stored_where_numba_stores_them(package, tm
     code = "import contactimg.caller, numba; print(repr(numba.config.CACHE_DIR))"
     assert run(package, code, XDG_CACHE_HOME=tmp_path) == "''"
     assert run(package, code, NUMBA_CACHE_DIR=tmp_path) == repr(str(tmp_path))
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_each_function_that_begins_to_be_compiled_is_told(monkeypatch):
+    monkeypatch.setattr(compiled, "_folder_of", lambda *_: None)  # nothing is stored by an earlier run
+    told = []
+
+    @njit()
+    def inner(x):
+        return 2 * x
+
+    @njit()
+    def outer(x):
+        return inner(x) + 1
+
+    with telling_compilations(lambda begun, declared: told.append((begun, declared))):
+        assert outer(3) == 7
+        assert outer(4) == 9
+    assert [begun for begun, _ in told] == [1, 2]
+    assert min(declared for _, declared in told) >= 2
+    assert outer(0.5) == 2.0  # other types are compiled anew, untold
+    assert len(told) == 2

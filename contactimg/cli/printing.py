@@ -45,10 +45,17 @@ def progress(text: str, total: int) -> Iterator[Callable[[], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+    from contactimg.compiled import telling_compilations
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=is_quiet() or not total) as bar:
         task = bar.add_task(text, total=total)
-        yield lambda: bar.advance(task)
+
+        def tell(begun: int, declared: int) -> None:
+            bar.update(task, description=f"{text} (compiling {begun} of at most {declared}, once)")
+
+        with telling_compilations(tell):
+            yield lambda: bar.update(task, advance=1, description=text)
 
 
 def echo_first_run() -> None:
@@ -161,6 +168,7 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
             "number that decides": row["reason"],
             "decision": row["decision"] + (" (scene)" if row["switch"] in ("on", "off") else ""),
             "if left out": f"{100 * row['change']:.2g} %",
+            "time": f"{row['cost']:.2g} x",
         }
         for row in plan.table().sort_values("change", ascending=False, kind="stable").to_dict("records")
     ]
