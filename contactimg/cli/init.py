@@ -65,6 +65,8 @@ def init(
     path = Path(folder) / SCENE_FILE
     if path.exists() and not force:
         raise InputError(f"{path}: is there already; edit it, or replace it with --force")
+    if not no_input:
+        _ask_loads(Path(folder))
     known, remarks = _recognise(Path(folder))
     say("\n  ".join(remarks))
     for question in QUESTIONS:  # of the apex there is none: the contacts show it better than a person does
@@ -81,6 +83,27 @@ def init(
     return 0
 
 
+def _ask_loads(folder: Path) -> None:
+    """Ask which column of a table is the load where several may be, and write that one to loads.csv."""
+    from contactimg.files import write_table
+    from contactimg.files.csv_tables import AmbiguousLoadsError, read_load_table
+    from contactimg.files.folder import recognise_folder
+    from contactimg.tables import LOADS
+
+    found = recognise_folder(folder)
+    for name in [] if found.loads else found.ignored:
+        try:
+            read_load_table(folder / name)
+        except AmbiguousLoadsError as error:
+            chosen = click.prompt(f"which column of {name} is the load", type=click.Choice(error.columns))
+            table, columns = read_load_table(folder / name, column=chosen)
+            write_table(table, LOADS, folder / "loads.csv")
+            say(f"wrote {folder / 'loads.csv'}: {columns} of {name}")
+            return
+        except InputError:
+            continue
+
+
 def _recognise(folder: Path) -> tuple[shared.Stated, list[str]]:
     """Keys of a scene that names, tables and headers tell, and what to say of them; no pixels are read."""
     from contactimg.files.folder import recognise_folder
@@ -90,10 +113,11 @@ def _recognise(folder: Path) -> tuple[shared.Stated, list[str]]:
     frames, reference, masks = found.frames, found.images["reference"], found.images["mask"]
     known: shared.Stated = found.keys | {"camera": {"pixel_size_m": stated_pixel_size(frames[0].path)}}
     named = frames[0].name if len(frames) == 1 else f"{frames[0].name} ... {frames[-1].name}"
+    loads = f"{found.loads} ({found.columns})" if found.columns else found.loads
     remarks = [
         f"{folder}: {len(frames)} frame{'s' * (len(frames) > 1)} ({named})",
         f"reference: {', '.join(reference) or 'none; name the frame without contact in [images] reference'}",
-        f"loads: {found.loads or 'none; write loads.csv, columns frame and load_N, load_mN or load_g'}",
+        f"loads: {loads or 'none; write loads.csv with the columns frame and load_N, load_mN or load_g'}",
         f"asperities: {found.asperities or 'none; forces need their radii'}",
     ]
     for kind, said in (("dark", "dark frame"), ("flat", "flat field"), ("mask", "mask")):

@@ -1,10 +1,14 @@
-"""Read and write CSV tables; errors name file, row and column, and numbers keep every digit."""
+"""Read and write CSV tables; errors name file, row and column, and numbers keep every digit.
+
+`read_table` reads what a schema describes. Loads are read as laboratories write them too (`read_load_table`):
+text of any encoding with a preamble, units in brackets, any language.
+"""
 
 import csv
 import io
 import math
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -39,6 +43,10 @@ _SHOWN_CHARACTERS = 60  # of a cell or header in a message
 
 MAX_ASPERITY_HEIGHT = 0.01
 """Height in m above which a value is taken to be in another unit. Chosen by hand."""
+
+
+class OtherFormError(InputError):
+    """A table is not of the form that its schema asks for."""
 
 
 @stage("reading")
@@ -119,7 +127,7 @@ def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out."""
     text = _text(path)
     if "\0" in text[:1000]:
-        raise InputError(f"{path}: is no text; save it as 'CSV UTF-8'")
+        raise OtherFormError(f"{path}: is no text; save it as 'CSV UTF-8'")
     separator = max(_SEPARATORS, key=text.lstrip("\r\n").partition("\n")[0].count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
@@ -166,9 +174,8 @@ def _columns(
     for name in needed:
         if name.lower() not in map(str.lower, names):
             given = ", ".join(names)[:_SHOWN_CHARACTERS] or "nothing"
-            raise InputError(
+            raise OtherFormError(
                 f"{path}: column {name} is missing; the header must name {', '.join(needed)}, got {given}"
-                + ("; a load may be load_mN or load_g too" if name == "load_N" else "")
             )
     for name in names:
         right = spelled.get(name.lower(), name)
@@ -221,7 +228,8 @@ def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
     ----------
     path : str or Path
         CSV with columns ``frame, load_N`` (or load_mN, load_g) and, if measured, ``friction_N,
-        velocity_m_s, tangential_N, time_s``; others are ignored.
+        velocity_m_s, tangential_N, time_s``; others are ignored. Text of another form is read as by
+        `read_load_table`.
     pulled : bool
         Whether negative loads are allowed (tension on an adhesive contact).
 
@@ -236,7 +244,14 @@ def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
         For a missing column, a cell that is no finite number, a negative load that is not allowed, or a
         repeated frame.
     """
-    table = read_table(path, LOADS, required=("frame", "load_N"))
+    try:
+        table = read_table(path, LOADS, required=("frame", "load_N"))
+    except OtherFormError as error:
+        try:
+            table, columns = read_load_table(path)
+        except InputError as other:
+            raise InputError(f"{error}; {str(other).removeprefix(f'{path}: ')}") from None
+        table.attrs["columns"] = columns
     table["frame"] = table["frame"].str.strip()
     negative = table[table["load_N"] < 0]
     if len(negative) and not pulled:
@@ -334,3 +349,130 @@ def text_of_rows(table: pd.DataFrame, schema: Schema) -> str:
     if "flags" in whole:
         whole["flags"] = flag_names(whole["flags"])
     return str(whole.to_csv(header=False, index=False, lineterminator="\n"))
+
+
+# --- loads as laboratories write them
+
+NEWTONS = {
+    "N": 1.0,
+    "mN": 1e-3,
+    "uN": 1e-6,
+    "µN": 1e-6,
+    "μN": 1e-6,
+    "kg": STANDARD_GRAVITY,
+    "g": 1e-3 * STANDARD_GRAVITY,
+    "mg": 1e-6 * STANDARD_GRAVITY,
+}
+"""Unit of a load or of a weight -> N."""
+
+_UNIT = re.compile(rf"[\[(_/]\s*({'|'.join(NEWTONS)})f?\s*[\])]?$")
+_FRICTION = re.compile(r"reib|fric|frott|tang|later|shear|scher|quer|attrito|roz")
+_FRAME = re.compile(
+    r"frame|bild|im[aá]g|img|datei|file|fichier|foto|photo|^(nr|no|num|nummer|number|index|#)\.?$"
+)
+
+
+class AmbiguousLoadsError(InputError):
+    """Several columns of a table may be the load."""
+
+    def __init__(self, message: str, columns: list[str]) -> None:
+        super().__init__(message)
+        self.columns = columns
+
+
+def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame, str]:
+    r"""Loads of a text table whose header states their unit in brackets.
+
+    Parameters
+    ----------
+    path : str or Path
+        LabVIEW measurement (.lvm) or any text with one row a frame below a header; what stands before is
+        passed over. In UTF-8, UTF-16, or else the 8-bit code of western Windows.
+    column : str
+        Header of the loads, where several may be it.
+
+    Returns
+    -------
+    loads : DataFrame
+        Columns of `contactimg.tables.LOADS`; a frame without a name is ``#k``, k its row from 1.
+    columns : str
+        Which columns were taken, in words.
+
+    Raises
+    ------
+    InputError
+        If no column names a load with its unit; the message tells the columns found.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "Kraft.lvm"
+    ...     _ = path.write_text("LabVIEW Measurement\n\nBild\tKraft [mN]\nImg01.tif\t12,5\n")
+    ...     table, columns = read_load_table(path)
+    >>> table["load_N"].tolist(), columns
+    ([0.0125], "loads from 'Kraft [mN]', frames from 'Bild'")
+    """
+    text, shown = _text(path), ""
+    if re.search("[\udc80-\udcff]", text):  # bytes that are not UTF-8
+        text = text.encode("utf-8", errors="surrogateescape").decode("cp1252", errors="replace")
+    for separator in ("\t", ";", ",", None):  # None: any white space
+        lines = [[cell.strip().strip('"') for cell in line.split(separator)] for line in text.split("\n")]
+        for number, header in enumerate(lines):
+            rows = _rows_below(lines[number + 1 :], len(header)) if len(header) > 1 else []
+            if rows:
+                shown = shown or ", ".join(filter(None, header))
+                loads = [name for name in header if _is_load(name) and column in ("", name)]
+                if loads:
+                    columns = dict(zip(header, zip(*rows, strict=True), strict=True))
+                    return _load_rows(path, columns, loads)
+    raise InputError(
+        f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
+        + (f"; the columns are {shown}" if shown else "")
+    )
+
+
+def _is_load(name: str) -> bool:
+    """Whether a header names a normal load: a unit of force or weight, and no friction."""
+    return _UNIT.search(name) is not None and _FRICTION.search(name.lower()) is None
+
+
+def _rows_below(lines: list[list[str]], width: int) -> list[list[str]]:
+    """The rows of a table up to the first line of another width; a missing last cell is empty."""
+    rows = []
+    for cells in filter(any, lines):
+        if not width - 1 <= len(cells) <= width:
+            break
+        rows.append(cells + [""] * (width - len(cells)))
+    return rows
+
+
+def _load_rows(
+    path: str | Path, columns: Mapping[str, Sequence[str]], loads: list[str]
+) -> tuple[pd.DataFrame, str]:
+    """The loads from the cells of each column, and the names of the columns that were taken."""
+    if len(loads) > 1:
+        several = ", ".join(map(repr, loads))
+        raise AmbiguousLoadsError(
+            f"{path}: {len(loads)} columns may be the load ({several}); rename the others", loads
+        )
+    frames = [name for name in columns if _FRAME.search(name.lower()) and name not in loads]
+    frictions = [name for name in columns if _UNIT.search(name) and _FRICTION.search(name.lower())]
+    table, said = dict[str, Sequence[object]](), list[str]()
+    for what, target, names in (("loads", "load_N", loads), ("friction", "friction_N", frictions)):
+        for name in names[:1]:
+            newtons = NEWTONS[_UNIT.search(name)[1]]  # type: ignore[index]
+            table[target] = [_number(path, cell) * newtons for cell in columns[name]]
+            said.append(f"{what} from {name!r}")
+    numbers = [f"#{k + 1}" for k in range(len(columns[loads[0]]))]
+    table["frame"] = columns[frames[0]] if frames else numbers
+    said.append(f"frames from {frames[0]!r}" if frames else "one row a frame in their order")
+    return LOADS.conform(pd.DataFrame(table)), ", ".join(said)
+
+
+def _number(path: str | Path, cell: str) -> float:
+    """A number with a decimal point or comma; NaN of an empty cell."""
+    try:
+        return float(cell.replace(",", ".")) if cell else math.nan
+    except ValueError:
+        raise InputError(f"{path}: a load must be a number, got {cell!r}") from None

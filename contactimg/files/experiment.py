@@ -35,6 +35,10 @@ SCENE_FILE = "scene.toml"
 
 _LOADS_FILE = "loads.csv"
 
+_ROW = re.compile(r"#\d+")
+
+_NUMBER = re.compile(r"\d+([.,]0*)?")
+
 _NAMES_SHOWN = 3  # in a message
 
 
@@ -325,7 +329,7 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
 
 
 def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFrame:
-    """The loads by the names of the frames, which may be given with a path or without extension.
+    """The loads by the names of the frames, which may be given with a path, without extension or by number.
 
     Raises
     ------
@@ -335,10 +339,11 @@ def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFr
     present = set(names)
     stems = Counter(Path(name).stem for name in names)
     by_stem = {Path(name).stem: name for name in names if stems[Path(name).stem] == 1}
+    by_number = _by_number(path, loads["frame"].tolist(), names)
     meant = []
     for given in loads["frame"]:
         last = given if given in present else re.split(r"[/\\]", given)[-1]
-        meant.append(last if last in present else by_stem.get(last, given))
+        meant.append(last if last in present else by_stem.get(last) or by_number.get(given, given))
     table = loads.assign(frame=meant)
     repeated = table[table.duplicated(["frame"])]
     if len(repeated):
@@ -346,6 +351,28 @@ def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFr
             f"{path}: {len(repeated) + 1} rows mean the frame {repeated['frame'].iloc[0]}; keep one"
         )
     return table
+
+
+def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]:
+    """Number as it is given -> frame: its row ``#k``, its place in a movie, or the last number in its name.
+
+    Images of a movie are counted from 0, or from 1 where the largest number is theirs.
+    """
+    if any(_ROW.fullmatch(text) for text in given):
+        if len(given) != len(names):
+            raise InputError(
+                f"{path}: has {len(given)} rows that name no frame, and there are {len(names)} frames; add a "
+                "column frame, or one row a frame"
+            )
+        return dict(zip(given, names, strict=True))
+    numbers = {text: int(float(text.replace(",", "."))) for text in given if _NUMBER.fullmatch(text)}
+    if all(name.endswith("]") for name in names):
+        first = int(max(numbers.values(), default=0) == len(names) and 0 not in numbers.values())
+        return {text: names[k - first] for text, k in numbers.items() if 0 <= k - first < len(names)}
+    last = [re.findall(r"\d+", Path(name).stem)[-1:] for name in names]
+    counts = Counter(int(found[0]) for found in last if found)
+    frames = {int(found[0]): name for found, name in zip(last, names, strict=True) if found}
+    return {text: frames[k] for text, k in numbers.items() if counts[k] == 1}
 
 
 def _some(names: Iterable[str]) -> str:

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from contactimg.errors import InputError
 from contactimg.files.csv_tables import read_asperities, read_loads
 from contactimg.files.sources import FrameSource, list_frames, natural_key
@@ -19,7 +21,7 @@ REFERENCE = re.compile(
 CORRECTION = re.compile(r"(dark|flat|mask)([ _-]?(frame|field|image|s))?([ _-]?\d+)?")
 """Name of an image, without its ending, that corrects the pixels of others."""
 
-TABLES = (".csv", ".txt", ".tsv")
+TABLES = (".csv", ".lvm", ".txt", ".tsv", ".dat", ".asc")
 """Endings of files that may be tables of loads or asperities."""
 
 TRIED_TABLES = 20
@@ -40,6 +42,8 @@ class FolderFiles:
         "reference", "dark", "flat" and "mask" -> names of files.
     loads, asperities : str
         Names of the tables; empty without one.
+    columns : str
+        Which columns of the loads were taken, in words.
     unloaded : bool
         Whether a frame has the load 0.
     ignored : list of str
@@ -50,6 +54,7 @@ class FolderFiles:
     images: dict[str, list[str]]
     loads: str = ""
     asperities: str = ""
+    columns: str = ""
     unloaded: bool = False
     ignored: list[str] = field(default_factory=list)
 
@@ -94,7 +99,7 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
     if not frames:
         raise InputError(f"{folder}: there is no frame besides {listed[0].name}; add the frames")
     frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
-    file, asperities, unloaded = "", "", False
+    asperities, loads = "", pd.DataFrame()
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
     tables = [path for path in files if path.suffix.lower() in TABLES and path.name not in OURS]
     for path in sorted(tables, key=lambda path: path.name != "loads.csv")[:TRIED_TABLES]:
@@ -104,12 +109,14 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
                 asperities = path.name
                 continue
         with suppress(InputError):
-            if not file:
-                unloaded = bool((read_loads(path, pulled=True)["load_N"] == 0).any())
-                file = path.name
+            if loads.empty:
+                loads = read_loads(path, pulled=True)
+                loads.attrs["file"] = path.name
+    file, columns = (str(loads.attrs.get(name, "")) for name in ("file", "columns"))
+    unloaded = bool(file and (loads["load_N"] == 0).any())
     used = {one.path.name for one in frames}.union(*images.values()) | {file, asperities} | OURS
     ignored = [path.name for path in files if path.name not in used and not path.name.startswith(".")]
-    return FolderFiles(frames, images, file, asperities, unloaded, ignored)
+    return FolderFiles(frames, images, file, asperities, columns, unloaded, ignored)
 
 
 def kind_of(path: Path) -> str:

@@ -4,6 +4,7 @@ import io
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 import tifffile
 from small_series import copy_of
@@ -55,6 +56,19 @@ def test_answers_are_asked_for_again_and_enter_means_not_known(frames, monkeypat
     assert main(["init", str(frames)]) == 0
     scene = read_scene(frames)
     assert (scene.camera.pixel_size, scene.indenter, scene.elastic.young_modulus) == (5.9e-6, None, 3e6)
+
+
+def test_which_column_is_the_load_is_asked_for(frames, monkeypatch, capsys):
+    loads = pd.read_csv(frames / "loads.csv")
+    rows = [f"{row.frame}\t{1e3 * row.load_N:g}\t7" for row in loads.itertuples()]
+    (frames / "loads.csv").unlink()
+    (frames / "Kraft.lvm").write_text("LabVIEW\n\nBild\tKraft [mN]\tOffset [mN]\n" + "\n".join(rows) + "\n")
+    answers = iter(["other", "Kraft [mN]", "6", "", "", ""])
+    monkeypatch.setattr("click.termui.visible_prompt_func", lambda *_: next(answers))
+    assert main(["init", str(frames)]) == 0
+    assert "loads from 'Kraft [mN]'" in capsys.readouterr().out
+    found = open_experiment(read_scene(frames)).loads
+    assert found["load_N"].tolist() == pytest.approx(loads["load_N"].tolist())
 
 
 def test_a_scene_that_is_there_and_an_implausible_answer_are_refused(frames, capsys):

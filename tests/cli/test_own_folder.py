@@ -18,9 +18,15 @@ SCENE = {
     "simulate": small_series.SCENE["simulate"],
 }
 
+PREAMBLE = (
+    "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\nOperator\tMüller\n"
+    "***End_of_Header***\t\n\nChannels\t2\nY_Unit_Label\tmN\tmN\n***End_of_Header***\t\n"
+    "X_Value\tBild-Nr.\tKraft [mN]\tReibkraft [mN]\tKommentar\n"
+)
+
 
 def own_folder(target, **camera):
-    """A folder as a camera and Excel leave it, of a camera that stands as given."""
+    """A folder as a camera and a LabVIEW program leave it, of a camera that stands as given."""
     scene = SCENE | {"camera": {"pixel_size_m": 6e-6, "centre_m": [0.00155, 0.0015], **camera}}
     loads = [0.01, 0.025, 0.06]
     made = small_series.write_small_series(
@@ -29,14 +35,14 @@ def own_folder(target, **camera):
     folder = target / "Messung für Jörg, Nähe 2"
     folder.mkdir(parents=True)
     loads = pd.read_csv(made / "loads.csv")
-    rows = "frame;load_mN;friction_mN\n"
+    rows = ""
     for k, row in enumerate(loads.to_dict("records")):
         shutil.copy(made / row["frame"], folder / f"Img{123 + k:06d}.tif")
-        rows += f"Img{123 + k:06d};{1e3 * row['load_N']:.4f};0.0\n".replace(".", ",")
+        rows += f"{0.5 * k:.3f}\t{123 + k}\t{1e3 * row['load_N']:.4f}\t0.0\t\n".replace(".", ",")
     shutil.copy(made / "reference.tif", folder / "ref.tif")
     shutil.copy(made / "asperities.csv", folder / "Höhen.csv")
     (folder / "Notizen.docx").write_bytes(b"PK")
-    (folder / "Kräfte.csv").write_text(rows, encoding="utf-16")
+    (folder / "Kraft.lvm").write_bytes((PREAMBLE + rows).encode("cp1252"))
     return folder
 
 
@@ -46,7 +52,7 @@ def test_from_the_folder_of_a_turned_camera_to_the_report(tmp_path, monkeypatch,
     monkeypatch.setattr("click.termui.visible_prompt_func", lambda *_: next(answers))
     assert main(["init", str(folder)]) == 0
     said = capsys.readouterr().out
-    assert "loads: Kräfte.csv" in said
+    assert "loads from 'Kraft [mN]', friction from 'Reibkraft [mN]', frames from 'Bild-Nr.'" in said
     assert said.count("Notizen.docx") == 1
 
     for command in ("process", "overlay", "analyse", "report"):

@@ -98,6 +98,9 @@ def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
 # ---------------------------------------------------------------- refused
 
 
+NO_UNIT = "no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
+
+
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
@@ -105,10 +108,10 @@ def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
             "frame,load\na,1\n",
             (
                 "column load_N is missing; the header must name frame, load_N, got frame, load; "
-                "a load may be load_mN or load_g too"
+                f"{NO_UNIT}; the columns are frame, load"
             ),
         ),
-        ("", "column frame is missing; the header must name frame, load_N, got nothing"),
+        ("", "column frame is missing; the header must name frame, load_N, got nothing; " + NO_UNIT),
         ("frame,LOAD_N\na,1\n", "column 'LOAD_N' must be written 'load_N'"),
         ("frame,load_N,Friction_n\na,1,2\n", "column 'Friction_n' must be written 'friction_N'"),
         ("frame,load_N,load_N\na,1,2\n", "column load_N occurs 2 times; keep one"),
@@ -134,7 +137,7 @@ def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
             ),
         ),
         ("frame,load_N\na,0.1\nb,0.2\na,0.3\n", "frame a is there more than once; keep one row"),
-        (b"PK\3\4\0\0", "is no text; save it as 'CSV UTF-8'"),
+        (b"PK\3\4\0\0", f"is no text; save it as 'CSV UTF-8'; {NO_UNIT}"),
     ],
 )
 def test_loads_that_are_refused(tmp_path, content, sentence):
