@@ -16,10 +16,7 @@ LIGHT_KEYS = (
     "allowed keys: film_index_indenter, film_index_elastic, film_wavelength_nm, film_bandwidth_nm, "
     "film_range_nm"
 )
-SECTIONS = (
-    "indenter, elastic, asperities, sample, camera, light, images, load, measure, tolerance, effects, "
-    "simulate"
-)
+SECTIONS = "indenter, elastic, asperities, camera, light, images, load, measure, tolerance, effects, simulate"
 
 
 def refusal(data):
