@@ -168,7 +168,6 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
             "number that decides": row["reason"],
             "decision": row["decision"] + (" (scene)" if row["switch"] in ("on", "off") else ""),
             "if left out": f"{100 * row['change']:.2g} %",
-            "time": f"{row['cost']:.2g} x",
         }
         for row in plan.table().sort_values("change", ascending=False, kind="stable").to_dict("records")
     ]
