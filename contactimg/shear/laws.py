@@ -7,8 +7,8 @@ adhesion (Papangelo and Ciavarella) and finite deformation (Lengiewicz et al.) b
 References
 ----------
 Sahli et al., PNAS 115 (2018) 471, doi:10.1073/pnas.1706434115. Sahli et al., Phys. Rev. Lett. 122 (2019)
-214301, doi:10.1103/PhysRevLett.122.214301. Papangelo, Ciavarella, J. R. Soc. Interface 16 (2019) 20180738,
-doi:10.1098/rsif.2018.0738. Lengiewicz et al., J. Mech. Phys. Solids 143 (2020) 104056,
+214301, doi:10.1103/PhysRevLett.122.214301. Papangelo, Ciavarella, J. Mech. Phys. Solids 124 (2019) 159,
+arXiv:1809.10676. Lengiewicz et al., J. Mech. Phys. Solids 143 (2020) 104056,
 doi:10.1016/j.jmps.2020.104056.
 """
 
@@ -424,7 +424,7 @@ class AdhesiveSphere:
 
     References
     ----------
-    Papangelo, Ciavarella, J. R. Soc. Interface 16 (2019) 20180738, doi:10.1098/rsif.2018.0738. Savkoor,
+    Papangelo, Ciavarella, J. Mech. Phys. Solids 124 (2019) 159, arXiv:1809.10676. Savkoor,
     Briggs, Proc. R. Soc. A 356 (1977) 103, doi:10.1098/rspa.1977.0123.
 
     Examples
