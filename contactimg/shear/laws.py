@@ -30,6 +30,9 @@ EXPONENT = -1.5
 MOST_STEPS, STEP_TOLERANCE = 60, 1e-9
 """Steps of the free exponent, and the step at which it has converged. Chosen: Gauss-Newton needs some ten."""
 
+SEEN_SIGMA = 2.0
+"""Standard uncertainties by which the decrease must differ from none for its exponent to be stated."""
+
 LARGEST_STEP = 0.5
 """Largest change of the exponent in a step. Chosen: a fraction of any exponent to expect."""
 
@@ -213,7 +216,7 @@ def _power_terms(exponent: float, *, free: bool = False) -> Basis:
 
 
 def _free_exponent(points: Points, confidence: float) -> Estimate:
-    """The exponent m of ``y = b x^m``, by fits of ``b x^m + (b dm) x^m ln x``; NaN if none is found."""
+    """The exponent m of ``y = b x^m``, by fits of ``b x^m + (b dm) x^m ln x``; NaN where none is seen."""
     unknown = Estimate(np.nan, np.nan, np.nan, np.nan)
     exponent = EXPONENT
     if np.ptp(np.asarray(points.x)) == 0:
@@ -227,6 +230,8 @@ def _free_exponent(points: Points, confidence: float) -> Estimate:
         step = product / amplitude if amplitude else np.inf
         exponent += float(np.clip(step, -LARGEST_STEP, LARGEST_STEP))
         if abs(step) < STEP_TOLERANCE:
+            if not abs(amplitude) > SEEN_SIGMA * np.sqrt(fit.covariance[0, 0]):
+                return unknown
             std = float(np.sqrt(fit.covariance[1, 1])) / abs(amplitude)
             return student_estimate(exponent, std, freedom=fit.freedom, confidence=confidence)
     return unknown

@@ -92,6 +92,9 @@ def test_rate_law_does_not_depend_on_units(rng):
     assert there.exponent.value == pytest.approx(here.exponent.value, abs=1e-5)
     # the mean of alpha by its true sizes and not by areas alone: exponent 0 would need equal rates
     assert fit_rate_law(area, np.full(40, 3.0)).exponent.value == pytest.approx(0.0, abs=1e-6)
+    # contacts that do not shrink have no exponent
+    noise = np.random.default_rng(3).normal(size=40)
+    assert np.isnan(fit_rate_law(area, noise, rate_std=1.0).exponent.value)
 
 
 def test_strength_inverts_static_friction_and_its_error_is_that_of_its_parts(rng):

@@ -268,10 +268,11 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
 
 
 def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray, NDArray[np.bool_]] | None:
-    """Fewer disks, of a coarser look at a group, in the place of disks that do not describe it; else None.
+    """The fewer disks that take the place of disks that do not describe a group; None if there are none.
 
-    The more disks there are, the more of the excess chi-square of the fewer they must remove. Where they
-    describe nothing, one contact of any shape is simpler. The second array says which are of such a look.
+    `_coarser_cover` proposes them. The more disks a group has, the more of the excess chi-square of the fewer
+    they must remove to stay; where they describe nothing, one contact of any shape replaces them. The second
+    array says which of the fewer disks are proposed, and which stood beside them before.
     """
     lit = window.model(disks) > LIT_FRACTION * window.problem.contrast
     misfit = float(window.misfit(disks)[lit].mean()) / usual if lit.any() else 0.0
@@ -297,7 +298,7 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
 
 
 def are_parts(places: NDArray, disks: NDArray, image: NDArray[np.float32], level: float) -> NDArray[np.bool_]:
-    """Places in disks, or connected with their centres above a level: parts of a contact of any shape."""
+    """Whether places lie in disks, or are connected with their centres above a level."""
     if not len(disks) or not len(places):
         return np.zeros(len(places), np.bool_)
     labels = cv2.connectedComponents((image > level).astype(np.uint8), connectivity=8)[1]
@@ -310,7 +311,7 @@ def are_parts(places: NDArray, disks: NDArray, image: NDArray[np.float32], level
 
 
 def _coarser_cover(window: GroupWindow, disks: NDArray) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Disks inscribed in a group when its holes are filled and a wider blur hides its mottling; its pixels.
+    """The disks inscribed in a group behind a wider blur with its holes filled, and the pixels of the group.
 
     The level is half of the median height within the disks of the group; a blur moves a rim there only in
     second order.

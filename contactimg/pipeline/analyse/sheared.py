@@ -85,7 +85,8 @@ class Sheared:
             note = "of single contacts, alpha = beta A0^(-3/2); loads shared as the areas"
             same, n_points = "the same with a free exponent", self.beta.n_points
             rows.append(("shear_beta", self.beta.beta, "m5/N2", note, n_points))
-            rows.append(("shear_rate_exponent", self.beta.exponent, "1", same, n_points))
+            if np.isfinite(self.beta.exponent.value):
+                rows.append(("shear_rate_exponent", self.beta.exponent, "1", same, n_points))
         return rows
 
     def write(self, folder: Path) -> None:
