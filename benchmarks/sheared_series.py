@@ -1,8 +1,8 @@
 """Sheared series with known contacts: how far asperities.csv and the laws under shear are from the truth.
 
 Two hundred contacts, twelve frames of 1000 x 960 pixels: nine with a rising tangential load at one normal
-load, three at smaller normal loads, where asperities leave contact. `tests/shear/test_sheared_series.py` checks the
-same on a small series.
+load, three at smaller normal loads, where asperities leave contact. `tests/shear/test_sheared_series.py`
+checks the same on a small series.
 
     python benchmarks/sheared_series.py [FOLDER] [--small] [--seed N]
 """

@@ -57,8 +57,6 @@ class DesignedSurface:
         if its contacts were independent, both with contacts that displace each other.
     iterations : int
         Steps that the coupled solver took.
-    needed_caps : float
-        Caps that touch at the largest load by the theory of independent contacts.
     independent_asperities : DataFrame
         The design for independent contacts.
     """
@@ -69,7 +67,6 @@ class DesignedSurface:
     residual: float
     independent_residual: float
     iterations: int
-    needed_caps: float
     independent_asperities: pd.DataFrame
 
 
@@ -202,7 +199,6 @@ def design_heights(
         found.residual,
         before.residual,
         found.iterations,
-        float(density.caps.sum()),
         _raised(alone.table, up),
     )
 

@@ -98,8 +98,8 @@ class ShearLaws:
         One row a contact: ``asperity, area, area_std, rate, rate_std, correlation``, with ``rate`` (m^2/N^2)
         the decrease of its area with the square of its own share of the load.
     along, across : Decrease or None
-        Of the mean half-axes, along the load and across it, of contacts that touch in all frames; None if
-        there are none.
+        Of the mean half-axes, along the load and across it, of contacts that are ellipses in all frames; None
+        if there are none.
     largest : float, N
         Largest tangential load.
     """
@@ -165,7 +165,9 @@ def fit_shear_laws(
         if len(one["tangential_N"].abs().unique()) > 1
     ]
     contacts = pd.DataFrame(rows, columns=["asperity", "area", "area_std", "rate", "rate_std", "correlation"])
-    whole = part[counts == len(shots)]
+    # the half-axes of a disk say nothing of its shape
+    axes = part["angle_rad"].notna().groupby(part["asperity"]).transform("all")
+    whole = part[(counts == len(shots)) & axes]
     both = half_axes_along(*(whole[name] for name in MEASURED[4:7]), direction=direction)
     means = pd.DataFrame(dict(zip("xy", both, strict=True))).groupby(whole["frame"].to_numpy()).mean()
     along, across = (

@@ -100,6 +100,15 @@ def test_contacts_that_touch_in_no_common_frame_have_no_mean_axes():
     assert len(laws.contacts) == 3
 
 
+def test_disks_have_no_half_axes():
+    contacts, frames, loads = tables()
+    disks = contacts.assign(angle_rad=np.nan, semi_major_m=contacts["radius_m"])
+    laws = fit_shear_laws(follow_contacts(disks, frames, loads, ASPERITIES), frames)
+    assert laws.along is None
+    assert laws.across is None
+    assert len(laws.contacts) == 3
+
+
 def test_too_few_frames_are_refused_in_one_sentence():
     contacts, frames, loads = tables()
     loads.loc[1:, "tangential_N"] = [np.nan, np.nan, 0.01]

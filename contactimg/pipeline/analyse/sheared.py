@@ -152,6 +152,11 @@ def analyse_shear(
             except ContactimgError as error:
                 said = f"{place.name}: {error}"
         notes += [said] if len(laws) == before else []
+        if len(laws) > before and all(law.along is None for law in laws[before:]):
+            notes.append(
+                f"{place.name}: no laws of half-axes: no contact was measured as an ellipse in all frames; "
+                'process with [measure] shape = "ellipse"'
+            )
     followed = FOLLOWED.conform(pd.concat(tables[1:] or tables, ignore_index=True))
     beta = None
     try:
