@@ -15,9 +15,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
-from contactimg.models.asperity_laws import LAWS, AdhesiveLaw
+from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, Caps
 from contactimg.models.conditions import ContactConditions
 from contactimg.models.coupling import DenseCoupling, Kernel
+from contactimg.models.dense_balance import Balance, BalanceEquations
 from contactimg.models.interacting import check_layer, solve_interacting
 from contactimg.models.proof import (
     ADHESION_RANGE_J_M2,
@@ -46,13 +47,6 @@ MAX_CONTACTS = 10_000
 MAX_TOTAL_STEPS = 5000
 """Most Newton steps for all sets of contacts of one solution. Chosen by time: 300 contacts take about 20
 s."""
-
-LOAD_TOLERANCE = 1e-8
-"""Relative error of the load to which the iteration continues after the tolerance is met. Chosen: a hundredth
-of the error up to which a solution counts as converged."""
-
-MIN_STEP_FRACTION = 2.0**-30
-"""Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
 
 
 @refuse_beyond_floats
@@ -151,50 +145,43 @@ def solve_adhesive(
     )
     conditions.check()
     problem = scale_problem(asperities, conditions, depth=_depth_unit(asperities, conditions, w))
-    held = start is not None and bool(start.radius.any())  # without contacts nothing is remembered
-    previous = start if start is not None and held else None
-    if previous is None:  # the contacts without adhesion are the least that first loading brings about
-        previous = solve_interacting(
+    held = start if start is not None and start.radius.any() else None  # without contacts nothing is held
+    if held is None:  # the contacts without adhesion are the least that first loading brings about
+        start = solve_interacting(
             asperities,
             indenter_radius=indenter_radius,
             contact_modulus=conditions.contact_modulus,
             load=None if load is None else max(load, 0.0),
             indentation=indentation,
             apex=apex,
-            coupling="none" if coupling == "none" else "asymptotic",
+            coupling=coupling,
             law=law,
             thickness=conditions.thickness,
             poisson_ratio=poisson_ratio,
         )
-    aspect = 1.0 if law == "sphere" else 0.0
-    # independent contacts have no neighbours to share the support with
-    layer = np.inf if coupling == "none" else conditions.thickness
+    coupled, layer = coupling != "none", conditions.thickness / problem.length
     path = AdhesivePath(
         problem,
         AdhesiveLaw(
             w * problem.length / (contact_modulus * problem.depth**2),
-            aspect * problem.depth / problem.length,
-            layer / problem.length,
+            problem.depth / problem.length if law == "sphere" else 0.0,
+            layer if coupled else np.inf,  # independent contacts have no neighbours to share the support with
             poisson_ratio,
         ),
-        None
-        if coupling == "none"
-        else Kernel.of_thickness(thickness / problem.length, poisson_ratio, between=True),
+        Kernel.of_thickness(layer, poisson_ratio, between=True) if coupled else None,
         tolerance,
         max_iterations,
     )
-    state, steps = path.follow(previous, first=not held)
+    state, steps = path.follow(start, first=held is None)
     solution = problem.record(
         *state.scattered(problem.order.size),
-        indentation=state.indentation,
+        indentation=state.balance.indentation,
         coupling=coupling,
         iterations=steps,
-        residual=state.residual,
+        residual=state.balance.residual,
     )
-    check_layer(solution.radius, float(thickness))
-    law_in_si = AdhesiveLaw(w / conditions.contact_modulus, aspect, layer, poisson_ratio)
-    status = _status(solution, path, state, law_in_si)
-    return replace(solution, status=status)
+    check_layer(solution.radius, conditions.thickness)
+    return replace(solution, status=path.prove(solution, state))
 
 
 def solve_adhesive_path(
@@ -255,73 +242,49 @@ def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of
     return float(max(hertz, depth, np.cbrt(radius * (work_of_adhesion / E) ** 2)))
 
 
-def _status(
-    solution: InteractingSolution, path: "AdhesivePath", state: "AdhesiveState", law: AdhesiveLaw
-) -> str:
-    """Status of a solution whose numbers follow from each other, recomputed in SI units; an error if not.
+@dataclass(frozen=True, eq=False)
+class TouchingCaps:
+    """The law of some contacts in their radii, as `contactimg.models.dense_balance.ContactLaw`."""
 
-    ``law`` has ``w/E*`` in m and forces over ``E*`` in m^2.
-    """
-    check_finite(
-        {"force": solution.force, "contact radius": solution.radius, "indentation": solution.indentation}
-    )
-    p, rows, conditions = path.problem, state.rows, solution.conditions
-    radius, force = solution.radius[p.order[rows]], solution.force[p.order[rows]]
-    depth = solution.indentation - p.depths[rows]
-    size = max(float(np.abs(depth).max(initial=0.0)), p.depth)
-    punch = np.sqrt(8 * np.pi * law.adhesion * radius**3) * conditions.contact_modulus
-    total, borne = float(np.sum(np.abs(force) + punch)), float(force.sum())
-    load = conditions.load
-    away = abs(borne - (load or 0.0))
-    errors = {"sum of the forces": 0.0 if load is None else away / (abs(load) or total or 1.0)}
-    if rows.size:
-        state.contacts.refuse_engulfed(state.contact_radius)
-        caps = p.caps_in_metres(p.caps[rows])
-        law_force = law.force(radius, caps) * conditions.contact_modulus
-        errors["forces at the contact radii"] = float(np.abs(law_force - force).sum()) / total
-        lowered = state.contacts.matrix @ (force / p.force_unit) * p.depth
-        errors["penetrations"] = float(np.abs(law.penetration(radius, caps) - depth + lowered).max()) / size
-    below = load and errors["sum of the forces"] > MAX_RELATIVE_ERROR and away <= ROUNDING_FRACTION * total
-    if below:
-        errors["sum of the forces"] = 0.0
-    status = judge(errors, path.tolerance)
-    if below:
-        return (
-            f"the load of {load:.6g} N is below the accuracy of the adhesive forces, {total:.3g} N: "
-            f"they sum to the load within {away:.3g} N"
-        )
-    overlap = path.penetration(state.contacts, state.force, state.indentation, np.arange(p.gap.size))
-    overlap[rows] = -np.inf
-    overlap = overlap[overlap > 0] * p.depth
-    if overlap.size and float(overlap.max()) > MAX_RELATIVE_ERROR * size:
-        return (
-            f"{overlap.size} asperities without contact overlap the indenter, by up to "
-            f"{float(overlap.max()) * 1e6:.3g} um: their contacts broke on the way to this solution; "
-            "approach it in smaller steps"
-        )
-    return status
+    law: AdhesiveLaw
+    caps: Caps
+
+    def response(self, contact_radius: Values) -> tuple[Values, Values]:
+        """Penetrations and forces."""
+        law = self.law
+        return law.penetration(contact_radius, self.caps), law.force(contact_radius, self.caps)
+
+    def slopes(self, contact_radius: Values) -> tuple[Values, Values]:
+        """Their derivatives."""
+        stiffness, softness = self.law.slopes(contact_radius, self.caps)
+        # at the fold the softness vanishes; a lower bound keeps the matrix of an uncoupled row regular
+        return np.maximum(softness, 1e-9 * contact_radius / self.caps.radius), stiffness
 
 
 @dataclass(frozen=True, eq=False)
 class AdhesiveState:
-    """A set of contacts with radii, forces and ``D``, and the penetrations of all asperities."""
+    """A set of contacts in equilibrium, and the penetrations of all asperities.
 
-    contacts: "AdhesiveContacts"
-    contact_radius: Values
-    force: Values
+    Parameters
+    ----------
+    rows : ndarray of int
+        Of the contacts, from the highest down.
+    equations : BalanceEquations
+    balance : Balance
+        Its variables are the contact radii.
+    penetration : ndarray
+        JKR's in contact, the overlap of the surfaces elsewhere.
+    """
+
+    rows: Rows
+    equations: BalanceEquations
+    balance: Balance
     penetration: Values
-    indentation: float
-    residual: float
-
-    @property
-    def rows(self) -> Rows:
-        """Rows of the contacts, from the highest down."""
-        return self.contacts.rows
 
     def scattered(self, size: int) -> tuple[Values, Values, Values]:
         """Force, contact radius and penetration of all asperities."""
         force, contact_radius = np.zeros(size), np.zeros(size)
-        force[self.rows], contact_radius[self.rows] = self.force, self.contact_radius
+        force[self.rows], contact_radius[self.rows] = self.balance.force, self.balance.variable
         return force, contact_radius, self.penetration
 
 
@@ -335,55 +298,64 @@ class AdhesivePath:
     tolerance: float
     max_iterations: int
 
-    def penetration(self, contacts: "AdhesiveContacts", force: Values, depth: float, rows: Rows) -> Values:
-        """Overlaps of some asperities with the indenter as the contacts displace the surface."""
-        p = self.problem
-        overlap = depth - p.gap[rows]
-        if self.kernel is not None and contacts.rows.size:
-            sources = np.stack([p.x, p.y])[:, contacts.rows]
-            overlap -= self.kernel.displacement(p.x[rows], p.y[rows], sources, force)
-        return overlap
-
     def follow(self, previous: InteractingSolution, *, first: bool) -> tuple[AdhesiveState, int]:
         """Let contacts break and form until the set is in equilibrium.
 
         First loading starts with the highest asperity in contact at prescribed load, and with the asperities
-        that the indenter reaches at prescribed indentation.
+        that the indenter reaches at prescribed indentation. Newton's method solves for one set of contacts
+        after the other.
         """
         p = self.problem
-        radius = previous.radius[p.order] / p.length
-        reached = p.load is not None or p.indentation >= 0
-        if first and not radius.any() and reached:
-            radius[0] = self.law.touch_radius(p.caps[:1])[0]
-        return self._settle(radius, previous.indentation / p.depth, first=first)
-
-    def _settle(self, guess: Values, depth: float, *, first: bool) -> tuple[AdhesiveState, int]:
-        """Newton for one set of contacts after the other, from guessed radii and indentation."""
-        p, rows, steps = self.problem, np.flatnonzero(guess), 0
-        broken = np.zeros(guess.size, dtype=bool)
+        guess, depth = previous.radius[p.order] / p.length, previous.indentation / p.depth
+        if first and not guess.any() and (p.load is not None or p.indentation >= 0):
+            guess[0] = self.law.touch_radius(p.caps[:1])[0]
+        rows, steps, broken = np.flatnonzero(guess), 0, np.zeros(guess.size, dtype=bool)
         while rows.size:
             if first:
                 guess[rows] = np.maximum(guess[rows], self.law.touch_radius(p.caps[rows]))
-            state, taken, weakest = self._equilibrium(rows, guess[rows], depth)
+            equations = self._equations(rows)
+            balance, taken = equations.solve(
+                equations.at(guess[rows], p.indentation if p.load is None else depth),
+                tolerance=self.tolerance,
+                most_steps=self.max_iterations,
+            )
             steps += taken
             if steps > MAX_TOTAL_STEPS:
                 raise ConvergenceError(
                     f"no contacts were found in equilibrium in {MAX_TOTAL_STEPS} Newton steps; approach "
                     "the load in smaller steps"
                 )
-            if state is None:
+            if balance.residual > self.tolerance:  # no equilibrium: the contact closest to its fold breaks
+                self._refuse_engulfed(rows, equations, balance)
+                weakest = rows[np.argmin(balance.variable / self.law.fold(p.caps[rows]))]
                 broken[weakest] = True
                 rows = rows[rows != weakest]
                 continue
+            state = AdhesiveState(rows, equations, balance, self._penetrations(rows, balance))
             forming = (state.penetration > 0) & ~broken
             forming[rows] = False
             if not forming.any():
                 return state, steps
-            guess, depth, first = np.zeros(guess.size), state.indentation, False
-            guess[rows] = state.contact_radius
+            guess, depth, first = np.zeros(guess.size), balance.indentation, False
+            guess[rows] = balance.variable
             guess[forming] = self.law.touch_radius(p.caps[forming])
             rows = np.flatnonzero(guess)
         return self._parted(), steps
+
+    def _equations(self, rows: Rows) -> BalanceEquations:
+        """The equations of a set of contacts, each not smaller than at its fold."""
+        if rows.size > MAX_CONTACTS:
+            raise ModelRangeError(
+                f"{rows.size} adhesive contacts are too many for a dense matrix, at most {MAX_CONTACTS}; "
+                "lower the load or take a part of the pattern"
+            )
+        p, matrix = self.problem, np.zeros((rows.size, rows.size))
+        caps = p.caps[rows]
+        if self.kernel is not None and rows.size:
+            p.part(rows).refuse_duplicates()
+            matrix = DenseCoupling(p.x[rows], p.y[rows], self.kernel).matrix
+        limits, every = (self.law.fold(caps), self.law.widest(caps)), np.ones(rows.size)
+        return BalanceEquations(TouchingCaps(self.law, caps), matrix, p.gap[rows], every, p.load, limits)
 
     def _parted(self) -> AdhesiveState:
         """The state without contacts, after the last one has broken."""
@@ -398,113 +370,68 @@ class AdhesivePath:
                 "load must not be below pull-off: the contacts cannot bear a pull of "
                 f"{-p.load * p.force_unit:.6g} N"
             )
-        none, depth = np.zeros(0), p.indentation
-        contacts = AdhesiveContacts(self, np.zeros(0, dtype=np.intp))
-        return AdhesiveState(contacts, none, none, depth - p.gap, depth, 0.0)
+        none, rows = np.zeros(0), np.zeros(0, dtype=np.intp)
+        balance = Balance(none, p.indentation, none, none, 0.0, 0.0)
+        return AdhesiveState(rows, self._equations(rows), balance, p.indentation - p.gap)
 
-    def _equilibrium(self, rows: Rows, a: Values, depth: float) -> tuple[AdhesiveState | None, int, int]:
-        """Solve for one set of contacts; if it has no equilibrium, name the contact closest to its fold."""
-        if rows.size > MAX_CONTACTS:
-            raise ModelRangeError(
-                f"{rows.size} adhesive contacts are too many for a dense matrix, at most {MAX_CONTACTS}; "
-                "lower the load or take a part of the pattern"
-            )
-        contacts = AdhesiveContacts(self, rows)
-        D = self.problem.indentation if self.problem.load is None else depth
-        error, missing = contacts.errors(a, D)
-        for steps in range(self.max_iterations + 1):
-            residual = contacts.residual(error, missing, D)
-            if residual <= self.tolerance and contacts.balanced(a, missing):
-                return contacts.state(a, D, residual), steps, -1
-            change, rise = contacts.direction(a, error, missing)
-            step, merit = 1.0, float(error @ error + missing**2)
-            while step > MIN_STEP_FRACTION:
-                trial = np.clip(a + step * change, contacts.fold, contacts.widest)
-                trial_error, trial_missing = contacts.errors(trial, D + step * rise)
-                if float(trial_error @ trial_error + trial_missing**2) < (1 - 1e-4 * step) * merit:
-                    break
-                step /= 2
-            else:
-                break
-            error, missing = trial_error, trial_missing
-            a, D = trial, D + step * rise
-        if residual <= self.tolerance:
-            return contacts.state(a, D, residual), steps, -1
-        contacts.refuse_engulfed(a)
-        return None, steps, int(rows[np.argmin(a / contacts.fold)])
+    def _penetrations(self, rows: Rows, balance: Balance) -> Values:
+        """JKR's penetrations in contact; elsewhere the overlap with the surface as the contacts displace it."""
+        p = self.problem
+        overlap = balance.indentation - p.gap
+        if self.kernel is not None:
+            p.part(np.union1d(np.flatnonzero(overlap > 0), rows)).refuse_duplicates()
+            sources = np.stack([p.x, p.y])[:, rows]
+            overlap -= self.kernel.displacement(p.x, p.y, sources, balance.force)
+        overlap[rows] = self.law.penetration(balance.variable, p.caps[rows])
+        return overlap
 
-
-class AdhesiveContacts:
-    """Equations of a set of contacts in their radii: ``delta(a) + C p(a) + g - D = 0``, ``sum p = P``.
-
-    ``fold`` are the radii at which an isolated contact breaks.
-    """
-
-    def __init__(self, path: AdhesivePath, rows: Rows) -> None:
-        p = path.problem
-        self.path, self.rows, self.caps, self.gap = path, rows, p.caps[rows], p.gap[rows]
-        self.fold, self.widest = path.law.fold(self.caps), path.law.widest(self.caps)
-        self.matrix = np.zeros((rows.size, rows.size))
-        if path.kernel is not None and rows.size:
-            p.part(rows).refuse_duplicates()
-            self.matrix = DenseCoupling(p.x[rows], p.y[rows], path.kernel).matrix
-
-    def errors(self, a: Values, depth: float) -> tuple[Values, float]:
-        """Errors of the penetrations and of the load."""
-        penetration = self.path.law.penetration(a, self.caps)
-        force, load = self.path.law.force(a, self.caps), self.path.problem.load
-        missing = 0.0 if load is None else load - float(force.sum())
-        return penetration + self.matrix @ force + self.gap - depth, missing
-
-    def residual(self, error: Values, missing: float, depth: float) -> float:
-        """Largest relative error."""
-        load = self.path.problem.load
-        size = max(1.0, float(np.abs(depth - self.gap).max()))
-        return max(float(np.abs(error).max()) / size, abs(missing) / max(1.0, abs(load or 0.0)))
-
-    def refuse_engulfed(self, a: Values) -> None:
+    def _refuse_engulfed(self, rows: Rows, equations: BalanceEquations, balance: Balance) -> None:
         """Refuse contacts that reach the centre of another one."""
-        if not a.size or np.pi * float(self.matrix.max()) * float(a.max()) < 1:
-            return
-        reach = np.pi * self.matrix * np.maximum(a, a[:, None])
+        a, p = balance.variable, self.problem
+        reach = np.pi * equations.matrix * np.maximum(a, a[:, None])
         i, j = np.unravel_index(int(np.argmax(reach)), reach.shape)
         if reach[i, j] >= 1:
-            p = self.path.problem
-            first, second = sorted(int(p.order[self.rows[k]]) for k in (i, j))
-            apart = p.length / (np.pi * self.matrix[i, j])
+            first, second = sorted(int(p.order[rows[k]]) for k in (i, j))
+            apart = p.length / (np.pi * equations.matrix[i, j])
             raise ModelRangeError(
                 f"asperities: rows {first} and {second}, {apart * 1e6:.4g} um apart, are closer than the "
                 f"contact radius of {max(a[i], a[j]) * p.length * 1e6:.4g} um; lower the load or merge them"
             )
 
-    def balanced(self, a: Values, missing: float) -> bool:
-        """Whether the forces sum to the load within `LOAD_TOLERANCE`, or within their rounding errors."""
-        load = self.path.problem.load
-        if not load or abs(missing) <= LOAD_TOLERANCE * abs(load):
-            return True
-        rounding = 8 * np.finfo(float).eps * float(np.sum(np.abs(self.path.law.force(a, self.caps))))
-        return bool(abs(missing) <= rounding)
-
-    def direction(self, a: Values, error: Values, missing: float) -> tuple[Values, float]:
-        """Newton's change of radii and of the indentation."""
-        stiffness, softness = self.path.law.slopes(a, self.caps)
-        jacobian = self.matrix * stiffness
-        # at the fold the softness vanishes; a lower bound keeps the matrix of an uncoupled row regular
-        jacobian[np.diag_indices_from(jacobian)] += np.maximum(softness, 1e-9 * a / self.caps.radius)
-        back, sink = np.linalg.solve(jacobian, np.column_stack([error, np.ones(a.size)])).T
-        if self.path.problem.load is None:
-            return -back, 0.0
-        rise = float((missing + stiffness @ back) / (stiffness @ sink))
-        return rise * sink - back, rise
-
-    def state(self, a: Values, depth: float, residual: float) -> AdhesiveState:
-        """The state with all penetrations: JKR's in contact, the overlap of the surfaces elsewhere."""
-        path, force = self.path, self.path.law.force(a, self.caps)
-        penetration = depth - path.problem.gap
-        penetration[self.rows] = 0.0
-        near = np.flatnonzero(penetration > 0)
-        if path.kernel is not None:
-            path.problem.part(np.union1d(near, self.rows)).refuse_duplicates()
-        penetration[near] = path.penetration(self, force, depth, near)
-        penetration[self.rows] = path.law.penetration(a, self.caps)
-        return AdhesiveState(self, a, force, penetration, depth, residual)
+    def prove(self, solution: InteractingSolution, state: AdhesiveState) -> str:
+        """Status of a solution, from what follows of its numbers; an error if they contradict each other."""
+        p, rows, load = self.problem, state.rows, self.problem.load
+        check_finite(
+            {"force": solution.force, "contact radius": solution.radius, "indentation": solution.indentation}
+        )
+        force = solution.force[p.order[rows]] / p.force_unit
+        radius = solution.radius[p.order[rows]] / p.length
+        depth = solution.indentation / p.depth - p.gap[rows]
+        size = max(float(np.abs(depth).max(initial=0.0)), 1.0)
+        total = float(np.sum(np.abs(force) + np.sqrt(8 * np.pi * self.law.adhesion * radius**3)))
+        away = abs(float(force.sum()) - (load or 0.0))
+        errors = {"sum of the forces": 0.0 if load is None else away / (abs(load) or total or 1.0)}
+        if rows.size:
+            self._refuse_engulfed(rows, state.equations, state.balance)
+            penetration, law_force = state.equations.law.response(radius)
+            errors["forces at the contact radii"] = float(np.abs(law_force - force).sum()) / total
+            error = penetration - depth + state.equations.matrix @ force
+            errors["penetrations"] = float(np.abs(error).max()) / size
+        below = load and errors["sum of the forces"] > MAX_RELATIVE_ERROR and away <= ROUNDING_FRACTION * total
+        if below:
+            errors["sum of the forces"] = 0.0
+        status = judge(errors, self.tolerance)
+        if below:
+            return (
+                f"the load of {load * p.force_unit:.6g} N is below the accuracy of the adhesive forces, "
+                f"{total * p.force_unit:.3g} N: they sum to the load within {away * p.force_unit:.3g} N"
+            )
+        overlap = np.delete(state.penetration, rows)
+        overlap = overlap[overlap > 0] * p.depth
+        if overlap.size and float(overlap.max()) > MAX_RELATIVE_ERROR * size * p.depth:
+            return (
+                f"{overlap.size} asperities without contact overlap the indenter, by up to "
+                f"{float(overlap.max()) * 1e6:.3g} um: their contacts broke on the way to this solution; "
+                "approach it in smaller steps"
+            )
+        return status

@@ -18,6 +18,7 @@ from scipy.special import ellipe, ellipk
 
 from contactimg.errors import ConvergenceError
 from contactimg.mechanics import hertz
+from contactimg.models.dense_balance import Balance, BalanceEquations
 from contactimg.models.greenwood_williamson import (
     AsperityLayer,
     RingSolution,
@@ -32,9 +33,6 @@ from contactimg.models.proof import refuse_beyond_floats, relative_error
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
-
-_MIN_STEP_FRACTION = 2.0**-20
-"""Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
 
 
 @stage("rings")
@@ -105,26 +103,37 @@ def solve_greenwood_tripp(
     layer = AsperityLayer(heights, density, radius, contact_modulus)
     check_rings(indenter_radius, load, rings)
     scale = _Scale.of(layer, indenter_radius, load)
-    system = _Rings(layer, scale, scale.guessed_mesh(rings))
-    state, first = _converge(system, system.start(), tolerance, max_iterations)
-    system, state = system.fitted(state)
-    state, second = _converge(system, state, tolerance, max_iterations - first)
+    system, taken = _Rings(layer, scale, scale.guessed_mesh(rings)), 0
+    state = system.start()
+    for last in (False, True):
+        state, steps = system.equations.solve(
+            state, tolerance=tolerance, most_steps=max_iterations - taken
+        )
+        taken += steps
+        if not state.residual <= tolerance:
+            raise ConvergenceError(
+                f"the rings did not converge: residual {state.residual:.3g} after {steps} Newton steps, "
+                f"tolerance {tolerance:.3g}; take more rings, or allow a larger tolerance"
+            )
+        if not last:
+            system, state = system.fitted(state)
+    depth = state.variable
     solution = ring_solution(
         "gt",
         layer,
         system.r * scale.length,
-        state.depth * scale.height,
+        depth * scale.height,
         load=load,
-        displacement=(state.indentation - system.r**2 / 2 - state.depth) * scale.height,
+        displacement=(state.indentation - system.r**2 / 2 - depth) * scale.height,
     )
-    solution = replace(solution, iterations=first + second, residual=state.residual)
+    solution = replace(solution, iterations=taken, residual=state.residual)
     return prove_rings(solution, _errors(solution, system, state.indentation * scale.height), tolerance)
 
 
 def _errors(solution: RingSolution, system: "_Rings", indentation: float) -> dict[str, float]:
     """Relative errors of the load and of the depths, recomputed from the pressures in SI units."""
     scale, r = system.scale, solution.r
-    displacement = system.matrix @ (solution.pressure / scale.pressure) * scale.height
+    displacement = system.equations.matrix @ (solution.pressure / scale.pressure) * scale.height
     depth = indentation - r**2 / (2 * scale.indenter_radius) - displacement
     return {
         "sum of the forces": relative_error(float(ring_weights(r) @ solution.pressure), solution.load),
@@ -196,100 +205,45 @@ def _mesh(edge: float, end: float, count: int) -> Values:
     return r
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
-    """Depths below the highest summits and indentation, with the errors of the equations."""
-
-    depth: Values
-    indentation: float
-    error: Values
-    missing: float
-    residual: float
-
-
 class _Rings:
-    """The equations on given radii: ``x - D + r^2/2 + A p(x) = 0`` and ``v p(x) = 4/3``."""
+    """The contacts on given radii: ``x - D + r^2/2 + A p(x) = 0`` and ``v p(x) = 4/3``."""
 
     def __init__(self, layer: AsperityLayer, scale: _Scale, r: Values) -> None:
         self.layer, self.scale, self.r = layer, scale, r
-        self.matrix = _displacement_matrix(r)
         self.weights = ring_weights(r)
+        self.equations = BalanceEquations(self, _displacement_matrix(r), r**2 / 2, self.weights, 4 / 3)
 
-    def pressure(self, depth: Values) -> Values:
-        """The pressure ``p(x)`` at depths."""
-        return self.layer.pressure(depth * self.scale.height) / self.scale.pressure
+    def response(self, depth: Values) -> tuple[Values, Values]:
+        """The depths and the pressures there."""
+        return depth, self.layer.pressure(depth * self.scale.height) / self.scale.pressure
 
-    def stiffness(self, depth: Values) -> Values:
-        """The rise of the pressure with the depth, ``dp/dx``."""
-        return self.layer.stiffness(depth * self.scale.height) * (self.scale.height / self.scale.pressure)
+    def slopes(self, depth: Values) -> tuple[Values, Values]:
+        """The derivatives of these by the depth."""
+        stiffness = self.layer.stiffness(depth * self.scale.height)
+        return np.ones_like(depth), stiffness * (self.scale.height / self.scale.pressure)
 
-    def at(self, depth: Values, indentation: float) -> _State:
-        """The state with its errors."""
-        pressure = self.pressure(depth)
-        error = depth - indentation + self.r**2 / 2 + self.matrix @ pressure
-        missing = 4 / 3 - float(self.weights @ pressure)
-        size = max(1.0, float(np.abs(depth).max()))
-        residual = max(float(np.abs(error).max()) / size, abs(missing) / (4 / 3))
-        return _State(depth, indentation, error, missing, residual)
-
-    def merit(self, state: _State) -> float:
-        """Squared errors of the depths and of the load."""
-        return float(np.mean(state.error**2) + state.missing**2)
-
-    def start(self) -> _State:
+    def start(self) -> Balance:
         """The better of two starts: Hertz's contact with compressed asperities, and the uncoupled model."""
         smooth = -hertz.gap(self.r, radius=1.0, sphere_radius=1.0)
         smooth += self.scale.sinking * np.maximum(1 - self.r**2, 0.0) ** 0.2
         guesses = [self._balanced(depth) for depth in (smooth, self.scale.uncoupled - self.r**2 / 2)]
-        return min(guesses, key=self.merit)
+        return min(guesses, key=lambda state: state.merit)
 
-    def _balanced(self, depth: Values) -> _State:
+    def _balanced(self, depth: Values) -> Balance:
         """The state with the indentation for which the pressure-weighted mean error vanishes."""
-        pressure = self.pressure(depth)
-        share = self.weights * (np.maximum(pressure, 1e-12 * pressure.max()) + 1e-300)
-        indentation = share @ (depth + self.r**2 / 2 + self.matrix @ pressure) / share.sum()
-        return self.at(depth, float(indentation))
+        state = self.equations.at(depth, 0.0)
+        share = self.weights * (np.maximum(state.force, 1e-12 * state.force.max()) + 1e-300)
+        return self.equations.at(depth, float(share @ state.error / share.sum()))
 
-    def fitted(self, state: _State) -> tuple["_Rings", _State]:
+    def fitted(self, state: Balance) -> tuple["_Rings", Balance]:
         """Equations on radii that end just outside the loaded region, with the state interpolated to them."""
-        pressure = self.pressure(state.depth)
-        last = int(np.flatnonzero(pressure > 1e-14 * pressure.max())[-1])
+        last = int(np.flatnonzero(state.force > 1e-14 * state.force.max())[-1])
         end = 1.02 * self.r[last + 1] if last + 1 < self.r.size else 1.5 * self.r[-1]
         mesh = _mesh(self.scale.edge, max(end, 1 + self.scale.edge), self.r.size)
         finer = _Rings(self.layer, self.scale, mesh)
-        beyond = np.maximum(mesh**2 - self.r[-1] ** 2, 0.0) / 2
-        return finer, finer.at(np.interp(mesh, self.r, state.depth) - beyond, state.indentation)
-
-    def step(self, state: _State) -> _State | None:
-        """One Newton step, halved until the errors decrease; None if they do not."""
-        stiffness = self.stiffness(state.depth)
-        jacobian = np.eye(self.r.size) + self.matrix * stiffness
-        sides = np.column_stack([state.error, np.ones(self.r.size)])
-        back, sink = np.linalg.solve(jacobian, sides).T
-        loading = self.weights * stiffness
-        rise = float((state.missing + loading @ back) / (loading @ sink))
-        change, step, merit = rise * sink - back, 1.0, self.merit(state)
-        while step >= _MIN_STEP_FRACTION:
-            trial = self.at(state.depth + step * change, state.indentation + step * rise)
-            if self.merit(trial) < (1 - 1e-4 * step) * merit:
-                return trial
-            step /= 2
-        return None
-
-
-def _converge(system: _Rings, state: _State, tolerance: float, steps: int) -> tuple[_State, int]:
-    """Newton steps until the residual is within the tolerance."""
-    for taken in range(steps + 1):
-        if state.residual <= tolerance:
-            return state, taken
-        following = system.step(state) if taken < steps else None
-        if following is None:
-            break
-        state = following
-    raise ConvergenceError(
-        f"the rings did not converge: residual {state.residual:.3g} after {taken} Newton steps, tolerance "
-        f"{tolerance:.3g}; take more rings, or allow a larger tolerance"
-    )
+        depth = np.interp(mesh, self.r, state.variable)
+        depth -= np.maximum(mesh**2 - self.r[-1] ** 2, 0.0) / 2
+        return finer, finer.equations.at(depth, state.indentation)
 
 
 def _displacement_matrix(r: Values) -> Values:

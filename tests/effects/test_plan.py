@@ -16,9 +16,10 @@ from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import SAFETY_FACTOR, decide, make_plan
 from contactimg.files import read_scene, write_scene
 from contactimg.mechanics import layer, sphere
-from contactimg.models import adhesive, contact_solver, interacting
+from contactimg.models import contact_solver, interacting
 from contactimg.models.asperity_laws import SphereLaw
 from contactimg.models.coupling import DenseCoupling
+from contactimg.models.dense_balance import BalanceEquations
 from contactimg.models.full_coupling import FieldCorrection
 from contactimg.prediction import predict_contacts
 from contactimg.scene import Effects, scene_from_dict
@@ -181,7 +182,7 @@ def counted(monkeypatch):
     count(SphereLaw, "respond", "sphere")
     count(sphere, "scaled_indentation", "sphere")  # on a layer, and with adhesion
     count(layer, "deficit_table", "layer")
-    count(adhesive.AdhesiveContacts, "direction", "adhesion")
+    count(BalanceEquations, "direction", "adhesion")
     assert contact_solver.FieldCorrection is FieldCorrection
     assert interacting.asperity_law("sphere", aspect=1.0) == SphereLaw(1.0)
     return counts

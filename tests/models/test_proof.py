@@ -23,7 +23,7 @@ from contactimg import (
     solve_interacting,
 )
 from contactimg.models import adhesive
-from contactimg.models.adhesive import AdhesiveContacts
+from contactimg.models.dense_balance import BalanceEquations
 from contactimg.models.greenwood_williamson import ring_weights
 from contactimg.models.proof import CONVERGED, MAX_RELATIVE_ERROR, check_finite, judge
 from contactimg.models.scaled_problem import ScaledProblem
@@ -243,8 +243,8 @@ def test_newton_steps_of_all_field_updates_are_bounded_together(monkeypatch):
     # 300 caps of radii over many decades under full coupling: 72,000 steps before they were counted together
     most, taken = 400, []
     monkeypatch.setattr(adhesive, "MAX_TOTAL_STEPS", most)
-    direction = AdhesiveContacts.direction
-    monkeypatch.setattr(AdhesiveContacts, "direction", lambda *given: taken.append(1) or direction(*given))
+    direction = BalanceEquations.direction
+    monkeypatch.setattr(BalanceEquations, "direction", lambda *given: taken.append(1) or direction(*given))
     case = draw_case(np.random.default_rng([2026112388, 4794]))
     outcome, why = verdict(case)
     assert outcome == "refused"

@@ -1,0 +1,139 @@
+"""Newton's method for contacts that a stored matrix couples, in one variable each and the depth they share.
+
+The variable of a contact is its radius (adhesion) or its depth (a ring of many asperities), from which its
+penetration ``delta`` and its force ``p`` follow. The equations are
+
+    delta(x) + C p(x) + g - D = 0    and, at prescribed load,    v p(x) = P,
+
+with ``v`` what a force counts in the load. The matrix of Newton's system is dense and unsymmetric.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64]
+
+MIN_STEP_FRACTION = 2.0**-30
+"""Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
+
+LOAD_TOLERANCE = 1e-8
+"""Relative error of the load to which the iteration continues after the tolerance is met. Chosen: a hundredth
+of the error up to which a solution counts as converged."""
+
+
+class ContactLaw(Protocol):
+    """What the equations need to know of each contact."""
+
+    def response(self, variable: Values) -> tuple[Values, Values]:
+        """Penetrations and forces."""
+
+    def slopes(self, variable: Values) -> tuple[Values, Values]:
+        """Their derivatives."""
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """A state of the iteration, with the errors of its equations.
+
+    Parameters
+    ----------
+    variable : ndarray
+    indentation : float
+        ``D``.
+    force, error : ndarray
+    missing : float
+        Load that the forces lack.
+    residual : float
+        Largest relative error.
+    """
+
+    variable: Values
+    indentation: float
+    force: Values
+    error: Values
+    missing: float
+    residual: float
+
+    @property
+    def merit(self) -> float:
+        """Sum of the squares of all errors."""
+        return float(self.error @ self.error + self.missing**2)
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceEquations:
+    """The equations of some contacts.
+
+    Parameters
+    ----------
+    law : ContactLaw
+    matrix : ndarray, shape (n, n)
+        ``C``.
+    gap : ndarray, shape (n,)
+    weights : ndarray, shape (n,)
+        ``v``.
+    load : float or None
+        None at prescribed indentation.
+    limits : (ndarray, ndarray) or None
+        Least and largest variables.
+    """
+
+    law: ContactLaw
+    matrix: Values
+    gap: Values
+    weights: Values
+    load: float | None
+    limits: tuple[Values, Values] | None = None
+
+    def at(self, variable: Values, indentation: float) -> Balance:
+        """The state with its errors."""
+        if self.limits is not None:
+            variable = np.clip(variable, *self.limits)
+        penetration, force = self.law.response(variable)
+        error = penetration + self.matrix @ force + self.gap - indentation
+        missing = 0.0 if self.load is None else self.load - float(self.weights @ force)
+        size = max(1.0, float(np.abs(indentation - self.gap).max()))
+        residual = max(float(np.abs(error).max()) / size, abs(missing) / max(1.0, abs(self.load or 0.0)))
+        return Balance(variable, indentation, force, error, missing, residual)
+
+    def solve(self, state: Balance, *, tolerance: float, most_steps: int) -> tuple[Balance, int]:
+        """Newton steps until the errors are small or do not fall any more, and how many were taken."""
+        for steps in range(most_steps + 1):
+            settled = state.residual <= tolerance and self._bears_the_load(state)
+            following = None if settled or steps == most_steps else self._step(state)
+            if following is None:
+                break
+            state = following
+        return state, steps
+
+    def _bears_the_load(self, state: Balance) -> bool:
+        """Whether the forces sum to the load within `LOAD_TOLERANCE`, or within their rounding errors."""
+        rounding = 8 * np.finfo(float).eps * float(self.weights @ np.abs(state.force))
+        return not self.load or abs(state.missing) <= max(LOAD_TOLERANCE * abs(self.load), rounding)
+
+    def direction(self, state: Balance) -> tuple[Values, float]:
+        """Newton's change of the variables and of the indentation."""
+        softness, stiffness = self.law.slopes(state.variable)
+        jacobian = self.matrix * stiffness
+        jacobian[np.diag_indices_from(jacobian)] += softness
+        sides = np.column_stack([state.error, np.ones(state.error.size)])
+        back, sink = np.linalg.solve(jacobian, sides).T
+        if self.load is None:
+            return -back, 0.0
+        loading = self.weights * stiffness
+        rise = float((state.missing + loading @ back) / (loading @ sink))
+        return rise * sink - back, rise
+
+    def _step(self, state: Balance) -> Balance | None:
+        """One Newton step, halved until the errors fall; None if they do not."""
+        change, rise = self.direction(state)
+        step = 1.0
+        while step >= MIN_STEP_FRACTION:
+            trial = self.at(state.variable + step * change, state.indentation + step * rise)
+            if trial.merit < (1 - 1e-4 * step) * state.merit:
+                return trial
+            step /= 2
+        return None
