@@ -375,7 +375,7 @@ class AdhesivePath:
         return AdhesiveState(rows, self._equations(rows), balance, p.indentation - p.gap)
 
     def _penetrations(self, rows: Rows, balance: Balance) -> Values:
-        """JKR's penetrations in contact; elsewhere the overlap with the surface as the contacts displace it."""
+        """JKR's penetrations in contact; elsewhere the overlap with the displaced surface."""
         p = self.problem
         overlap = balance.indentation - p.gap
         if self.kernel is not None:
@@ -417,7 +417,9 @@ class AdhesivePath:
             errors["forces at the contact radii"] = float(np.abs(law_force - force).sum()) / total
             error = penetration - depth + state.equations.matrix @ force
             errors["penetrations"] = float(np.abs(error).max()) / size
-        below = load and errors["sum of the forces"] > MAX_RELATIVE_ERROR and away <= ROUNDING_FRACTION * total
+        below = (
+            load and errors["sum of the forces"] > MAX_RELATIVE_ERROR and away <= ROUNDING_FRACTION * total
+        )
         if below:
             errors["sum of the forces"] = 0.0
         status = judge(errors, self.tolerance)

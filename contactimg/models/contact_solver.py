@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.models.asperity_laws import AsperityLaw
-from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling, NotPositiveDefinite
+from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NotPositiveDefinite
 from contactimg.models.fast_coupling import FastCoupling
 from contactimg.models.full_coupling import FieldCorrection
 from contactimg.models.newton_iteration import (
@@ -109,9 +109,9 @@ class ContactSolver:
 
         ``seed`` are forces to start from, in the order of the problem.
         """
-        alone = self._uncoupled()
+        separate, alone = self._uncoupled()
         if self.coupling == "none":
-            return self.problem, self._system(self.problem, NoCoupling()), alone, 0
+            return self.problem, separate, alone, 0
         force, reach, taken = alone.force if seed is None else seed, self._reach(alone), 0
         for _ in range(MAX_SELECTIONS):
             count = int(np.searchsorted(self.problem.gap, reach, side="right"))
@@ -195,15 +195,16 @@ class ContactSolver:
             'time; lower the load, or use method "dense"'
         )
 
-    def _uncoupled(self) -> Iterate:
-        """The solution for independent contacts."""
-        still = np.zeros_like(self.problem.gap)
-        system = self._system(self.problem, NoCoupling())
+    def _uncoupled(self) -> tuple[ContactSystem, Iterate]:
+        """Equations and solution for independent contacts."""
+        problem, still = self.problem, np.zeros_like(self.problem.gap)
+        system = self._system(problem, Coupling(problem.x, problem.y, self.kernel))
         indentation = self.problem.indentation
         if system.load is not None:
             accuracy = EXACT if self.coupling == "none" else START_ACCURACY
             indentation = solve_uncoupled(system, still, system.load, accuracy=accuracy)
-        return evaluate_iterate(system, system.response(indentation - system.gap)[0], indentation, still)
+        force = system.response(indentation - system.gap)[0]
+        return system, evaluate_iterate(system, force, indentation, still)
 
     def _system(self, candidates: ScaledProblem, operator: Coupling) -> ContactSystem:
         """The equations of the candidates with their coupling."""
@@ -261,7 +262,7 @@ class ContactSolver:
                 break
             iterate = following
         _refuse_ambiguous(problem, system, iterate)
-        merged = int(np.sum(overlapping(self.problem.x, self.problem.y, self._uncoupled().contact_radius)))
+        merged = int(np.sum(overlapping(self.problem.x, self.problem.y, self._uncoupled()[1].contact_radius)))
         raise ConvergenceError(
             f"the contact forces did not converge: residual {iterate.residual:.3g} after {steps} "
             f"Newton steps, tolerance {tolerance:.3g}; "

@@ -9,7 +9,7 @@ conjugate gradients need few steps.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,33 +201,6 @@ class Fields(NamedTuple):
     cubic_y: Values
 
 
-class Coupling(Protocol):
-    """Displacement of the surface at the candidates by the forces on the candidates."""
-
-    def displacement(self, force: Values) -> Values:
-        """``C q``: displacement into the body at every candidate."""
-
-    def displacement_at(self, rows: Rows, force: Values) -> Values:
-        """``C q`` at the candidates ``rows``."""
-
-    def solve_newton_system(
-        self, active: Rows, system: NewtonSystem, tolerance: float
-    ) -> tuple[Values, float]:
-        """Solve ``(I + S C S) z = b + s rho`` on the active rows: ``z`` and the rise ``rho``."""
-
-    def check_definite(self, active: Rows, scale: Values) -> None:
-        """Raise `NotPositiveDefinite` if the matrix of that system is not positive definite."""
-
-    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
-        """The neighbours' fields at every candidate.
-
-        ``saddle`` (2, n) is what the contacts lie in, which makes them elliptic; None for circles.
-        """
-
-    def at_positions(self, x: Values, y: Values) -> "Coupling":
-        """A coupling of the same kind between candidates at other places."""
-
-
 INVERSE_PI = 1 / np.pi
 
 MIN_ITERATIVE_CONTACTS = 64
@@ -239,16 +212,26 @@ MAX_DENSE_STEPS = 60
 pattern SA+ at 0.5 N need 15 to a residual of 1e-10."""
 
 
-class NoCoupling:
-    """The coupling of independent contacts: none."""
+class Coupling:
+    """Displacement of the surface at the candidates by the forces on them; of independent contacts none.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        Candidates; where they are coupled, no two may coincide.
+    kernel : Kernel
+    """
+
+    def __init__(self, x: Values, y: Values, kernel: Kernel) -> None:
+        self._x, self._y, self._kernel = x, y, kernel
 
     def displacement(self, force: Values) -> Values:
-        """No displacement, since nothing moves."""
+        """``C q``: displacement into the body at every candidate."""
         return np.zeros_like(force)
 
-    def displacement_at(self, rows: Rows, force: Values) -> Values:  # noqa: ARG002
-        """No displacement, since nothing moves."""
-        return np.zeros(rows.size)
+    def displacement_at(self, rows: Rows, force: Values) -> Values:
+        """``C q`` at the candidates ``rows``, of which none is loaded."""
+        return self.displacement(force)[rows]
 
     def solve_newton_system(
         self,
@@ -256,22 +239,31 @@ class NoCoupling:
         system: NewtonSystem,
         tolerance: float,  # noqa: ARG002
     ) -> tuple[Values, float]:
-        """The solution with the identity as the matrix."""
+        """Solve ``(I + S C S) z = b + s rho`` on the active rows: ``z`` and the rise ``rho``."""
         return system.eliminate(system.side, system.scale)
 
     def check_definite(self, active: Rows, scale: Values) -> None:
-        """Nothing to refuse: the identity is positive definite."""
+        """Raise `NotPositiveDefinite` if the matrix of that system is not positive definite."""
 
-    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:  # noqa: ARG002
-        """Fields that are zero everywhere."""
-        return Fields(*(np.zeros_like(force) for _ in Fields._fields))
+    @stage("coupling sums")
+    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
+        """The neighbours' fields at every candidate, summed pair by pair.
 
-    def at_positions(self, x: Values, y: Values) -> "NoCoupling":  # noqa: ARG002
-        """The coupling itself, which knows no places."""
-        return self
+        ``saddle`` (2, n) is what the contacts lie in, which makes them elliptic; None for circles.
+        """
+        loaded = np.flatnonzero(force * contact_radius)
+        long = elongation(contact_radius, saddle)
+        k = self._kernel
+        table = k.thinness, k.value, k.slope
+        sums = _pair_fields(self._x, self._y, loaded, force, contact_radius, long, *table)
+        return k.relieved(Fields(*sums), force, contact_radius)
+
+    def at_positions(self, x: Values, y: Values) -> Self:
+        """A coupling of the same kind between candidates at other places."""
+        return type(self)(x, y, self._kernel)
 
 
-class DenseCoupling:
+class DenseCoupling(Coupling):
     """A stored matrix, up to some thousand candidates; its rows are computed when they are first needed.
 
     Most candidates never bear a force, and only the rows of those that do are read.
@@ -279,16 +271,14 @@ class DenseCoupling:
     Parameters
     ----------
     x, y : ndarray, shape (n,)
-        Candidates; no two may coincide.
     kernel : Kernel
     own : float or ndarray
         Displacement of a candidate by a unit force on itself, the diagonal.
     """
 
     def __init__(self, x: Values, y: Values, kernel: Kernel, *, own: float | Values = 0.0) -> None:
-        self._x, self._y, self._kernel = x, y, kernel
-        own = np.asarray(own, dtype=np.float64) + kernel.relief[0] / np.pi
-        self._own = np.broadcast_to(own, x.shape)
+        super().__init__(x, y, kernel)
+        self._own = np.broadcast_to(np.asarray(own) + kernel.relief[0] / np.pi, x.shape)
         self._matrix = np.empty((x.size, x.size))
         self._known = np.zeros(x.size, dtype=np.bool_)
 
@@ -313,10 +303,6 @@ class DenseCoupling:
         loaded = np.flatnonzero(force)
         return _weighted_rows(self._with_rows(loaded), loaded, force)
 
-    def displacement_at(self, rows: Rows, force: Values) -> Values:
-        """``C q`` at some candidates."""
-        return self.displacement(force)[rows]
-
     def solve_newton_system(
         self, active: Rows, system: NewtonSystem, tolerance: float
     ) -> tuple[Values, float]:
@@ -335,15 +321,6 @@ class DenseCoupling:
     def check_definite(self, active: Rows, scale: Values) -> None:
         """Refuse a matrix that Cholesky's factorisation finds indefinite."""
         _cholesky_factor(_newton_matrix(self._with_rows(active), active, scale))
-
-    @stage("coupling sums")
-    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
-        """The neighbours' fields, summed pair by pair."""
-        return summed_fields((self._x, self._y), self._kernel, force, contact_radius, saddle)
-
-    def at_positions(self, x: Values, y: Values) -> "DenseCoupling":
-        """A coupling of the same kind between candidates at other places."""
-        return DenseCoupling(x, y, self._kernel)
 
 
 def _cholesky_factor(system: Values) -> Values:
@@ -533,21 +510,6 @@ def _distant_fields(dx, dy, strength, size2, long_x, long_y):  # type: ignore[no
         cubic_x -= CUBIC * weight * inverse2 * dx[j]
         cubic_y -= CUBIC * weight * inverse2 * dy[j]
     return excess, slope_x, slope_y, curvature, quartic, saddle_x, saddle_y, cubic_x, cubic_y
-
-
-def summed_fields(
-    places: tuple[Values, Values],
-    kernel: Kernel,
-    force: Values,
-    contact_radius: Values,
-    saddle: Values | None,
-) -> Fields:
-    """The fields at candidates by those that bear a force, pair by pair."""
-    loaded = np.flatnonzero(force * contact_radius)
-    long = elongation(contact_radius, saddle)
-    table = kernel.thinness, kernel.value, kernel.slope
-    sums = _pair_fields(*places, loaded, force, contact_radius, long, *table)
-    return kernel.relieved(Fields(*sums), force, contact_radius)
 
 
 @njit(cache=True)

@@ -6,9 +6,10 @@ pairs within it. The second is smooth: it is a Fourier series on a padded box, s
 out beyond the largest distance to suppress periodic images.
 
 The pairs of the first part are found in square cells as wide as the cutoff, and each is evaluated and stored
-once. ``erf(b r)/r`` is an even function of ``r``; a table over ``r^2`` gives it to 1e-12.
+once.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,12 +23,11 @@ from scipy.special import erf, erfc, erfcinv
 from contactimg.compiled import njit
 from contactimg.errors import InputError
 from contactimg.models.coupling import (
+    Coupling,
     DenseCoupling,
-    Fields,
     Kernel,
     NewtonSystem,
     conjugate_gradients,
-    summed_fields,
 )
 from contactimg.timings import stage
 
@@ -76,9 +76,6 @@ CONTACTS_PER_CELL = 16.0
 MOST_CELLS_PER_SIDE = 32
 """Most cells along a side: 1024 in all. Chosen by time: what finer cells hold is close to the identity."""
 
-TABLE_SIZE = 4000
-"""Intervals of the table. Chosen for an interpolation error of 1e-12."""
-
 SINGLE_STORED = 1e-6
 """Accuracy from which on stored values may be in single precision. Theory: its rounding error is 6e-8."""
 
@@ -124,67 +121,27 @@ class NearFieldSum:
     @cached_property
     def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.floating]]:
         """Where the pairs of each point begin, the other points, and ``erfc(b r)/(pi r)``."""
-        sorted_points = self._x, self._y, self._bounds, self._cells, self._cutoff**2
-        begins = np.cumsum(_count_pairs(*sorted_points))
-        others, values = np.empty(begins[-1], dtype=np.int32), np.empty(begins[-1], dtype=self._stored)
-        _store_pairs(*sorted_points, _smooth_table(self._cutoff, self._sharpness), begins, others, values)
+        begins = np.zeros(self._x.size + 1, dtype=np.int64)
+        others, values = np.empty(0, dtype=np.int32), np.empty(0, dtype=self._stored)
+        points = self._x, self._y, self._bounds, self._cells, self._cutoff**2, self._sharpness
+        _list_pairs(*points, begins, others, values)
+        begins = np.cumsum(begins)
+        others, values = np.empty(begins[-1], others.dtype), np.empty(begins[-1], values.dtype)
+        _list_pairs(*points, begins, others, values)
         return begins, others, values
 
 
-def _smooth_table(cutoff: float, sharpness: float) -> Values:
-    """``erf(b r)/r`` and its derivative in ``r^2`` times the spacing, at evenly spaced ``r^2``."""
-    square = np.linspace(0.0, cutoff**2, TABLE_SIZE + 1) * (1 + 1 / TABLE_SIZE)
-    r = np.sqrt(square[1:])
-    bell = 2 * sharpness / np.sqrt(np.pi) * np.exp(-((sharpness * r) ** 2))
-    value = np.concatenate([[2 * sharpness / np.sqrt(np.pi)], erf(sharpness * r) / r])
-    slope = np.concatenate(
-        [[-2 * sharpness**3 / (3 * np.sqrt(np.pi))], (bell - erf(sharpness * r) / r) / (2 * r**2)]
-    )
-    # below b r = 0.05 the difference cancels: -(2 b^3/(3 sqrt pi)) (1 - 3/5 (b r)^2 + 3/14 (b r)^4)
-    z = sharpness**2 * square
-    series = slope[0] * (1 - 0.6 * z + 3 / 14 * z**2)
-    slope = np.where(z < 2.5e-3, series, slope)
-    return np.column_stack([value, slope * (square[1] - square[0])])
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _rest(r2, per_square, table):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """``erfc(b r)/r``."""
-    place = r2 * per_square
-    k = int(place)
-    f = place - k
-    rise = table[k + 1, 0] - table[k, 0]
-    bend = (table[k, 1] - rise) * (1 - f) + (rise - table[k + 1, 1]) * f
-    return 1.0 / np.sqrt(r2) - (table[k, 0] + f * rise + f * (1 - f) * bend)
-
-
-@njit(cache=True)
-def _count_pairs(x, y, bounds, cells, cutoff2):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Number of pairs ``(i, j > i)``, that of ``i`` at ``i + 1``: a plain loop, so that it is vectorised."""
-    counts = np.zeros(x.size + 1, dtype=np.int64)
-    for cell in range(cells * cells):
-        row, column = cell // cells, cell % cells
-        for i in range(bounds[cell], bounds[cell + 1]):
-            found = 0
-            for near_row in range(row, min(row + 2, cells)):
-                left = column if near_row == row else max(column - 1, 0)
-                begin = bounds[near_row * cells + left]
-                end = bounds[near_row * cells + min(column + 1, cells - 1) + 1]
-                for j in range(max(begin, i + 1), end):
-                    dx, dy = x[i] - x[j], y[i] - y[j]
-                    found += dx * dx + dy * dy < cutoff2
-            counts[i + 1] = found
-    return counts
-
-
 @njit(cache=True, error_model="numpy")
-def _store_pairs(x, y, bounds, cells, cutoff2, table, begins, others, values):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
-    """The pairs and their values."""
-    per_square = (table.shape[0] - 1) / (cutoff2 * (1 + 1 / (table.shape[0] - 1)))
+def _list_pairs(x, y, bounds, cells, cutoff2, sharpness, begins, others, values):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
+    """The pairs ``(i, j > i)`` and their values; where there is no room for them, the number of each ``i``.
+
+    That number is left at ``i + 1`` of ``begins``.
+    """
+    count_only = others.size == 0
     for cell in range(cells * cells):
         row, column = cell // cells, cell % cells
         for i in range(bounds[cell], bounds[cell + 1]):
-            at = begins[i]
+            at = 0 if count_only else begins[i]
             for near_row in range(row, min(row + 2, cells)):
                 left = column if near_row == row else max(column - 1, 0)
                 begin = bounds[near_row * cells + left]
@@ -193,9 +150,13 @@ def _store_pairs(x, y, bounds, cells, cutoff2, table, begins, others, values):  
                     dx, dy = x[i] - x[j], y[i] - y[j]
                     r2 = dx * dx + dy * dy
                     if r2 < cutoff2:
-                        others[at] = j
-                        values[at] = _rest(r2, per_square, table) / np.pi
+                        if not count_only:
+                            r = np.sqrt(r2)
+                            others[at] = j
+                            values[at] = math.erfc(sharpness * r) / (np.pi * r)
                         at += 1
+            if count_only:
+                begins[i + 1] = at
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -254,7 +215,7 @@ class CellPreconditioner:
         return side + self.share * change[self.cell]
 
 
-class FastCoupling:
+class FastCoupling(Coupling):
     """Pairs within a cutoff and non-uniform FFT for the far part.
 
     Parameters
@@ -279,7 +240,8 @@ class FastCoupling:
 
     @stage("coupling sums")
     def __init__(self, x: Values, y: Values, kernel: Kernel, accuracy: float = 1e-9) -> None:
-        self._x, self._y, self._kernel, self._accuracy = x, y, kernel, accuracy
+        super().__init__(x, y, kernel)
+        self._accuracy = accuracy
         single = accuracy >= SINGLE_ACCURACY
         self._real: type = np.float32 if single else np.float64
         self._complex: type = np.complex64 if single else np.complex128
@@ -402,12 +364,3 @@ class FastCoupling:
             direct.check_definite(np.arange(active.size), scale)
         else:
             self.solve_newton_system(active, NewtonSystem(scale, scale), 1e-3)
-
-    def at_positions(self, x: Values, y: Values) -> "FastCoupling":
-        """A coupling of the same kind between candidates at other places."""
-        return FastCoupling(x, y, self._kernel, self._accuracy)
-
-    @stage("coupling sums")
-    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
-        """The neighbours' fields, summed pair by pair."""
-        return summed_fields((self._x, self._y), self._kernel, force, contact_radius, saddle)

@@ -106,9 +106,7 @@ def solve_greenwood_tripp(
     system, taken = _Rings(layer, scale, scale.guessed_mesh(rings)), 0
     state = system.start()
     for last in (False, True):
-        state, steps = system.equations.solve(
-            state, tolerance=tolerance, most_steps=max_iterations - taken
-        )
+        state, steps = system.equations.solve(state, tolerance=tolerance, most_steps=max_iterations - taken)
         taken += steps
         if not state.residual <= tolerance:
             raise ConvergenceError(

@@ -136,7 +136,11 @@ def solve_interacting(
     seed = None if start is None or not start.force.any() else start.force[problem.order] / problem.force_unit
     layered = coupling != "none" and np.isfinite(thickness)
     kernel = Kernel.of_thickness(thickness / problem.length, poisson_ratio, between=layered)
-    profile = _local_law(law, conditions, problem.length, problem.depth, poisson_ratio if layered else None)
+    aspect = problem.depth / problem.length
+    profile: AsperityLaw = asperity_law(law, aspect=aspect)
+    if layered:
+        flatness = aspect if law == "sphere" else 0.0
+        profile = LayerLaw(AdhesiveLaw(0.0, flatness, thickness / problem.length, poisson_ratio))
     solver = ContactSolver(
         problem,
         profile,
@@ -160,10 +164,7 @@ def solve_interacting(
         iterations=steps,
         residual=iterate.residual,
     )
-    in_si = _local_law(law, conditions, 1.0, 1.0, poisson_ratio if layered else None)
-    forces = forces_from_indentation(solution, problem, system, in_si)
-    status = prove_forces(solution, problem.order, conditions, forces * float(contact_modulus), tolerance)
-    return solution if status == solution.status else replace(solution, status=status)
+    return replace(solution, status=_prove(solution, problem, system, tolerance))
 
 
 def _check(coupling: str, law: str, method: str, load: float | None) -> None:
@@ -173,20 +174,6 @@ def _check(coupling: str, law: str, method: str, load: float | None) -> None:
     check_choice("method", method, METHODS)
     if load is not None and load < 0:
         raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
-
-
-def _local_law(
-    law: str,
-    conditions: ContactConditions,
-    length: float,
-    depth: float,
-    poisson_ratio: float | None,
-) -> AsperityLaw:
-    """The law of one asperity in units of length and depth (m); with Poisson's ratio that of a layer."""
-    if poisson_ratio is not None:
-        aspect = depth / length if law == "sphere" else 0.0
-        return LayerLaw(AdhesiveLaw(0.0, aspect, conditions.thickness / length, poisson_ratio))
-    return asperity_law(law, aspect=depth / length)
 
 
 def check_layer(contact_radius: Values, thickness: float) -> None:
@@ -200,45 +187,28 @@ def check_layer(contact_radius: Values, thickness: float) -> None:
         )
 
 
-def forces_from_indentation(
-    solution: InteractingSolution, problem: ScaledProblem, system: ContactSystem, law: AsperityLaw
-) -> Values:
-    """Forces over ``E*`` (m^2) that follow from the indentation and forces of a solution, in SI units.
-
-    One value for each asperity of ``problem``, whose ``system`` adds the corrections of full coupling.
-    """
-    force = solution.force[problem.order] / problem.force_unit
-    correction = (system.gap - problem.gap + system.coupling.displacement(force)) * problem.depth
-    penetration = solution.indentation - problem.depths - correction
-    return law.respond(penetration, problem.caps_in_metres(system.caps))[0]
-
-
-def prove_forces(
-    solution: InteractingSolution,
-    rows: NDArray[np.intp],
-    conditions: ContactConditions,
-    expected: Values,
-    tolerance: float,
+def _prove(
+    solution: InteractingSolution, problem: ScaledProblem, system: ContactSystem, tolerance: float
 ) -> str:
-    """Check finiteness, signs, the sum of the forces and their agreement with the indentation.
+    """Status of a solution: its forces pull nowhere, bear the load and follow from its indentation.
 
-    ``expected`` are the forces of the asperities ``rows`` that follow from the indentation, N. Returns the
-    status.
+    ``system`` holds the equations of the asperities of ``problem``, with the corrections of full coupling.
     """
     force, radius = solution.force, solution.radius
-    total = float(force.sum())
-    if not np.isfinite(total + radius.sum() + expected.sum() + solution.indentation):
-        check_finite({"force": force, "contact radius": radius, "force at the indentation": expected})
-        check_finite({"indentation": solution.indentation})
-    size = conditions.load if conditions.load is not None else total or 1.0
+    check_finite({"force": force, "contact radius": radius, "indentation": solution.indentation})
     if np.any(force < 0) or np.any((force > 0) != (radius > 0)):
         raise ConvergenceError(
             "a contact of the solution pulls, or has a force without a radius: loads, lengths and moduli may "
             "be too many orders of magnitude apart; check their units"
         )
+    carried = force[problem.order] / problem.force_unit
+    total = float(carried.sum())
+    depth = solution.indentation / problem.depth - system.gap
+    expected, _ = system.response(depth - system.coupling.displacement(carried))
+    size = problem.load or total or 1.0
     errors = {
         "sum of the forces": relative_error(total, size),
-        "forces at the indentation": float(np.abs(expected - force[rows]).sum()) / size,
+        "forces at the indentation": float(np.abs(expected - carried).sum()) / size,
     }
     return judge(errors, tolerance)
 

@@ -60,28 +60,6 @@ class ScaledProblem:
         return Caps(self.radius)
 
     @property
-    def height(self) -> Values:
-        """Heights above the plane they stand on, in the order of the table, m."""
-        return self.summits.height
-
-    @property
-    def depths(self) -> Values:
-        """Depth of each apex below the highest of the table, m."""
-        height = self.summits.apexes["height_m"]
-        return height.max() - height[self.order]
-
-    @property
-    def radius_unit(self) -> float:
-        """Composite radius of the highest asperity of the table, m."""
-        return self.length**2 / self.depth
-
-    def caps_in_metres(self, caps: Caps) -> Caps:
-        """The caps of a law in SI units."""
-        length, depth = self.length, self.depth
-        bends = None if caps.bends is None else caps.bends * [depth / length**2, depth / length**4]
-        return Caps(caps.radius * self.radius_unit, bends)
-
-    @property
     def touches(self) -> bool:
         """Whether the prescribed load or indentation brings any asperity into contact."""
         if self.load:
