@@ -12,7 +12,7 @@ about the apex.
 """
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Literal
 
@@ -115,7 +115,7 @@ def solve_scene(
         solve = partial(solve_adhesive, work_of_adhesion=elastic.work_of_adhesion)
     if surroundings is not None:
         asperities, load = surroundings.around(asperities), load - surroundings.load
-    return solve(
+    solution = solve(
         asperities,
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
@@ -126,6 +126,7 @@ def solve_scene(
         thickness=elastic.thickness if effects.layer == "on" else np.inf,
         poisson_ratio=elastic.poisson_ratio,
     )
+    return solution if surroundings is None else replace(solution, outside=surroundings.sources)
 
 
 @dataclass(frozen=True)

@@ -193,71 +193,54 @@ class AdhesiveLaw:
         """Force at a contact radius."""
         pressing, adhesive, _, _ = self._factors(contact_radius)
         pull = np.sqrt(8 * np.pi * self.adhesion * contact_radius**3)
-        return pressing * self._plain_force(contact_radius, caps) - adhesive * pull
+        return pressing * self._profile(contact_radius, caps)[0] - adhesive * pull
 
     def penetration(self, contact_radius: Values, caps: Caps) -> Values:
         """Penetration at a contact radius."""
         _, _, pressed, pulled = self._factors(contact_radius)
         rise = np.sqrt(2 * np.pi * self.adhesion * contact_radius)
-        return pressed * self._plain_penetration(contact_radius, caps) - pulled * rise
+        return pressed * self._profile(contact_radius, caps)[1] - pulled * rise
 
-    def _plain_force(self, a: Values, caps: Caps) -> Values:
-        """Force without adhesion on a half-space."""
+    def _profile(self, a: Values, caps: Caps) -> tuple[Values, Values, Values]:
+        """Force, penetration and its derivative without adhesion on a half-space."""
         radius = caps.radius
         if self.aspect:
-            plain = radius**2 / self.aspect**3 * sphere.scaled_load(self.aspect * a / radius)
+            s = self.aspect * a / radius
+            force = radius**2 / self.aspect**3 * sphere.scaled_load(s)
+            depth = radius / self.aspect**2 * sphere.scaled_indentation(s)
+            steepness = (np.arctanh(s) + s / (1 - s**2)) / self.aspect
         else:
-            plain = (4 / 3) * a**3 / radius
-        if caps.bends is not None:
-            curvature, quartic = caps.bends.T
-            plain = plain + a**3 * (4 / 3 * curvature + 64 / 15 * quartic * a**2)
-        return plain
-
-    def _plain_penetration(self, a: Values, caps: Caps) -> Values:
-        """Penetration without adhesion on a half-space."""
-        radius = caps.radius
-        if self.aspect:
-            plain = radius / self.aspect**2 * sphere.scaled_indentation(self.aspect * a / radius)
-        else:
-            plain = a**2 / radius
-        if caps.bends is not None:
-            curvature, quartic = caps.bends.T
-            plain = plain + a**2 * (curvature + 8 / 3 * quartic * a**2)
-        return plain
+            force, depth, steepness = (4 / 3) * a**3 / radius, a**2 / radius, 2 * a / radius
+        if caps.bends is None:
+            return force, depth, steepness
+        curvature, quartic = caps.bends.T
+        force = force + a**3 * (4 / 3 * curvature + 64 / 15 * quartic * a**2)
+        depth = depth + a**2 * (curvature + 8 / 3 * quartic * a**2)
+        return force, depth, steepness + a * (2 * curvature + 32 / 3 * quartic * a**2)
 
     def slopes(self, contact_radius: Values, caps: Caps) -> tuple[Values, Values]:
         """Derivatives of force and penetration with the contact radius."""
         a, w = contact_radius, self.adhesion
         steepness, rise = self._penetration_slopes(a, caps)
+        force, _, plain = self._profile(a, caps)
         pressing, adhesive, _, _ = self._factors(a)
-        slopes = 2 * a * self._steepness(a, caps) * pressing - adhesive * np.sqrt(18 * np.pi * w * a)
+        slopes = 2 * a * plain * pressing - adhesive * np.sqrt(18 * np.pi * w * a)
         if not np.isinf(self.thickness):
             pressing, adhesive, _, _ = self._factors(a, 1)
-            slopes += pressing * self._plain_force(a, caps) - adhesive * np.sqrt(8 * np.pi * w * a**3)
+            slopes += pressing * force - adhesive * np.sqrt(8 * np.pi * w * a**3)
         return slopes, steepness - rise
 
     def _penetration_slopes(self, a: Values, caps: Caps) -> tuple[Values, Values]:
         """Derivatives with the contact radius of the parts of the penetration without and with adhesion."""
+        _, depth, plain = self._profile(a, caps)
         _, _, pressed, pulled = self._factors(a)
-        steepness = pressed * self._steepness(a, caps)
+        steepness = pressed * plain
         rise = pulled * np.sqrt(np.pi * self.adhesion / (2 * a))
         if not np.isinf(self.thickness):
             _, _, pressed, pulled = self._factors(a, 1)
-            steepness = steepness + pressed * self._plain_penetration(a, caps)
+            steepness = steepness + pressed * depth
             rise = rise + pulled * np.sqrt(2 * np.pi * self.adhesion * a)
         return steepness, rise
-
-    def _steepness(self, a: Values, caps: Caps) -> Values:
-        """``d delta_0/d a`` without adhesion."""
-        if self.aspect:
-            s = self.aspect * a / caps.radius
-            steepness = (np.arctanh(s) + s / (1 - s**2)) / self.aspect
-        else:
-            steepness = 2 * a / caps.radius
-        if caps.bends is None:
-            return steepness
-        curvature, quartic = caps.bends.T
-        return steepness + a * (2 * curvature + 32 / 3 * quartic * a**2)
 
     def widest(self, caps: Caps) -> Values:
         """Upper bound on the contact radius: the equator of a sphere, two thicknesses of a layer."""

@@ -2,10 +2,10 @@
 
 The undeformed lens, lowered by the indentation, minus the surface of the rubber, displaced by all contacts:
 
-    gap(x, y) = h + r^2/(2 Rl) - z(x, y) - D + sum_i u_i,
+    gap(x, y) = h + r^2/(2 Rl) - D + sum_i u_i,
 
-with ``h`` the height of the lens's apex at first touch, ``z`` the shape of the sample and ``u_i`` the
-displacement by the pressure of contact ``i``. Where it is negative the base planes touch, and the model
+with ``h`` the height of the lens's apex at first touch and ``u_i`` the displacement by the pressure of
+contact ``i``. Where it is negative the base planes touch, and the model
 lacks the load that they carry. Below the caps there is no gap between planes. Outside them the gap has no
 maximum, and a minimum in each hollow: it is evaluated with point forces on a grid, and the lowest places are
 followed to their minima with the full displacement by Hertz's pressure.
@@ -101,9 +101,8 @@ class GapField:
     rows : ndarray of int
         The caps in contact.
     contacts : ndarray, shape (4, m)
-        Positions, forces (N) and radii of their contacts, lengths in m.
-    base : ndarray or None
-        Height of the sample below each cap where it is not flat, m.
+        Positions, forces (N) and radii of their contacts, lengths in m; point forces around the table, whose
+        radius is zero, come after them.
     """
 
     conditions: ContactConditions
@@ -112,105 +111,71 @@ class GapField:
     discs: Values
     rows: NDArray[np.intp]
     contacts: Values
-    base: Values | None = None
 
     @cached_property
-    def _base_terms(self) -> Values:
-        """Coefficients of 1, x, y, x^2, x y, y^2 about the apex, of the sample's shape and of the lens."""
-        lens = 0.5 / self.conditions.indenter_radius
-        terms = np.array([self.first_touch - self.indentation, 0.0, 0.0, lens, 0.0, lens])
-        if self.base is not None:
-            size = float(np.ptp(self.discs[:2], axis=1).max()) or 1.0
-            dx, dy = (self.discs[:2] - np.array(self.conditions.apex)[:, None]) / size
-            powers = np.stack([np.ones_like(dx), dx, dy, dx**2, dx * dy, dy**2], axis=1)
-            shape = np.linalg.lstsq(powers, self.base, rcond=None)[0]
-            terms -= shape / size ** np.array([0, 1, 1, 2, 2, 2])
-        return terms
-
-    @cached_property
-    def _sources(self) -> tuple[Values, Values, Values]:
-        """Positions of the contacts and their forces over ``E*``."""
-        x, y, force, _ = self.contacts
-        return x, y, force / self.conditions.contact_modulus
+    def _force(self) -> Values:
+        """The forces over ``E*``."""
+        return self.contacts[2] / self.conditions.contact_modulus
 
     @cached_property
     def _kernel(self) -> Kernel:
         return Kernel.of_thickness(self.conditions.thickness, self.conditions.poisson_ratio)
 
-    def undeformed(self, x: Values, y: Values) -> Values:
-        """The gap without the displacement of the rubber."""
-        dx, dy = x - self.conditions.apex[0], y - self.conditions.apex[1]
-        c = self._base_terms
-        return c[0] + dx * (c[1] + c[3] * dx + c[4] * dy) + dy * (c[2] + c[5] * dy)
+    def undeformed(self, places: Values) -> Values:
+        """The gap at places (2, k) without the displacement of the rubber."""
+        away = places - np.array(self.conditions.apex)[:, None]
+        lens = np.sum(away**2, axis=0) / (2 * self.conditions.indenter_radius)
+        return self.first_touch - self.indentation + lens
 
-    @property
-    def _largest_rise(self) -> float:
-        """Largest rise of the rubber, m: infinite where contacts pull."""
-        force = self._sources[2]
-        if force.min(initial=0.0) < 0:
-            return np.inf
-        return self._kernel.largest_rise() * float(force.sum()) / np.pi
-
-    def _with_point_forces(self, places: Values) -> Values:
-        """The gap at places with the displacement by point forces."""
-        x, y = places
-        return self.undeformed(x, y) + self._displacement(x, y)
-
-    def _displacement(self, x: Values, y: Values) -> Values:
-        """Displacement of the rubber by point forces."""
-        sx, sy, force = self._sources
-        k = self._kernel
-        if x.size * sx.size > MOST_PAIRS:
-            both = np.concatenate([sx, x]), np.concatenate([sy, y])
+    def with_point_forces(self, places: Values) -> Values:
+        """The gap at places (2, k) with the displacement by point forces."""
+        k, force, sources = self._kernel, self._force, self.contacts[:2]
+        if places.shape[1] * force.size > MOST_PAIRS:
+            both = np.concatenate([sources, places], axis=1)
             try:
-                sums = FastCoupling(*both, k, SUM_ACCURACY)
+                sums = FastCoupling(both[0], both[1], k, SUM_ACCURACY)
             except InputError:  # so unevenly spread that the modes would not fit into memory
                 pass
             else:
-                return sums.displacement(np.concatenate([force, np.zeros_like(x)]))[sx.size :]
-        return k.displacement(x, y, np.stack([sx, sy]), force)
+                unloaded = np.zeros(places.shape[1])
+                lowered = sums.displacement(np.concatenate([force, unloaded]))[force.size :]
+                return self.undeformed(places) + lowered
+        return self.undeformed(places) + k.displacement(*places, sources, force)
 
     @stage("base gap")
     def smallest(self) -> BaseGap:
         """The smallest gap within the rectangle of the caps and the apex of the lens."""
-        nothing = BaseGap(np.nan, np.nan, np.nan, 0.0)
-        if not self.discs.size:
-            return nothing
-        x, y, step = self._free_nodes()
-        if not x.size:
-            return nothing
-        free = np.stack([x, y])
-        some = np.argsort(self.undeformed(*free))[:: max(1, x.size // 64)]
-        bound = max(float(self._with_point_forces(free[:, some]).min()), 0.0)
-        near = np.flatnonzero(self.undeformed(*free) <= bound + self._largest_rise)
-        gap = self._with_point_forces(free[:, near])
+        free, step = (np.zeros((2, 0)), 0.0) if not self.discs.size else self._free_nodes()
+        if not free.size:
+            return BaseGap(np.nan, np.nan, np.nan, 0.0)
+        force, k, bare = self._force, self._kernel, self.undeformed(free)
+        rise = np.inf if force.min(initial=0.0) < 0 else k.largest_rise() * float(force.sum()) / np.pi
+        some = np.argsort(bare)[:: max(1, bare.size // 64)]
+        bound = max(float(self.with_point_forces(free[:, some]).min()), 0.0)
+        near = np.flatnonzero(bare <= bound + rise)
+        gap = self.with_point_forces(free[:, near])
         places = np.concatenate([free[:, near[np.argsort(gap)[:FOLLOWED]]], self._rims()], axis=1)
-        contacts = np.stack([*self._sources, self.contacts[3]])
-        low, high = self._box[:, :1], self._box[:, 1:]
-        contacts[2] /= np.pi
+        low, high = self._box.T[:, :, None]
+        middles, reach = self.discs[:2], self.discs[2]
+        apex, lens = self.conditions.apex, 0.5 / self.conditions.indenter_radius
         found = _follow(
             places,
             0.5 * step * 0.5 ** np.arange(STEP_HALVINGS),
-            np.concatenate([self._box.ravel(), self.conditions.apex, self._base_terms]),
-            self.discs[
-                :,
-                ((self.discs[:2] + self.discs[2] >= low) & (self.discs[:2] - self.discs[2] <= high)).all(
-                    axis=0
-                ),
-            ],
-            contacts,
-            (self._kernel.thinness, self._kernel.value, self._kernel.slope),
+            np.array([*self._box.ravel(), *apex, *self.undeformed(np.array([apex]).T), lens]),
+            self.discs[:, ((middles + reach >= low) & (middles - reach <= high)).all(axis=0)],
+            np.stack([*self.contacts[:2], force / np.pi, self.contacts[3]]),
+            (k.thinness, k.value, k.slope),
         )
         best = int(np.argmin(found[2]))
-        px, py, least = (float(part[best]) for part in found)
-        return BaseGap(least, px, py, self._share(x, y, near[gap < 0]) if least < 0 else 0.0)
+        x, y, least = (float(part[best]) for part in found)
+        return BaseGap(least, x, y, self._share(free, near[gap < 0]) if least < 0 else 0.0)
 
     def _rims(self) -> Values:
         """Places just outside caps that their contact nearly covers, where the gap falls with the load.
 
         A contact that is wider than its cap reaches the plane about it.
         """
-        covered = self.discs[2, self.rows] / self.contacts[3]
+        covered = self.discs[2, self.rows] / self.contacts[3, : self.rows.size]
         low = np.argsort(covered)[:FOLLOWED]
         low = low[covered[low] < NEARLY_COVERED]
         turn = 2 * np.pi / RIM_PLACES * np.arange(RIM_PLACES)
@@ -239,35 +204,32 @@ class GapField:
         A load that only presses lowers the gap everywhere: it is nowhere larger than before the load.
         """
         box, lens = self._rectangle, self.conditions.indenter_radius
-        if self.base is not None or np.isinf(lens) or self.contacts[2].min(initial=0.0) < 0:
+        if np.isinf(lens) or self.contacts[2].min(initial=0.0) < 0:
             return box
         reach = np.sqrt(2 * lens * max(self.indentation, 0.0)) + BOX_MARGIN * self._spacing
         apex = np.array(self.conditions.apex)[:, None]
         return np.clip(box, apex - reach, apex + reach)
 
-    def _free_nodes(self) -> tuple[Values, Values, float]:
-        """Nodes of a grid that no cap covers, and its step."""
+    def _free_nodes(self) -> tuple[Values, float]:
+        """Nodes (2, k) of a grid that no cap covers, and its step."""
         sides = np.ptp(self._box, axis=1)
         step = min(self._spacing / NODES_PER_SPACING, float(sides.max()) / FEWEST_NODES)
-        if not step > 0:
-            return np.zeros(0), np.zeros(0), 0.0
-        for _ in range(MOST_REFINEMENTS):
+        for _ in range(MOST_REFINEMENTS if step > 0 else 0):
             free = np.ones(tuple((sides / step).astype(int) + 1), dtype=np.bool_)
             _cover(free, self._box[:, 0], step, self.discs)
             if free.any():
-                break
+                return self._box[:, :1] + step * np.stack(np.nonzero(free)), step
             step /= 2
-        x, y = self._box[:, :1] + step * np.stack(np.nonzero(free))
-        return x, y, step
+        return np.zeros((2, 0)), step
 
-    def _share(self, x: Values, y: Values, touching: NDArray[np.intp]) -> float:
+    def _share(self, places: Values, touching: NDArray[np.intp]) -> float:
         """Share of the places within the circle about the contacts that touch, 1 if there are none."""
-        places, size = self.contacts[:2], self.contacts[3] ** 3
-        if not size.any():
+        own = self.contacts[:, : self.rows.size]
+        if not own.size:
             return 1.0
-        middle = places @ size / size.sum()
-        reach = float(np.hypot(*(places - middle[:, None])).max())
-        inside = np.hypot(x - middle[0], y - middle[1]) <= reach
+        size = own[3] ** 3
+        middle = (own[:2] @ size / size.sum())[:, None]
+        inside = np.hypot(*(places - middle)) <= float(np.hypot(*(own[:2] - middle)).max())
         return float(inside[touching].sum() / inside.sum()) if inside.any() else 1.0
 
 
@@ -286,7 +248,7 @@ def _cover(free, corner, step, discs):  # type: ignore[no-untyped-def]  # pragma
 def _gap_at(px, py, bare, caps, contacts, layer):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
     """The gap at one place, with Hertz's pressure of each contact; infinite outside the box and below a cap.
 
-    ``bare`` holds the limits of the box, the apex and the terms of the undeformed gap.
+    ``bare`` holds the limits of the box, the apex, the undeformed gap there and half the lens's curvature.
     """
     if px < bare[0] or px > bare[1] or py < bare[2] or py > bare[3]:
         return np.inf
@@ -295,7 +257,7 @@ def _gap_at(px, py, bare, caps, contacts, layer):  # type: ignore[no-untyped-def
         if dx * dx + dy * dy < caps[2, k] * caps[2, k]:
             return np.inf
     dx, dy = px - bare[4], py - bare[5]
-    gap = bare[6] + dx * (bare[7] + bare[9] * dx + bare[10] * dy) + dy * (bare[8] + bare[11] * dy)
+    gap = bare[6] + bare[7] * (dx * dx + dy * dy)
     thinness, value, slope = layer
     for k in range(contacts.shape[1]):
         dx, dy = px - contacts[0, k], py - contacts[1, k]

@@ -8,11 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.surfaces import (
-    BASE_COLUMN,
-    base_radius,
-    composite_columns,
-)
+from contactimg.surfaces import base_radius, composite_columns
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -32,8 +28,6 @@ class CompositeSummits:
         Heights above the plane they stand on, in the order of the table.
     discs : ndarray, shape (3, n), m
         Position of each cap on the base and radius of the disc that it covers there.
-    base : ndarray or None, m
-        Height of the base below each summit, where it is not flat.
     place : tuple
         Radius of the lens and position of its apex, m.
     """
@@ -41,7 +35,6 @@ class CompositeSummits:
     apexes: dict[str, Values]
     height: Values
     discs: Values
-    base: Values | None
     place: tuple[float, tuple[float, float]]
 
     @classmethod
@@ -65,9 +58,8 @@ class CompositeSummits:
             return asperities
         apexes = composite_columns(asperities, indenter_radius=indenter_radius, apex=apex)
         x, y, height = asperities[["x_m", "y_m", "height_m"]].to_numpy(dtype=np.float64).T
-        base = asperities[BASE_COLUMN].to_numpy(dtype=np.float64) if BASE_COLUMN in asperities else None
         discs = np.stack([x, y, base_radius(height, asperities["radius_m"])])
-        return cls(apexes, height, discs, base, place)
+        return cls(apexes, height, discs, place)
 
     def __len__(self) -> int:
         return self.height.size

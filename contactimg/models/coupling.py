@@ -251,9 +251,9 @@ class Coupling:
 
         ``saddle`` (2, n) is what the contacts lie in, which makes them elliptic; None for circles.
         """
-        loaded = np.flatnonzero(force * contact_radius)
-        long = elongation(contact_radius, saddle)
-        k = self._kernel
+        loaded, k = np.flatnonzero(force * contact_radius), self._kernel
+        elliptic = np.zeros((2, force.size)) if saddle is None else saddle
+        long = ELONGATION / np.pi * contact_radius**5 * elliptic  # strength of the displacement by that
         table = k.thinness, k.value, k.slope
         sums = _pair_fields(self._x, self._y, loaded, force, contact_radius, long, *table)
         return k.relieved(Fields(*sums), force, contact_radius)
@@ -471,13 +471,6 @@ ELONGATION = 8 / 15
 """Theory: a saddle ``t cos(2 phi) rho^2/2`` over a circle of radius ``a`` changes the pressure such that, to
 first order, the displacement at a distance is ``(8/15) a^5 t cos(2 phi)/(pi r^3)`` less, whatever the
 profile."""
-
-
-def elongation(contact_radius: Values, saddle: Values | None) -> Values:
-    """Strength (2, n) of the displacement by what makes contacts elliptic."""
-    if saddle is None:
-        return np.zeros((2, contact_radius.size))
-    return ELONGATION / np.pi * contact_radius**5 * saddle
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.errors import ConvergenceError, InputError
+from contactimg.errors import InputError
 from contactimg.models.height_distributions import HeightLaw
 from contactimg.models.newton_iteration import MAX_DOUBLINGS
 from contactimg.models.proof import (
@@ -314,22 +314,9 @@ def ring_solution(
 
 
 def prove_rings(solution: RingSolution, errors: dict[str, float], tolerance: float) -> RingSolution:
-    """The solution with its status, once its numbers are finite, no ring pulls and the errors are small."""
-    check_finite(
-        {
-            "radius of a ring": solution.r,
-            "depth": solution.depth,
-            "pressure": solution.pressure,
-            "density": solution.density,
-            "area fraction": solution.area_fraction,
-            "indentation": solution.indentation,
-            "area": solution.area,
-        }
-    )
-    if np.any(solution.pressure < 0):
-        raise ConvergenceError(
-            "a ring of the solution pulls: its heights and loads are too far apart; check units"
-        )
+    """The solution with its status, once its numbers are finite and the errors are small."""
+    names = ("r", "depth", "pressure", "density", "area_fraction", "indentation", "area")
+    check_finite({name.replace("_", " "): getattr(solution, name) for name in names})
     return replace(solution, status=judge(errors, tolerance))
 
 

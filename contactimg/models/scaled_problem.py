@@ -85,24 +85,17 @@ class ScaledProblem:
             order=self.order[rows],
         )
 
-    def duplicates(self) -> tuple[int, int] | None:
-        """Rows in the table of two asperities at the same place; None if there are none."""
-        x, y = self.x, self.y
-        if not np.any(np.diff(np.sort(x)) == 0):
-            return None
-        order = np.lexsort((y, x))
-        same = np.flatnonzero((np.diff(x[order]) == 0) & (np.diff(y[order]) == 0))
-        if not same.size:
-            return None
-        first, second = sorted(int(self.order[order[same[0] + k]]) for k in (0, 1))
-        return first, second
-
     def refuse_duplicates(self) -> None:
         """Raise `ModelRangeError` if two asperities are at the same place."""
-        duplicates = self.duplicates()
-        if duplicates is not None:
+        x, y = self.x, self.y
+        if not np.any(np.diff(np.sort(x)) == 0):
+            return
+        order = np.lexsort((y, x))
+        same = np.flatnonzero((np.diff(x[order]) == 0) & (np.diff(y[order]) == 0))
+        if same.size:
+            first, second = sorted(int(self.order[order[same[0] + k]]) for k in (0, 1))
             raise ModelRangeError(
-                f"asperities: rows {duplicates[0]} and {duplicates[1]} are at the same place; coupled, "
+                f"asperities: rows {first} and {second} are at the same place; coupled, "
                 "either of them could bear the force; remove one"
             )
 

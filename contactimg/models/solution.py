@@ -1,6 +1,6 @@
 """The record of a solved contact problem of single asperities, and its table of contacts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contactimg.models.base_gap import BaseGap, GapField
 from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.conditions import ContactConditions
-from contactimg.models.validity import Validity, assess, contact_flags
+from contactimg.models.validity import Validity, contact_flags
 from contactimg.tables import CONTACTS
 
 Values = NDArray[np.float64]
@@ -47,6 +47,8 @@ class InteractingSolution:
     residual : float
         Sum of ``|p - q|`` over the load, with ``q`` the forces and ``p`` those that follow from the
         penetrations.
+    outside : ndarray, shape (3, k), m and N
+        Positions and forces of what surrounds the table.
     """
 
     force: Values
@@ -60,6 +62,7 @@ class InteractingSolution:
     status: str
     iterations: int
     residual: float
+    outside: Values = field(default_factory=lambda: np.zeros((3, 0)))
 
     @property
     def x(self) -> Values:
@@ -92,19 +95,19 @@ class InteractingSolution:
 
         Without coupling the contacts are independent, and none displaces the plane beside it.
         """
-        discs, rows = self.summits.discs, self.touching
+        rows = self.touching
         pressing = self.force if self.coupling != "none" else np.zeros_like(self.force)
-        heights = self.summits.apexes["height_m"]
-        field = GapField(
+        own = np.stack([self.x[rows], self.y[rows], pressing[rows], self.radius[rows]])
+        outside = np.pad(self.outside, ((0, 1), (0, 0)))
+        gap = GapField(
             self.conditions,
             self.indentation,
-            float(heights.max()) if heights.size else 0.0,
-            discs,
+            float(self.summits.apexes["height_m"].max(initial=-np.inf)),
+            self.summits.discs,
             rows,
-            np.stack([self.x[rows], self.y[rows], pressing[rows], self.radius[rows]]),
-            self.summits.base,
+            np.concatenate([own, outside], axis=1),
         )
-        return field.smallest()
+        return gap.smallest()
 
     @property
     def touching(self) -> NDArray[np.intp]:
@@ -121,7 +124,7 @@ class InteractingSolution:
         """How far the solution is from the limits of the model."""
         rows = self.touching
         radius = self.composite_radius[rows]
-        return assess(self.x[rows], self.y[rows], self.radius[rows], radius=radius, planes=self.base_gap)
+        return Validity.of(self.x[rows], self.y[rows], self.radius[rows], radius=radius, planes=self.base_gap)
 
     def contacts(self, frame: str = "") -> pd.DataFrame:
         """The contacts as a table of the schema `CONTACTS`, in the order of the asperities.

@@ -17,7 +17,7 @@ from contactimg.models.coupling import Kernel
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import RingSolution, solve_greenwood_williamson
 from contactimg.models.height_distributions import SampleHeights
-from contactimg.surfaces import BASE_COLUMN, composite_apexes
+from contactimg.surfaces import composite_apexes
 
 Values = NDArray[np.float64]
 
@@ -128,18 +128,20 @@ class MeanField:
         """Share of the load that is carried outside."""
         return self.load / self.rings.load
 
+    @cached_property
+    def sources(self) -> Values:
+        """Positions (m) and forces (N) of the loaded cells, shape (3, k)."""
+        forces = self._over_cells(self.rings.pressure)
+        return np.stack([*self._cells[0], forces])[:, forces > 0]
+
     def displacement(self, x: Values, y: Values) -> Values:
         """Displacement of the surface at places in the rectangle by the forces outside, m."""
-        places, _, _ = self._cells
-        force = self._over_cells(self.rings.pressure) / self.contact_modulus
-        loaded = np.flatnonzero(force)
-        return self.kernel.displacement(x, y, places[:, loaded], force[loaded])
+        return self.kernel.displacement(x, y, self.sources[:2], self.sources[2] / self.contact_modulus)
 
     def around(self, asperities: pd.DataFrame) -> pd.DataFrame:
-        """The table on the surface as the forces outside have displaced it."""
+        """The table on the surface as the forces outside have displaced it: its summits lie lower."""
         sunk = self.displacement(*asperities[["x_m", "y_m"]].to_numpy(float).T)
-        base = asperities[BASE_COLUMN].to_numpy(float) if BASE_COLUMN in asperities else np.zeros(sunk.size)
-        return asperities.assign(**{BASE_COLUMN: base - sunk})
+        return asperities.assign(height_m=asperities["height_m"] - sunk)
 
     def sinking(self, asperities: pd.DataFrame) -> float:
         """Excess (m) of the indentation from first touch over that of the table `around`."""

@@ -44,6 +44,16 @@ class Validity:
     n_overlapping: int
     planes: BaseGap
 
+    @classmethod
+    def of(
+        cls, x: Values, y: Values, contact_radius: Values, *, radius: Values, planes: BaseGap
+    ) -> "Validity":
+        """The summary of a solution from arrays over its contacts, in m."""
+        strain = contact_radius / radius
+        largest = float(strain.max(initial=0.0)) if strain.size else np.nan
+        beyond, merged = np.sum(strain > HERTZ_LIMIT), np.sum(overlapping(x, y, contact_radius))
+        return cls(strain.size, largest, int(beyond), int(merged), planes)
+
     @property
     def base_gap(self) -> float:
         """Smallest gap between the lens and the plane between the caps, m; below zero the planes touch."""
@@ -130,23 +140,3 @@ def contact_flags(x: Values, y: Values, contact_radius: Values, radius: Values) 
     """`Flag` values of contacts: ``BEYOND_HERTZ`` and ``OVERLAP``."""
     flags = np.where(contact_radius > HERTZ_LIMIT * radius, int(Flag.BEYOND_HERTZ), 0)
     return flags + np.where(overlapping(x, y, contact_radius), int(Flag.OVERLAP), 0)
-
-
-def assess(
-    x: Values,
-    y: Values,
-    contact_radius: Values,
-    *,
-    radius: Values,
-    planes: BaseGap,
-) -> Validity:
-    """Summarise a solution from arrays over its contacts, in m."""
-    count = contact_radius.size
-    strain = contact_radius / radius
-    return Validity(
-        n_contacts=count,
-        max_strain=float(strain.max()) if count else np.nan,
-        n_beyond_hertz=int(np.sum(strain > HERTZ_LIMIT)),
-        n_overlapping=int(np.sum(overlapping(x, y, contact_radius))),
-        planes=planes,
-    )

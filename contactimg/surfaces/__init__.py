@@ -6,7 +6,6 @@ lens), `patterns` (the random patterns SA, RA- and RA+, or caps of any law).
 """
 
 from contactimg.surfaces.asperity_table import (
-    BASE_COLUMN,
     LENGTH_RANGE_M,
     base_radius,
     check_asperities,
@@ -23,7 +22,6 @@ from contactimg.surfaces.patterns import (
 )
 
 __all__ = [
-    "BASE_COLUMN",
     "LENGTH_RANGE_M",
     "CapLaw",
     "DropletCaps",

@@ -18,9 +18,6 @@ LENGTH_RANGE_M = (1e-15, 1e9)
 """Range of radii; coordinates and heights are limited by its upper end. Theory: the powers of lengths that
 the models form stay within floating-point numbers."""
 
-BASE_COLUMN = "base_m"
-"""Column of the height of the sample below a summit, over the plane of reference; flat without it."""
-
 
 def base_radius(height: ArrayLike, radius: ArrayLike) -> Values:
     """Radius of the disc that a spherical cap covers: ``sqrt(2 R h - h^2)``.
@@ -52,8 +49,7 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     asperities : DataFrame
-        Columns ``x_m, y_m, height_m, radius_m``, and ``base_m`` where the sample is not flat; others are left
-        out.
+        Columns ``x_m, y_m, height_m, radius_m``; others are left out.
 
     Returns
     -------
@@ -89,8 +85,6 @@ def _checked_columns(asperities: pd.DataFrame) -> dict[str, Values]:
             f"asperities: column {missing[0]!r} is missing; it needs {', '.join(ASPERITIES.first)}"
         )
     columns = {name: _finite_column(asperities, name) for name in ASPERITIES.first}
-    if BASE_COLUMN in asperities:
-        columns[BASE_COLUMN] = _finite_column(asperities, BASE_COLUMN)
     radius = columns["radius_m"]
     if (row := _first(radius <= 0)) is not None:
         raise InputError(
@@ -194,12 +188,11 @@ def composite_columns(
             f"apex at {apex!r} m, farther than its radius of {indenter_radius:.3g} m; "
             "check x_m, y_m and the apex"
         )
-    base = table.get(BASE_COLUMN, 0.0)
     nearness = R / indenter_radius  # R/Rl: zero under a flat
     drop = squared / (2 * R) * (nearness / (1 + nearness))
     return {
         "x_m": x0 + dx / (1 + nearness),
         "y_m": y0 + dy / (1 + nearness),
-        "height_m": table["height_m"] + base - drop,
+        "height_m": table["height_m"] - drop,
         "radius_m": R / (1 + nearness),
     }
