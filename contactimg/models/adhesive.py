@@ -375,14 +375,22 @@ class AdhesivePath:
         return AdhesiveState(rows, self._equations(rows), balance, p.indentation - p.gap)
 
     def _penetrations(self, rows: Rows, balance: Balance) -> Values:
-        """JKR's penetrations in contact; elsewhere the overlap with the displaced surface."""
-        p = self.problem
-        overlap = balance.indentation - p.gap
+        """JKR's penetrations in contact; the overlap of the surfaces where the lens reaches; else the gap."""
+        p, depth = self.problem, balance.indentation - self.problem.gap
+        near = np.flatnonzero(depth > 0)
         if self.kernel is not None:
-            p.part(np.union1d(np.flatnonzero(overlap > 0), rows)).refuse_duplicates()
+            p.part(np.union1d(near, rows)).refuse_duplicates()
+        depth[near] = self._overlaps(near, rows, balance)
+        depth[rows] = self.law.penetration(balance.variable, p.caps[rows])
+        return depth
+
+    def _overlaps(self, places: Rows | slice, rows: Rows, balance: Balance) -> Values:
+        """Overlaps of some asperities with the lens as the contacts displace the surface."""
+        p = self.problem
+        overlap = balance.indentation - p.gap[places]
+        if self.kernel is not None and rows.size:
             sources = np.stack([p.x, p.y])[:, rows]
-            overlap -= self.kernel.displacement(p.x, p.y, sources, balance.force)
-        overlap[rows] = self.law.penetration(balance.variable, p.caps[rows])
+            overlap -= self.kernel.displacement(p.x[places], p.y[places], sources, balance.force)
         return overlap
 
     def _refuse_engulfed(self, rows: Rows, equations: BalanceEquations, balance: Balance) -> None:
@@ -428,7 +436,7 @@ class AdhesivePath:
                 f"the load of {load * p.force_unit:.6g} N is below the accuracy of the adhesive forces, "
                 f"{total * p.force_unit:.3g} N: they sum to the load within {away * p.force_unit:.3g} N"
             )
-        overlap = np.delete(state.penetration, rows)
+        overlap = np.delete(self._overlaps(slice(None), rows, state.balance), rows)
         overlap = overlap[overlap > 0] * p.depth
         if overlap.size and float(overlap.max()) > MAX_RELATIVE_ERROR * size * p.depth:
             return (

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -104,14 +105,12 @@ def solve_ensemble(
     solve = partial(
         _solve_member,
         kind,
-        loads=tuple(float(load) for load in loads),
-        side=side,
         seed=seed,
-        coverage=coverage,
+        modulus=(contact_modulus, contact_modulus_std),
         couplings=tuple(couplings),
+        surface={"side": side, "coverage": coverage},
+        loads=tuple(float(load) for load in loads),
         indenter_radius=indenter_radius,
-        contact_modulus=contact_modulus,
-        contact_modulus_std=contact_modulus_std,
     )
     members = ((k,) for k in range(first, patterns))
     yield from in_parallel(solve, members, count=patterns - first, workers=workers)
@@ -121,33 +120,26 @@ def _solve_member(
     kind: str | CapLaw | DrawnSurface,
     index: int,
     *,
-    loads: tuple[float, ...],
-    side: float,
     seed: int,
-    coverage: float | None,
+    modulus: tuple[float, float],
     couplings: tuple[str, ...],
+    surface: dict[str, Any],
+    loads: tuple[float, ...],
     indenter_radius: float,
-    contact_modulus: float,
-    contact_modulus_std: float,
 ) -> EnsembleMember:
     """Generate and solve one pattern with its own random stream, the child of the seed by its index."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-    if contact_modulus_std:
-        contact_modulus = float(rng.normal(contact_modulus, contact_modulus_std))
+    mean, std = modulus
+    if std:
+        mean = float(rng.normal(mean, std))
     if callable(kind):
         kind, coverage = kind(rng)
-    pattern = generate_asperities(kind, side=side, coverage=coverage, rng=rng)
-    apex = (side / 2, side / 2)
-    summits = CompositeSummits.of(pattern, indenter_radius=indenter_radius, apex=apex)
+        surface = surface | {"coverage": coverage}
+    pattern = generate_asperities(kind, **surface, rng=rng)
+    where: dict[str, Any] = {"indenter_radius": indenter_radius, "apex": (surface["side"] / 2,) * 2}
+    summits = CompositeSummits.of(pattern, **where)
     solutions = {}
     for coupling in couplings:
-        sweep = solve_loads(
-            summits,
-            loads=loads,
-            indenter_radius=indenter_radius,
-            contact_modulus=contact_modulus,
-            apex=apex,
-            coupling=coupling,
-        )
+        sweep = solve_loads(summits, loads=loads, contact_modulus=mean, coupling=coupling, **where)
         solutions.update({(coupling, load): one for load, one in zip(loads, sweep, strict=True)})
     return EnsembleMember(index, solutions)

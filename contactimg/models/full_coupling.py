@@ -46,34 +46,6 @@ SPHERE_WIDENING = 8 / 105
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeCurvature:
-    """The curvature of caps as the edge of the contact meets it; of a paraboloid simply ``1/R``.
-
-    Parameters
-    ----------
-    value : ndarray
-        ``k = delta'(a)/(2 a)``.
-    growth : ndarray
-        ``(dk/da)/a``; zero for a paraboloid.
-    mean : ndarray
-        ``3 p/(4 E* a^3)``.
-    """
-
-    value: Values
-    growth: Values
-    mean: Values
-
-    @classmethod
-    def of(cls, radius: Values, contact_radius: Values, aspect: float) -> "EdgeCurvature":
-        """The curvature of paraboloids (``aspect`` 0) or spheres."""
-        if not aspect:
-            return cls(1 / radius, np.zeros_like(radius), 1 / radius)
-        ratio = np.minimum(aspect * contact_radius / radius, MAX_RATIO)
-        value, growth, mean = sphere.scaled_curvatures(ratio)
-        return cls(value / radius, growth * aspect**2 / radius**3, mean / radius)
-
-
-@dataclass(frozen=True, eq=False)
 class CapCorrection:
     """What the neighbours' fields change about the caps.
 
@@ -103,12 +75,22 @@ class CapCorrection:
         order ``a G^2/k`` and ``4/9 a^3 t^2/k``, by the reciprocal theorem. The area follows from the
         stiffness, which is that of a flat punch. A circle of lower gap and smaller curvature has both.
         """
-        edge = EdgeCurvature.of(radius, contact_radius, aspect)
-        curvatures = np.stack([edge.value, edge.growth, edge.mean])
         terms = _correction_terms(
-            np.stack(fields), bounded_saddle(fields, radius), radius, contact_radius, curvatures
+            np.stack(fields),
+            bounded_saddle(fields, radius),
+            radius,
+            contact_radius,
+            _edge_curvatures(radius, contact_radius, aspect),
         )
         return cls(terms[0], terms[1], terms[2], terms[3], bends=np.ascontiguousarray(terms[4:].T))
+
+
+def _edge_curvatures(radius: Values, contact_radius: Values, aspect: float) -> Values:
+    """``k = delta'(a)/(2 a)``, ``(dk/da)/a``, ``3 p/(4 E* a^3)``; paraboloids have ``aspect`` 0."""
+    if not aspect:
+        return np.stack([1 / radius, np.zeros_like(radius), 1 / radius])
+    value, growth, mean = sphere.scaled_curvatures(np.minimum(aspect * contact_radius / radius, MAX_RATIO))
+    return np.stack([value / radius, growth * aspect**2 / radius**3, mean / radius])
 
 
 @njit(cache=True, error_model="numpy")

@@ -17,9 +17,9 @@ from contactimg.effects.plan import SAFETY_FACTOR, decide, make_plan
 from contactimg.files import read_scene, write_scene
 from contactimg.mechanics import layer, sphere
 from contactimg.models import contact_solver, interacting
+from contactimg.models.adhesive import TouchingCaps
 from contactimg.models.asperity_laws import SphereLaw
 from contactimg.models.coupling import DenseCoupling
-from contactimg.models.dense_balance import BalanceEquations
 from contactimg.models.full_coupling import FieldCorrection
 from contactimg.prediction import predict_contacts
 from contactimg.scene import Effects, scene_from_dict
@@ -182,7 +182,7 @@ def counted(monkeypatch):
     count(SphereLaw, "respond", "sphere")
     count(sphere, "scaled_indentation", "sphere")  # on a layer, and with adhesion
     count(layer, "deficit_table", "layer")
-    count(BalanceEquations, "direction", "adhesion")
+    count(TouchingCaps, "slopes", "adhesion")
     assert contact_solver.FieldCorrection is FieldCorrection
     assert interacting.asperity_law("sphere", aspect=1.0) == SphereLaw(1.0)
     return counts
