@@ -76,10 +76,8 @@ def read_render_settings(scene: Scene) -> RenderSettings:
     }
     if scene.effects.film == "on":
         effects.add("film")
-    settings = RenderSettings(simulate, frozenset(effects))
-    _check_noise(settings)
-    _check_light(settings)
-    return settings
+    _refuse_contradictions(simulate, effects)
+    return RenderSettings(simulate, frozenset(effects))
 
 
 def lamp(keys: FilmLight | Simulate) -> Light:
@@ -115,20 +113,15 @@ def point_spread(settings: RenderSettings) -> tuple[Psf, Halo | None]:
     return core, Halo(simulate.halo_fraction, float(np.sqrt(simulate.halo_sigma_px**2 - sigma**2)))
 
 
-def _check_noise(settings: RenderSettings) -> None:
-    """Raise if noise is switched on without a number of electrons per level."""
+def _refuse_contradictions(simulate: Simulate, effects: set[str]) -> None:
+    """Raise for noise without a number of electrons, and optical parameters that have no meaning together."""
     for effect in ("shot_noise", "read_noise"):
-        if effect in settings.effects and settings.simulate.electrons_per_level == 0:
+        if effect in effects and simulate.electrons_per_level == 0:
             raise InputError(
                 f"[simulate] {effect} needs electrons_per_level above 0, got 0; give it or set "
                 f'[effects] {effect} = "off"'
             )
-
-
-def _check_light(settings: RenderSettings) -> None:
-    """Raise for combinations of optical parameters that have no meaning."""
-    simulate = settings.simulate
-    if "blur" in settings.effects and simulate.psf == "halo" and simulate.halo_sigma_px <= simulate.blur_px:
+    if "blur" in effects and simulate.psf == "halo" and simulate.halo_sigma_px <= simulate.blur_px:
         raise InputError(
             f"[simulate] halo_sigma_px must exceed blur_px ({simulate.blur_px:g}), "
             f"got {simulate.halo_sigma_px:g}"
@@ -138,7 +131,7 @@ def _check_light(settings: RenderSettings) -> None:
             f"[simulate] contrast_levels ({simulate.contrast_levels:g}) must not exceed the background "
             f"({simulate.background_levels:g}) downwards: a contact cannot be darker than black"
         )
-    if "film" in settings.effects and simulate.edge_softness_px > 0:
+    if "film" in effects and simulate.edge_softness_px > 0:
         raise InputError(
             "[simulate] edge_softness_px must be 0 with the film on, which has an edge of its own; "
             f"got {simulate.edge_softness_px:g}"

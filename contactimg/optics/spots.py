@@ -6,7 +6,6 @@ Blurring and averaging are linear, so contacts that share no fine cell are rende
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,16 +74,14 @@ class Spots:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class FilmSpots:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FilmSpots(Spots):
     """Hertz contacts and the light that the air film around them lets through; made by `surround_with_film`.
 
     Parameters
     ----------
-    spots : Spots
-        With a sharp edge.
     gaps : ndarray, shape (n, k), m
-        Gap at equally spaced distances from each edge.
+        Gap at equally spaced distances from each edge, which is sharp.
     spacing_px : ndarray, shape (n,)
         That spacing.
     excess : ExcessTable
@@ -92,34 +89,22 @@ class FilmSpots:
         Period of the finest fringe that shows.
     """
 
-    spots: Spots
     gaps: Values
     spacing_px: Values
     excess: ExcessTable
     fringe_px: float
 
     @property
-    def x_px(self) -> Values:
-        """Columns of the centres."""
-        return self.spots.x_px
-
-    @property
-    def y_px(self) -> Values:
-        """Rows of the centres."""
-        return self.spots.y_px
-
-    @property
     def extent_px(self) -> Values:
         """Distance from its centre beyond which the halo of each contact has ended."""
-        return self.spots.extent_px + self.spacing_px * (GAP_POINTS - 1)
+        return super().extent_px + self.spacing_px * (GAP_POINTS - 1)
 
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
         """Mean light in each cell; where halos meet, that of the thinnest film counts."""
-        disks = np.column_stack([self.spots.disks, self.spacing_px])
         return film_cells(
             shape,
-            disks[chosen],
-            self.spots.outline_px[chosen],
+            np.column_stack([self.disks, self.spacing_px])[chosen],
+            self.outline_px[chosen],
             self.gaps[chosen],
             self.excess.values,
             self.excess.step,
@@ -155,38 +140,16 @@ def surround_with_film(
     slopes = np.diff(gaps, axis=1) / spacing[:, None]
     steepest = float(slopes.max(where=gaps[:, 1:] <= excess.fades_at(FRINGE_CONTRAST_FRACTION), initial=0.0))
     fringe = excess.light.wavelength / 2 / steepest if steepest else np.inf
-    return FilmSpots(spots, gaps, spacing / pixel_size, excess, fringe / pixel_size)
+    film = {"gaps": gaps, "spacing_px": spacing / pixel_size, "fringe_px": fringe / pixel_size}
+    return FilmSpots(**vars(spots), excess=excess, **film)
 
 
-class Sampled(Protocol):
-    """Interface of spots: centres, extents, and the light on a grid of fine cells."""
-
-    @property
-    def x_px(self) -> Values:
-        """Columns of the centres."""
-        ...
-
-    @property
-    def y_px(self) -> Values:
-        """Rows of the centres."""
-        ...
-
-    @property
-    def extent_px(self) -> Values:
-        """Distance from the centre beyond which each spot is dark."""
-        ...
-
-    def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
-        """Mean light of the chosen spots in each cell of a grid whose first cell is centred at ``origin``."""
-        ...
-
-
-def spots_image(spots: Sampled, *, shape: tuple[int, int], psf: Psf, halo: Halo | None = None) -> Values:
+def spots_image(spots: Spots, *, shape: tuple[int, int], psf: Psf, halo: Halo | None = None) -> Values:
     """Compute the light of spots on the pixels, blurred and averaged over each pixel.
 
     Parameters
     ----------
-    spots : Spots, FilmSpots or another `Sampled`
+    spots : Spots
     shape : (int, int)
         Rows and columns of the image.
     psf : Psf

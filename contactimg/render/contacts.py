@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import InputError
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import RenderSettings, lamp
-from contactimg.optics.spots import FilmSpots, Spots, elliptic_outlines, rough_outlines, surround_with_film
+from contactimg.optics.spots import Spots, elliptic_outlines, rough_outlines, surround_with_film
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
@@ -76,7 +76,7 @@ def contact_spots(
     *,
     sphere_radius: ArrayLike | None,
     rng: np.random.Generator,
-) -> Spots | FilmSpots:
+) -> Spots:
     """Contacts as spots of light, with their brightness, edges and air film.
 
     Parameters
@@ -92,7 +92,7 @@ def contact_spots(
 
     Returns
     -------
-    Spots or FilmSpots
+    Spots
         One per contact whose radius is not 0.
 
     Raises

@@ -15,7 +15,7 @@ from contactimg.frame import Frame
 from contactimg.optics.psf import Psf
 from contactimg.optics.render_settings import RenderSettings, point_spread, read_render_settings
 from contactimg.optics.sensor import add_read_noise, add_shot_noise, digitise
-from contactimg.optics.spots import Sampled, spots_image
+from contactimg.optics.spots import Spots, spots_image
 from contactimg.optics.synthetic_background import dust_shadow, light_falloff, surface_texture
 from contactimg.render.contacts import contact_spots, place_contacts
 from contactimg.render.smooth import smooth_contact, smooth_contact_spot
@@ -203,7 +203,7 @@ def render_smooth_contact(
 
 @stage("rendering")
 def _render(
-    spots: Sampled,
+    spots: Spots,
     settings: RenderSettings,
     shift: Shift,
     streams: list[np.random.Generator],

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import RenderSettings, lamp
-from contactimg.optics.spots import FilmSpots, Spots
+from contactimg.optics.spots import Spots
 from contactimg.optics.wide_edge import EdgeLight, edge_light, film_opening
 from contactimg.render.contacts import contact_spots
 from contactimg.scene import Scene
@@ -20,22 +20,17 @@ Values = NDArray[np.float64]
 MIN_WIDTH_CELLS = 1e-3  # width of the average across an edge parallel to the grid; chosen to avoid 0/0
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothSpot:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SmoothSpot(Spots):
     """A wide disk of light with an air film around it.
 
     Parameters
     ----------
-    x_px, y_px, radius_px, brightness : ndarray, shape (1,)
     edge : EdgeLight
         Light across its edge, m.
     pixel_size : float, m
     """
 
-    x_px: Values
-    y_px: Values
-    radius_px: Values
-    brightness: Values
     edge: EdgeLight
     pixel_size: float
 
@@ -88,7 +83,7 @@ def smooth_contact(load: float, scene: Scene, *, name: str) -> pd.DataFrame:
 
 def smooth_contact_spot(
     truth: pd.DataFrame, scene: Scene, settings: RenderSettings, *, rng: np.random.Generator
-) -> Spots | FilmSpots | SmoothSpot:
+) -> Spots:
     """The contact as a spot of light, with the JKR gap in the air film if the film is on.
 
     Parameters
@@ -115,4 +110,5 @@ def smooth_contact_spot(
     x_px, y_px, radius_px = (truth[column].to_numpy(float) for column in ("x_px", "y_px", "radius_px"))
     pixel_size = scene.need("camera", "rendering the air film").pixel_size
     brightness = 1 + settings.simulate.brightness_spread * rng.standard_normal(1)
-    return SmoothSpot(x_px, y_px, radius_px, brightness, edge, pixel_size)
+    disk = x_px, y_px, radius_px, brightness, np.zeros((1, 1))
+    return SmoothSpot(*disk, edge=edge, pixel_size=pixel_size)

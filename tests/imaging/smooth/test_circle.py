@@ -70,7 +70,7 @@ def test_smooth_spot_without_film_is_a_disk():
     one = np.ones(1)
     psf = gaussian_psf(1.4, sampling=4)
     disk = Spots(61.3 * one, 48.8 * one, 30.2 * one, one, np.zeros((1, 1)))
-    smooth = SmoothSpot(61.3 * one, 48.8 * one, 30.2 * one, one, EdgeLight(np.zeros(1), np.zeros(0)), PIXEL)
+    smooth = SmoothSpot(**vars(disk), edge=EdgeLight(np.zeros(1), np.zeros(0)), pixel_size=PIXEL)
     images = [spots_image(spot, shape=(100, 120), psf=psf) for spot in (disk, smooth)]
     # an edge straight across a cell of 1/4 px: (1/4)^2/(8 x 30) = 3e-4 px of the edge, 1e-4 of a pixel
     assert np.abs(images[0] - images[1]).max() < 2e-4
