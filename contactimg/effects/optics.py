@@ -12,7 +12,6 @@ from functools import partial
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import special
 
 from contactimg.effects.output_change import OUTPUTS, POWER, EffectEstimate
 from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
@@ -327,6 +326,7 @@ def _reason(effect: str, camera: Camera) -> str:
         "blur": f"blur of {simulate.blur_px:g} px on radii of {radius.min():.2g} to {radius.max():.2g} px",
         "vignetting": f"the light falls to {1 - simulate.vignetting:.2g} of that at the centre",
         "light_drift": f"{100 * simulate.light_drift:.2g} % more light than in the reference",
+        "position_drift": f"drift of {simulate.position_drift_px:.2g} px, corrected",
         "saturation": f"contacts of {brightest:.3g} levels under a full scale of {2**simulate.bit_depth - 1}",
         "dust": f"{simulate.dust_count} grains among the contacts",
         "edge_roughness": f"edges deviate by {simulate.edge_roughness_px:.2g} px",
@@ -364,12 +364,10 @@ def estimate_optics(scene: Scene, contacts: pd.DataFrame) -> tuple[EffectEstimat
     camera = None if part is None else Camera(part)
     if camera is not None and NO_FILM not in _film_reason(camera) and scene.effects.film != "off":
         shown |= {"film"}
-    return tuple(_estimate(effect, scene, contacts, camera, shown) for effect in OPTICS)
+    return tuple(_estimate(effect, scene, camera, shown) for effect in OPTICS)
 
 
-def _estimate(
-    effect: str, scene: Scene, contacts: pd.DataFrame, camera: Camera | None, shown: Shown
-) -> EffectEstimate:
+def _estimate(effect: str, scene: Scene, camera: Camera | None, shown: Shown) -> EffectEstimate:
     """The estimate of one effect."""
     simulate = scene.need("simulate", "the effects of optics and sensor")
     output = scene.tolerance.output
@@ -381,41 +379,9 @@ def _estimate(
         return EffectEstimate(effect, 0.0, f"{parameter} is 0")
     if camera is None:
         return EffectEstimate(effect, 0.0, "no contact lies in the frame")
-    if effect == "position_drift":
-        leaving, changes = _leaving_contacts(scene, contacts, outputs)
-        return EffectEstimate(effect, max(changes.values()), leaving, changes)
     reason = _reason(effect, camera)
-    if NO_FILM in reason or (effect == "saturation" and not _clips(camera, shown)):
+    camera.measure(shown)  # tells whether any pixel reaches full scale or zero
+    if NO_FILM in reason or (effect == "saturation" and not camera.clipped):
         return EffectEstimate(effect, 0.0, reason)
     changes = {name: camera.change(name, effect, shown) for name in outputs}
     return EffectEstimate(effect, max(changes.values()), reason, changes)
-
-
-def _clips(camera: Camera, shown: Shown) -> bool:
-    """Whether any pixel reaches full scale or zero."""
-    camera.measure(shown)
-    return camera.clipped
-
-
-def _leaving_contacts(
-    scene: Scene, contacts: pd.DataFrame, outputs: tuple[str, ...]
-) -> tuple[str, dict[str, float]]:
-    """Contacts moved out of or into the frame by a drift of position; the alignment corrects the rest."""
-    simulate = scene.need("simulate", "the effects of optics and sensor")
-    sigma, pose = simulate.position_drift_px, scene.pose(simulate.shape)
-    x, y = pose.to_pixels(contacts["x_m"].to_numpy(float), contacts["y_m"].to_numpy(float))
-    shown, inside = np.ones(len(contacts)), np.ones(len(contacts))
-    for place, length in ((x, simulate.shape[1]), (y, simulate.shape[0])):
-        low, high = (-0.5 - place) / sigma, (length - 0.5 - place) / sigma
-        shown *= special.ndtr(high) - special.ndtr(low)
-        inside *= (low < 0) & (high > 0)
-    changes = {}
-    for output in outputs:
-        amount = contacts["radius_m"].to_numpy(float) ** POWER[output]
-        step = amount * (shown - inside)
-        if output == "radius":
-            changes[output] = float(np.sqrt(np.sum(step**2) / np.sum((amount * inside) ** 2)))
-        else:
-            changes[output] = abs(float(step.sum())) / float(amount @ inside)
-    leaving = float(np.sum(np.maximum(inside - shown, 0.0)))
-    return f"{sigma:.2g} px, corrected; {leaving:.2g} of {inside.sum():.0f} contacts leave the frame", changes
