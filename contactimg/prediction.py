@@ -20,6 +20,7 @@ from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.mechanics import hertz
 from contactimg.models.base_gap import MAX_TOUCHING_SHARE
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import (
     RingSolution,
@@ -238,17 +239,12 @@ def _without_mean_field(scene: Scene, asperities: pd.DataFrame) -> str:
 def _mean_field(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool) -> MeanField:
     """The mean field of a table at a load."""
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
-    return MeanField.of(
-        asperities,
-        table_rectangle(scene.asperities or Asperities(), asperities),
-        load=load,
-        indenter_radius=indenter.radius,
-        contact_modulus=elastic.contact_modulus,
-        apex=indenter.apex,
-        thickness=elastic.thickness if scene.effects.layer == "on" and elastic.thickness else np.inf,
-        poisson_ratio=elastic.poisson_ratio,
-        coupled=coupled,
+    layer = elastic.thickness if scene.effects.layer == "on" and elastic.thickness else np.inf
+    conditions = ContactConditions(
+        indenter.radius, elastic.contact_modulus, indenter.apex, layer, load, None, elastic.poisson_ratio
     )
+    rectangle = table_rectangle(scene.asperities or Asperities(), asperities)
+    return MeanField.of(asperities, rectangle, conditions, coupled=coupled)
 
 
 def table_rectangle(section: Asperities, asperities: pd.DataFrame) -> NDArray[np.float64]:

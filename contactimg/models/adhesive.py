@@ -145,8 +145,8 @@ def solve_adhesive(
     )
     conditions.check()
     problem = scale_problem(asperities, conditions, depth=_depth_unit(asperities, conditions, w))
-    held = start if start is not None and start.radius.any() else None  # without contacts nothing is held
-    if held is None:  # the contacts without adhesion are the least that first loading brings about
+    first = start is None or not start.radius.any()  # without contacts nothing is held
+    if start is None or first:  # contacts without adhesion are the least that first loading brings about
         start = solve_interacting(
             asperities,
             indenter_radius=indenter_radius,
@@ -172,7 +172,7 @@ def solve_adhesive(
         tolerance,
         max_iterations,
     )
-    state, steps = path.follow(start, first=held is None)
+    state, steps = path.follow(start, first=first)
     solution = problem.record(
         *state.scattered(problem.order.size),
         indentation=state.balance.indentation,
@@ -185,13 +185,7 @@ def solve_adhesive(
 
 
 def solve_adhesive_path(
-    asperities: pd.DataFrame,
-    *,
-    loads: Iterable[float],
-    indenter_radius: float,
-    contact_modulus: float,
-    work_of_adhesion: float,
-    **options: Any,
+    asperities: pd.DataFrame, *, loads: Iterable[float], **options: Any
 ) -> Iterator[InteractingSolution]:
     """Load and unload: one solution per load, in order, with contacts persisting from load to load.
 
@@ -200,11 +194,9 @@ def solve_adhesive_path(
     asperities : DataFrame
     loads : iterable of float, N
         Up and down, in steps so small that half of them lead to the same contacts; a pull is negative.
-    indenter_radius : float, m
-    contact_modulus : float, Pa
-    work_of_adhesion : float, J/m^2
     **options
-        Further keywords of `solve_adhesive` that hold for every load.
+        Keywords of `solve_adhesive` that hold for every load: ``indenter_radius``, ``contact_modulus``,
+        ``work_of_adhesion`` and any other.
 
     Yields
     ------
@@ -220,15 +212,7 @@ def solve_adhesive_path(
     """
     previous = None
     for load in loads:
-        previous = solve_adhesive(
-            asperities,
-            indenter_radius=indenter_radius,
-            contact_modulus=contact_modulus,
-            work_of_adhesion=work_of_adhesion,
-            load=float(load),
-            start=previous,
-            **options,
-        )
+        previous = solve_adhesive(asperities, load=float(load), start=previous, **options)
         yield previous
 
 
@@ -408,7 +392,7 @@ class AdhesivePath:
 
     def prove(self, solution: InteractingSolution, state: AdhesiveState) -> str:
         """Status of a solution, from what follows of its numbers; an error if they contradict each other."""
-        p, rows, load = self.problem, state.rows, self.problem.load
+        p, rows, load = self.problem, state.rows, self.problem.load or 0.0
         check_finite(
             {"force": solution.force, "contact radius": solution.radius, "indentation": solution.indentation}
         )
@@ -417,17 +401,16 @@ class AdhesivePath:
         depth = solution.indentation / p.depth - p.gap[rows]
         size = max(float(np.abs(depth).max(initial=0.0)), 1.0)
         total = float(np.sum(np.abs(force) + np.sqrt(8 * np.pi * self.law.adhesion * radius**3)))
-        away = abs(float(force.sum()) - (load or 0.0))
-        errors = {"sum of the forces": 0.0 if load is None else away / (abs(load) or total or 1.0)}
+        away = 0.0 if p.load is None else abs(float(force.sum()) - load)
+        errors = {"sum of the forces": away / (abs(load) or total or 1.0)}
         if rows.size:
             self._refuse_engulfed(rows, state.equations, state.balance)
             penetration, law_force = state.equations.law.response(radius)
             errors["forces at the contact radii"] = float(np.abs(law_force - force).sum()) / total
             error = penetration - depth + state.equations.matrix @ force
             errors["penetrations"] = float(np.abs(error).max()) / size
-        below = (
-            load and errors["sum of the forces"] > MAX_RELATIVE_ERROR and away <= ROUNDING_FRACTION * total
-        )
+        unbalanced = errors["sum of the forces"] > MAX_RELATIVE_ERROR
+        below = load != 0 and unbalanced and away <= ROUNDING_FRACTION * total
         if below:
             errors["sum of the forces"] = 0.0
         status = judge(errors, self.tolerance)

@@ -6,12 +6,10 @@ returns half the stiffness in place of ``a``.
 """
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from contactimg.compiled import njit
 from contactimg.mechanics import sphere
@@ -140,10 +138,6 @@ LAWS = ("hertz", "sphere")
 def asperity_law(name: str, *, aspect: float) -> AsperityLaw:
     """The law of a name, for units with the given aspect (height over length)."""
     return HertzLaw() if name == "hertz" else SphereLaw(aspect)
-
-
-TABLE_NODES = 401
-"""Nodes of `paraboloid_table`: interpolation is good to 1e-10, and a Newton step leaves the square of it."""
 
 
 @dataclass(frozen=True)
@@ -307,7 +301,7 @@ class LayerLaw:
         force, half_stiffness = np.zeros_like(penetration), np.zeros_like(penetration)
         rows = np.flatnonzero(penetration > 0)
         touching = caps[rows]
-        a = self._contact_radius(penetration[rows], touching)
+        a = self.contact.contact_radius(penetration[rows], touching)
         slope, steepness = self.contact.slopes(a, touching)
         beyond = np.maximum(penetration[rows] - self.contact.penetration(a, touching), 0.0)
         beyond[a < self.contact.widest(touching)] = 0.0
@@ -319,23 +313,5 @@ class LayerLaw:
         """Contact radii at penetrations; zero where these are negative."""
         result = np.zeros_like(penetration)
         rows = np.flatnonzero(penetration > 0)
-        result[rows] = self._contact_radius(penetration[rows], caps[rows])
+        result[rows] = self.contact.contact_radius(penetration[rows], caps[rows])
         return result
-
-    def _contact_radius(self, penetration: Values, caps: Caps) -> Values:
-        """Contact radii at positive penetrations; of paraboloids by one Newton step from a table."""
-        if self.contact.aspect or caps.bends is not None:
-            return self.contact.contact_radius(penetration, caps)
-        depth, inverse = paraboloid_table(self.contact.poisson_ratio)
-        root = np.sqrt(penetration * caps.radius) / self.contact.thickness
-        a = self.contact.thickness * inverse(np.minimum(root, depth))
-        step = (self.contact.penetration(a, caps) - penetration) / self.contact.slopes(a, caps)[1]
-        return np.minimum(a - step, self.contact.widest(caps))
-
-
-@cache
-def paraboloid_table(poisson_ratio: float) -> tuple[float, CubicSpline]:
-    """``a/t`` of a paraboloid on a layer against ``sqrt(R delta)/t``, and the largest of these."""
-    ratio = np.linspace(0.0, LARGEST_RATIO, TABLE_NODES)
-    root = ratio * np.sqrt(factor_table(poisson_ratio)(ratio)[:, 2])
-    return float(root[-1]), CubicSpline(root, ratio)

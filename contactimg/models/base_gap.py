@@ -140,7 +140,7 @@ class GapField:
                 unloaded = np.zeros(places.shape[1])
                 lowered = sums.displacement(np.concatenate([force, unloaded]))[force.size :]
                 return self.undeformed(places) + lowered
-        return self.undeformed(places) + k.displacement(*places, sources, force)
+        return self.undeformed(places) + k.displacement(places[0], places[1], sources, force)
 
     @stage("base gap")
     def smallest(self) -> BaseGap:

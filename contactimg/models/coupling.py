@@ -229,10 +229,6 @@ class Coupling:
         """``C q``: displacement into the body at every candidate."""
         return np.zeros_like(force)
 
-    def displacement_at(self, rows: Rows, force: Values) -> Values:
-        """``C q`` at the candidates ``rows``, of which none is loaded."""
-        return self.displacement(force)[rows]
-
     def solve_newton_system(
         self,
         active: Rows,  # noqa: ARG002

@@ -55,9 +55,6 @@ MAX_CHOLESKY_CONTACTS = 2500
 """Most contacts for which a Newton system is solved by Cholesky. Chosen by hand; sensitivity not measured."""
 
 
-MAX_DIRECT_SOURCES = 500
-"""Most point forces that are summed one by one. Chosen by time: setting up a fast sum takes as long."""
-
 SINGLE_ACCURACY = 1e-4
 """Accuracy from which on the transforms are computed in single precision. Measured: with a thousand modes
 each way single precision adds an error of 1e-4, the phases being that inaccurate."""
@@ -103,7 +100,7 @@ class NearFieldSum:
     def __init__(
         self, x: Values, y: Values, *, cutoff: float, sharpness: float, accuracy: float = 1e-9
     ) -> None:
-        self._stored = np.float32 if accuracy >= SINGLE_STORED else np.float64
+        self._stored: type = np.float32 if accuracy >= SINGLE_STORED else np.float64
         extent = max(float(np.ptp(x)), float(np.ptp(y)))
         self._cells = max(1, min(int(extent / cutoff), 2048))
         cell, _ = square_cells(x, y, self._cells)
@@ -121,12 +118,11 @@ class NearFieldSum:
     @cached_property
     def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.floating]]:
         """Where the pairs of each point begin, the other points, and ``erfc(b r)/(pi r)``."""
-        begins = np.zeros(self._x.size + 1, dtype=np.int64)
-        others, values = np.empty(0, dtype=np.int32), np.empty(0, dtype=self._stored)
         points = self._x, self._y, self._bounds, self._cells, self._cutoff**2, self._sharpness
-        _list_pairs(*points, begins, others, values)
-        begins = np.cumsum(begins)
-        others, values = np.empty(begins[-1], others.dtype), np.empty(begins[-1], values.dtype)
+        counts = np.zeros(self._x.size + 1, dtype=np.int64)
+        _list_pairs(*points, counts, np.empty(0, dtype=np.int32), np.empty(0, dtype=self._stored))
+        begins = np.cumsum(counts)
+        others, values = np.empty(begins[-1], dtype=np.int32), np.empty(begins[-1], dtype=self._stored)
         _list_pairs(*points, begins, others, values)
         return begins, others, values
 
@@ -329,16 +325,6 @@ class FastCoupling(Coupling):
         # the smooth part's own value
         far -= (self._sharpness * 2 / np.pi**1.5 - self._kernel.relief[0] / np.pi) * force
         return far + self._near.sum(force)
-
-    def displacement_at(self, rows: Rows, force: Values) -> Values:
-        """``C q`` at some candidates, of which none is loaded, summed over those and the loaded ones."""
-        loaded = np.flatnonzero(force)
-        if loaded.size <= MAX_DIRECT_SOURCES:
-            sources = np.stack([self._x, self._y])[:, loaded]
-            return self._kernel.displacement(self._x[rows], self._y[rows], sources, force[loaded])
-        involved = np.union1d(rows, loaded)
-        part = FastCoupling(self._x[involved], self._y[involved], self._kernel, self._accuracy)
-        return part.displacement(force[involved])[np.searchsorted(involved, rows)]
 
     def solve_newton_system(
         self, active: Rows, system: NewtonSystem, tolerance: float

@@ -10,7 +10,7 @@ Newton's method on the depths, with the load as one more equation. Dimensionless
 Hertz's contact radius, heights in Hertz's indentation, ``E* = 1``.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,7 @@ from contactimg.models.greenwood_williamson import (
     AsperityLayer,
     RingSolution,
     check_rings,
-    prove_rings,
-    ring_solution,
     ring_weights,
-    solve_greenwood_williamson,
 )
 from contactimg.models.height_distributions import HeightLaw
 from contactimg.models.proof import refuse_beyond_floats, relative_error
@@ -115,28 +112,19 @@ def solve_greenwood_tripp(
             )
         if not last:
             system, state = system.fitted(state)
-    depth = state.variable
-    solution = ring_solution(
-        "gt",
-        layer,
-        system.r * scale.length,
-        depth * scale.height,
-        load=load,
-        displacement=(state.indentation - system.r**2 / 2 - depth) * scale.height,
-    )
-    solution = replace(solution, iterations=taken, residual=state.residual)
-    return prove_rings(solution, _errors(solution, system, state.indentation * scale.height), tolerance)
-
-
-def _errors(solution: RingSolution, system: "_Rings", indentation: float) -> dict[str, float]:
-    """Relative errors of the load and of the depths, recomputed from the pressures in SI units."""
-    scale, r = system.scale, solution.r
-    displacement = system.equations.matrix @ (solution.pressure / scale.pressure) * scale.height
-    depth = indentation - r**2 / (2 * scale.indenter_radius) - displacement
-    return {
-        "sum of the forces": relative_error(float(ring_weights(r) @ solution.pressure), solution.load),
-        "depths": float(np.max(np.abs(depth - solution.depth)) / np.max(np.abs(solution.depth))),
+    r, depth = system.r * scale.length, state.variable * scale.height
+    displacement = (state.indentation - system.r**2 / 2 - state.variable) * scale.height
+    weights = ring_weights(r)
+    area = float(weights @ layer.area_fraction(depth))
+    solution = RingSolution("gt", layer, r, depth, displacement, load, area, taken, state.residual)
+    # the equations recomputed in SI units
+    lowered = system.equations.matrix @ (solution.pressure / scale.pressure) * scale.height
+    error = state.indentation * scale.height - r**2 / (2 * indenter_radius) - lowered - depth
+    errors = {
+        "sum of the forces": relative_error(float(weights @ solution.pressure), load),
+        "depths": float(np.max(np.abs(error)) / np.max(np.abs(depth))),
     }
+    return solution.proved(errors, tolerance)
 
 
 @dataclass(frozen=True)
@@ -145,7 +133,6 @@ class _Scale:
 
     Parameters
     ----------
-    indenter_radius : float, m
     length, height : float, m
         Hertz's radius and indentation.
     pressure : float, Pa
@@ -159,7 +146,6 @@ class _Scale:
         Depth of the uncoupled model at the axis, in ``height``.
     """
 
-    indenter_radius: float
     length: float
     height: float
     pressure: float
@@ -175,17 +161,9 @@ class _Scale:
         height = length**2 / indenter_radius
         peak = float(hertz.peak_pressure(load, sphere_radius=indenter_radius, contact_modulus=E))
         sinking = max(float(layer.depth(peak)) / height, 1e-12)
-        ring = solve_greenwood_williamson(
-            layer.heights,
-            density=layer.density,
-            radius=layer.radius,
-            indenter_radius=indenter_radius,
-            contact_modulus=E,
-            load=load,
-        )
         edge = min(1.0, (3 * np.pi / (8 * np.sqrt(2)) * sinking) ** (2 / 3))
-        uncoupled = max(float(ring.depth[0]) / height, 0.0)
-        return cls(indenter_radius, length, height, E * height / length, sinking, edge, uncoupled)
+        uncoupled = max(layer.deepest(load, indenter_radius) / height, 0.0)
+        return cls(length, height, E * height / length, sinking, edge, uncoupled)
 
     def guessed_mesh(self, count: int) -> Values:
         """Rings out to the end of the softened Hertz contact or the uncoupled model, the larger."""

@@ -6,6 +6,7 @@ Under a sphere each ring has its own depth ``x``.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -107,6 +108,12 @@ class AsperityLayer:
         """Depth (m) at which the layer bears a positive pressure (Pa), the inverse of `pressure`."""
         return depth_of(self.heights, np.asarray(pressure, dtype=np.float64) / self.strength, 1.5)
 
+    def deepest(self, load: float, indenter_radius: float) -> float:
+        """Depth (m) at the axis of a sphere under a load (N), the half-space being rigid."""
+        # with x = x0 - r^2/(2 Rl) the sum over rings, int 2 pi r p(x) dr, is 2 pi Rl int p(x) dx
+        moment = 2.5 * load / (2 * np.pi * indenter_radius * self.strength)
+        return float(depth_of(self.heights, np.array(moment), 2.5))
+
 
 def depth_of(heights: HeightLaw, value: Values, power: float) -> Values:
     """Depth at which ``F_n`` has a positive value, for ``n > 1``.
@@ -137,48 +144,77 @@ class RingSolution:
     ----------
     model : str
         ``"gw"`` or ``"gt"``.
+    layer : AsperityLayer
     r : ndarray, m
         Radii of the rings.
     depth : ndarray, m
         Depth of the sphere below the highest summits, which move with the half-space.
-    pressure, density, mean_radius, area_fraction : ndarray
-        Pa, 1/m^2, m, 1.
-    indentation : float, m
-        From the reference height of the distribution.
+    displacement : ndarray, m
+        Displacement of the half-space by the pressure; zero for ``"gw"``.
     load : float, N
     area : float, m^2
         Real contact area.
-    displacement : ndarray, m
-        Displacement of the half-space by the pressure; zero for ``"gw"``.
     iterations : int
     residual : float
         Largest error of a depth over the largest depth, or relative error of the load; 0 for ``"gw"``, a
         closed form.
-    base_gap : float, m
-        Smallest distance of the sphere from the plane that heights count from; below zero the planes touch.
-    strain : float
-        Mean ``a/R`` of the contacts, weighted with their forces, at the axis.
     status : str
         ``"converged"`` if the final numbers have passed every check of `contactimg.models.proof`; otherwise a
         sentence that says what does not hold.
     """
 
     model: str
+    layer: AsperityLayer
     r: Values
     depth: Values
-    pressure: Values
-    density: Values
-    mean_radius: Values
-    area_fraction: Values
-    indentation: float
+    displacement: Values
     load: float
     area: float
-    displacement: Values
-    iterations: int
-    residual: float
-    base_gap: float
-    strain: float
+    iterations: int = 0
+    residual: float = 0.0
     status: str = CONVERGED
+
+    @cached_property
+    def pressure(self) -> Values:
+        """Pressure of each ring, Pa."""
+        return self.layer.pressure(self.depth)
+
+    @cached_property
+    def density(self) -> Values:
+        """Contacts per unit area, 1/m^2."""
+        return self.layer.contact_density(self.depth)
+
+    @cached_property
+    def mean_radius(self) -> Values:
+        """Mean contact radius, m; nan where nothing touches."""
+        return self.layer.mean_radius(self.depth)
+
+    @cached_property
+    def area_fraction(self) -> Values:
+        """Contact area per unit area."""
+        return self.layer.area_fraction(self.depth)
+
+    @property
+    def indentation(self) -> float:
+        """Indentation from the reference height of the distribution, m."""
+        heights = self.layer.heights
+        return float(self.depth[0] + self.displacement[0]) - (heights.top - heights.reference)
+
+    @property
+    def base_gap(self) -> float:
+        """Smallest distance of the sphere from the plane that heights count from; negative if they touch."""
+        return self.layer.heights.top - float(self.depth.max())
+
+    @property
+    def strain(self) -> float:
+        """Mean ``a/R`` of the contacts, weighted with their forces, at the axis."""
+        return self.layer.strain(float(self.depth.max()))
+
+    def proved(self, errors: dict[str, float], tolerance: float = 0.0) -> "RingSolution":
+        """The solution with its status, once its numbers are finite and the errors are small."""
+        names = ("r", "depth", "pressure", "density", "area_fraction", "indentation", "area")
+        check_finite({name.replace("_", " "): getattr(self, name) for name in names})
+        return replace(self, status=judge(errors, tolerance))
 
     def limits(self) -> list[str]:
         """One sentence for each assumption of the model that does not hold."""
@@ -277,47 +313,14 @@ def solve_greenwood_williamson(
     """
     layer = AsperityLayer(heights, density, radius, contact_modulus)
     check_rings(indenter_radius, load, rings)
-    # with x = x0 - r^2/(2 Rl) the sum over rings, int 2 pi r p(x) dr, is 2 pi Rl int p(x) dx
-    moment = 2.5 * load / (2 * np.pi * indenter_radius * layer.strength)
-    deepest = float(depth_of(heights, np.array(moment), 2.5))
+    deepest = layer.deepest(load, indenter_radius)
     end = np.sqrt(2 * indenter_radius * max(deepest, 0.01 * heights.width))
     r = end * np.linspace(0.0, 1.0, rings)
+    force = 2 * np.pi * indenter_radius * layer.strength * float(heights.moment(deepest, 2.5)) / 2.5
     area = np.pi**2 * indenter_radius * radius * density * float(heights.moment(deepest, 2))
     depth = deepest - r**2 / (2 * indenter_radius)
-    solution = ring_solution("gw", layer, r, depth, load=load, displacement=np.zeros_like(r))
-    force = 2 * np.pi * indenter_radius * layer.strength * float(heights.moment(deepest, 2.5)) / 2.5
-    errors = {"sum of the forces": relative_error(force, load)}
-    return prove_rings(replace(solution, area=area), errors, tolerance=0.0)
-
-
-def ring_solution(
-    model: str, layer: AsperityLayer, r: Values, depth: Values, *, load: float, displacement: Values
-) -> RingSolution:
-    """Averages on the rings from their depths, with the area by quadrature over the rings."""
-    return RingSolution(
-        model=model,
-        r=r,
-        depth=depth,
-        pressure=layer.pressure(depth),
-        density=layer.contact_density(depth),
-        mean_radius=layer.mean_radius(depth),
-        area_fraction=layer.area_fraction(depth),
-        indentation=float(depth[0] + displacement[0]) - (layer.heights.top - layer.heights.reference),
-        load=load,
-        area=float(ring_weights(r) @ layer.area_fraction(depth)),
-        displacement=displacement,
-        iterations=0,
-        residual=0.0,
-        base_gap=layer.heights.top - float(depth.max()),
-        strain=layer.strain(float(depth.max())),
-    )
-
-
-def prove_rings(solution: RingSolution, errors: dict[str, float], tolerance: float) -> RingSolution:
-    """The solution with its status, once its numbers are finite and the errors are small."""
-    names = ("r", "depth", "pressure", "density", "area_fraction", "indentation", "area")
-    check_finite({name.replace("_", " "): getattr(solution, name) for name in names})
-    return replace(solution, status=judge(errors, tolerance))
+    solution = RingSolution("gw", layer, r, depth, np.zeros_like(r), load, area)
+    return solution.proved({"sum of the forces": relative_error(force, load)})
 
 
 def check_rings(indenter_radius: float, load: float, rings: int) -> None:

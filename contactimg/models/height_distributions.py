@@ -8,7 +8,6 @@ F_{n-1}``. Depths count from the top, so that a slight touch of a rough surface 
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,25 +16,6 @@ from scipy.special import pbdv
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
-
-
-class HeightLaw(Protocol):
-    """Distribution of summit heights, m."""
-
-    @property
-    def reference(self) -> float:
-        """Height from which an indentation counts, m."""
-
-    @property
-    def top(self) -> float:
-        """Height from which depths count, m: the highest summit, or a height practically never exceeded."""
-
-    @property
-    def width(self) -> float:
-        """Width of the distribution, m."""
-
-    def moment(self, depth: ArrayLike, power: float) -> Values:
-        """``F_n`` at depths (m) below the top, for a power ``n >= 0``, m^n."""
 
 
 @dataclass(frozen=True)
@@ -182,3 +162,11 @@ class SampleHeights:
         excess = x[..., None] - (self.top - self.values)
         above = excess > 0
         return np.mean(np.where(above, np.where(above, excess, 1.0) ** power, 0.0), axis=-1)
+
+
+HeightLaw = UniformHeights | GaussianHeights | SampleHeights
+"""Distribution of summit heights, m.
+
+``reference`` is the height from which an indentation counts, ``top`` that from which depths count (the
+highest summit, or a height practically never exceeded), ``width`` that of the distribution.
+"""

@@ -121,7 +121,11 @@ def solve_interacting(
     >>> round(float(solution.radius[0]) * 1e6, 9)
     30.0
     """
-    _check(coupling, law, method, load)
+    check_choice("coupling", coupling, COUPLINGS)
+    check_choice("law", law, LAWS)
+    check_choice("method", method, METHODS)
+    if load is not None and load < 0:
+        raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
     conditions = ContactConditions(
         indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation, poisson_ratio
     )
@@ -165,15 +169,6 @@ def solve_interacting(
         residual=iterate.residual,
     )
     return replace(solution, status=_prove(solution, problem, system, tolerance))
-
-
-def _check(coupling: str, law: str, method: str, load: float | None) -> None:
-    """Refuse choices that are unknown and a load that pulls."""
-    check_choice("coupling", coupling, COUPLINGS)
-    check_choice("law", law, LAWS)
-    check_choice("method", method, METHODS)
-    if load is not None and load < 0:
-        raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
 
 
 def check_layer(contact_radius: Values, thickness: float) -> None:

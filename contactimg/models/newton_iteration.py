@@ -213,7 +213,7 @@ def _direction(
     leaving = change.copy()
     leaving[active] = 0.0
     if leaving.any():
-        right -= scale * system.coupling.displacement_at(active, leaving)
+        right -= scale * system.coupling.displacement(leaving)[active]
     # the error of the linear solution may be as large as that of the linearisation, or as the residual
     # wanted; where that of the linearisation takes one more step in any case, the two share what is left
     wanted = 0.03 * tolerance / at.residual

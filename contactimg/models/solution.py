@@ -84,11 +84,6 @@ class InteractingSolution:
         """Height of each summit above the plane it stands on, m."""
         return self.summits.height
 
-    @property
-    def thickness(self) -> float:
-        """Thickness of the layer, m; infinite for a half-space."""
-        return self.conditions.thickness
-
     @cached_property
     def base_gap(self) -> BaseGap:
         """The smallest gap between the lens and the plane between the caps, and where it is.

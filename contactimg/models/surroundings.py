@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.models.conditions import ContactConditions
 from contactimg.models.coupling import Kernel
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import RingSolution, solve_greenwood_williamson
@@ -43,53 +44,37 @@ class MeanField:
         Limits of the table in x and in y.
     spacing : float, m
         Mean distance of the asperities.
-    indenter_radius : float, m
-    apex : (float, float), m
-    contact_modulus : float, Pa
-    kernel : Kernel
-        Of the layer, in 1/m.
+    conditions : ContactConditions
     """
 
     rings: RingSolution
     rectangle: Values
     spacing: float
-    indenter_radius: float
-    apex: tuple[float, float]
-    contact_modulus: float
-    kernel: Kernel
+    conditions: ContactConditions
 
     @classmethod
     def of(
         cls,
         asperities: pd.DataFrame,
         rectangle: Values,
+        conditions: ContactConditions,
         *,
-        load: float,
-        indenter_radius: float,
-        contact_modulus: float,
-        apex: tuple[float, float],
-        thickness: float = np.inf,
-        poisson_ratio: float = 0.5,
         coupled: bool = True,
     ) -> "MeanField":
-        """The mean field of a table that fills a rectangle, under a lens at a load (N)."""
-        area = float(np.prod(np.ptp(rectangle, axis=1)))
+        """The mean field of a table that fills a rectangle, under a lens at a load."""
+        area, lens = float(np.prod(np.ptp(rectangle, axis=1))), conditions.indenter_radius
         radius = float(asperities["radius_m"].mean())
         heights = np.quantile(asperities["height_m"], (np.arange(HEIGHTS) + 0.5) / HEIGHTS)
         solve = solve_greenwood_tripp if coupled else solve_greenwood_williamson
         rings = solve(
             SampleHeights(heights),
             density=len(asperities) / area,
-            radius=radius * indenter_radius / (radius + indenter_radius),
-            indenter_radius=indenter_radius,
-            contact_modulus=contact_modulus,
-            load=load,
+            radius=radius * lens / (radius + lens),
+            indenter_radius=lens,
+            contact_modulus=conditions.contact_modulus,
+            load=conditions.load or 0.0,
         )
-        spacing, kernel = (
-            float(np.sqrt(area / len(asperities))),
-            Kernel.of_thickness(thickness, poisson_ratio),
-        )
-        return cls(rings, rectangle, spacing, indenter_radius, apex, contact_modulus, kernel)
+        return cls(rings, rectangle, float(np.sqrt(area / len(asperities))), conditions)
 
     @cached_property
     def _cells(self) -> tuple[Values, Values, float]:
@@ -98,7 +83,7 @@ class MeanField:
         step = sides / np.ceil(CELLS_PER_SPACING * sides / self.spacing)
         step = np.maximum(step, 2 * self.rings.r[-1] / MOST_CELLS)
         centres = []
-        for (low, _), size, at in zip(self.rectangle, step, self.apex, strict=True):
+        for (low, _), size, at in zip(self.rectangle, step, self.conditions.apex, strict=True):
             reach = np.floor((at - low + np.array([-1, 1]) * self.rings.r[-1]) / size)
             centres.append(low + size * (np.arange(reach[0], reach[1] + 1) + 0.5))
         x, y = (v.ravel() for v in np.meshgrid(*centres))
@@ -106,7 +91,7 @@ class MeanField:
         for v, (low, high) in zip((x, y), self.rectangle, strict=True):
             inside &= (v > low) & (v < high)
         places = np.stack([x, y])[:, ~inside]
-        return places, np.hypot(*(places - np.array(self.apex)[:, None])), float(np.prod(step))
+        return places, np.hypot(*(places - np.array(self.conditions.apex)[:, None])), float(np.prod(step))
 
     def _over_cells(self, values: Values) -> Values:
         """Values of the rings times the area of each cell outside."""
@@ -136,7 +121,8 @@ class MeanField:
 
     def displacement(self, x: Values, y: Values) -> Values:
         """Displacement of the surface at places in the rectangle by the forces outside, m."""
-        return self.kernel.displacement(x, y, self.sources[:2], self.sources[2] / self.contact_modulus)
+        c, force = self.conditions, self.sources[2] / self.conditions.contact_modulus
+        return Kernel.of_thickness(c.thickness, c.poisson_ratio).displacement(x, y, self.sources[:2], force)
 
     def around(self, asperities: pd.DataFrame) -> pd.DataFrame:
         """The table on the surface as the forces outside have displaced it: its summits lie lower."""
@@ -145,8 +131,9 @@ class MeanField:
 
     def sinking(self, asperities: pd.DataFrame) -> float:
         """Excess (m) of the indentation from first touch over that of the table `around`."""
+        c = self.conditions
         alone, sunk = (
-            composite_apexes(one, indenter_radius=self.indenter_radius, apex=self.apex)
+            composite_apexes(one, indenter_radius=c.indenter_radius, apex=c.apex)
             for one in (asperities, self.around(asperities))
         )
         return float(alone["height_m"].max() - sunk["height_m"].max())

@@ -140,8 +140,13 @@ def surround_with_film(
     slopes = np.diff(gaps, axis=1) / spacing[:, None]
     steepest = float(slopes.max(where=gaps[:, 1:] <= excess.fades_at(FRINGE_CONTRAST_FRACTION), initial=0.0))
     fringe = excess.light.wavelength / 2 / steepest if steepest else np.inf
-    film = {"gaps": gaps, "spacing_px": spacing / pixel_size, "fringe_px": fringe / pixel_size}
-    return FilmSpots(**vars(spots), excess=excess, **film)
+    return FilmSpots(
+        **vars(spots),
+        gaps=gaps,
+        spacing_px=spacing / pixel_size,
+        excess=excess,
+        fringe_px=fringe / pixel_size,
+    )
 
 
 def spots_image(spots: Spots, *, shape: tuple[int, int], psf: Psf, halo: Halo | None = None) -> Values:
