@@ -21,9 +21,7 @@ from contactimg.analysis.power_laws import (
     BrokenLaw,
     PowerLaw,
     break_places,
-    davies_bound,
-    exponential,
-    open_ended,
+    broken_law,
     power_law,
 )
 from contactimg.errors import InputError
@@ -202,15 +200,12 @@ def _broken(single: PowerLaw, rows: Values, blocks: int) -> BrokenLaw:
     misfits = [_squares(two_lines(place), rows, fit) for place, fit in zip(breaks, fits, strict=True)]
     best = np.argmin(misfits, axis=0)
     chosen, where = fits[best, np.arange(len(best))], breaks[best]
-    confidence = single.confidence
-    below, above, place = (
-        bootstrap_estimate(float(column[0]), column[1:], blocks=blocks, confidence=confidence)
+    lines = [
+        bootstrap_estimate(float(column[0]), column[1:], blocks=blocks, confidence=single.confidence)
         for column in (chosen[:, 1], chosen[:, 2], where)
-    )
-    p_value = davies_bound(_chi_square_of_breaks(fits[..., 1] - fits[..., 2], blocks))
-    place = open_ended(place, breaks, supported=p_value < 1 - confidence)
-    p_star = exponential(place, factor=single.reference)
-    return BrokenLaw(below, above, p_star, float(np.exp(chosen[0, 0])), single, p_value)
+    ]
+    gain = _chi_square_of_breaks(fits[..., 1] - fits[..., 2], blocks)
+    return broken_law(single, lines, gain, breaks, level=float(chosen[0, 0]))
 
 
 def _sums_of_blocks(

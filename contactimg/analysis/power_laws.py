@@ -270,7 +270,7 @@ def fit_broken_law(
     >>> [round(e.value, 3) for e in (law.low_exponent, law.high_exponent, law.break_x)], law.supported
     ([0.8, 0.4, 50.0], True)
     """
-    logs, reference = logarithms(x, y, x_std, y_std, correlation)
+    logs, _ = logarithms(x, y, x_std, y_std, correlation)
     u = np.asarray(logs.x)
     breaks = break_places(u)
     single = fit_power_law(x, y, x_std=x_std, y_std=y_std, correlation=correlation, confidence=confidence)
@@ -297,15 +297,32 @@ def fit_broken_law(
     gradient = np.column_stack([terms, -slopes @ found.parameters])
     stds = np.sqrt(np.diag(np.linalg.pinv((gradient * found.weights[:, None]).T @ gradient, hermitian=True)))
     gain = np.maximum(float(fit_line(logs, scatter=scatter).chi_square) - profile, 0.0)
-    values = [*found.parameters[1:], place]
-    below, above, where = (
+    lines = [
         student_estimate(float(value), float(std), freedom=len(logs) - 4, confidence=confidence)
-        for value, std in zip(values, stds[1:], strict=True)
-    )
-    p_value = davies_bound(gain)
-    where = open_ended(where, breaks, supported=p_value < 1 - confidence)
-    break_x, break_y = exponential(where, factor=reference), float(np.exp(found.parameters[0]))
-    return BrokenLaw(below, above, break_x, break_y, single, p_value)
+        for value, std in zip([*found.parameters[1:], place], stds[1:], strict=True)
+    ]
+    return broken_law(single, lines, gain, breaks, level=float(found.parameters[0]))
+
+
+def broken_law(
+    single: PowerLaw, lines: Sequence[Estimate], gain: Values, breaks: Values, *, level: float
+) -> BrokenLaw:
+    """The law of two lines through the logarithms of points.
+
+    ``lines`` are their slopes and the place where they meet, at the height ``level``; ``gain`` is that in
+    chi-square at each of the ``breaks`` tried. The interval of the place is open at the ends of these;
+    without support it is anywhere.
+    """
+    below, above, place = lines
+    # Davies' bound on the chance of as large a gain at any of the breaks tried where there is none
+    variation, most = float(np.sum(np.abs(np.diff(np.sqrt(gain))))), float(gain.max())
+    chance = float(special.chdtrc(1, most)) + variation * np.exp(-most / 2) / np.sqrt(2 * np.pi)
+    p_value = min(float(chance), 1.0)
+    supported = p_value < 1 - single.confidence
+    low = place.low if supported and place.low > breaks[0] else -np.inf
+    high = place.high if supported and place.high < breaks[-1] else np.inf
+    break_x = exponential(replace(place, low=low, high=high), factor=single.reference)
+    return BrokenLaw(below, above, break_x, float(np.exp(level)), single, p_value)
 
 
 def break_places(x: Values) -> Values:
@@ -326,17 +343,3 @@ def break_places(x: Values) -> Values:
             "the points crowd at one end"
         )
     return np.linspace(low, high, BREAKS)
-
-
-def open_ended(place: Estimate, breaks: Values, *, supported: bool) -> Estimate:
-    """A break with an interval that is open at the ends of those tried; without support it is anywhere."""
-    low = place.low if supported and place.low > breaks[0] else -np.inf
-    high = place.high if supported and place.high < breaks[-1] else np.inf
-    return replace(place, low=low, high=high)
-
-
-def davies_bound(gain: Values) -> float:
-    """Bound on the probability of as large a gain in chi-square over the breaks tried without a break."""
-    variation, most = float(np.sum(np.abs(np.diff(np.sqrt(gain))))), float(gain.max())
-    bound = float(special.chdtrc(1, most)) + variation * np.exp(-most / 2) / np.sqrt(2 * np.pi)
-    return min(bound, 1.0)

@@ -112,13 +112,14 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
         raise InputError(
             f"places are averaged over the same annuli, got {len(edges)} different sets of edges"
         )
-    dispersion = _dispersion(places) if len(places) < MIN_PLACES_FOR_SCATTER else 1.0
-    places = [sum_moments([place]) for place in places]
     sums = sum_moments(places)
     area = _nonzero(sums["area"])
     unknown = _pressure_unknown(sums)
-    variance = dispersion * _load_variance(places, sums)
-    low, high = _load_interval(sums, variance, dispersion, places=len(places))
+    variance, student = _load_variance(places, sums)
+    load, squares = sums["p"].to_numpy(float), sums["pp"].to_numpy(float)
+    heaviest = squares / np.where(load == 0, np.inf, np.abs(load))
+    heaviest = np.maximum(heaviest, _largest_beside(heaviest, sums))
+    low, high = weighted_count_interval(load, student**2 * variance, heaviest)
     return PROFILE.conform(
         {
             "frame": [frame] * len(sums),
@@ -149,48 +150,22 @@ def _pressure_unknown(sums: pd.DataFrame) -> NDArray[np.bool_]:
     return nowhere | ((sums["n"] > 0) & (sums["n_forces"] == 0)).to_numpy(bool)
 
 
-def _dispersion(places: Sequence[pd.DataFrame]) -> Values:
-    """Variance of the load on annuli over that of independent contacts, from the scatter between sectors.
+def _load_variance(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> tuple[Values, float]:
+    """Variance (N^2) of the load on annuli, and Student's factor on its root.
 
-    That of an annulus and of those beside it together; 1 where places are in too few sectors to tell.
+    From the scatter between places, or between the sectors of few places; by counting if there are too few.
     """
-    scatter, independent = [], []
-    for place in places:
-        rows = place.groupby(["inner", "outer"], sort=True)
-        sectors = rows["p"].transform("size").to_numpy(float)
-        share = place["area"] / rows["area"].transform("sum").where(lambda area: area > 0, 1.0)
-        away = place["p"] - share * rows["p"].transform("sum")
-        widened = away**2 * sectors / np.maximum(sectors - 1, 1.0)
-        told = np.where(sectors >= MIN_PLACES_FOR_SCATTER, widened, place["pp"])
-        scatter.append(place.assign(told=told).groupby(["inner", "outer"], sort=True)["told"].sum())
-        independent.append(rows["pp"].sum())
-    padded = [np.pad(np.sum(part, axis=0), 1) for part in (scatter, independent)]
-    told, counted = (part[:-2] + part[1:-1] + part[2:] for part in padded)
-    return np.divide(told, counted, out=np.ones(len(told)), where=(told > 0) & (counted > 0))
-
-
-def _load_variance(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> Values:
-    """Variance (N^2) of the load on annuli: from the scatter between enough places, else by counting."""
-    if len(places) < MIN_PLACES_FOR_SCATTER:
-        return sums["pp"].to_numpy(float)
-    p = np.array([place["p"].to_numpy(float) for place in places])
-    seen = np.array([place["area"].to_numpy(float) for place in places])
-    mean = sums["p"].to_numpy(float) / _nonzero(sums["area"])
-    away = p - seen * mean  # of the ratio of sums p/area, linearised
-    n = len(places)
-    return np.asarray(n / (n - 1) * np.sum(away**2, axis=0), np.float64)
-
-
-def _load_interval(
-    sums: pd.DataFrame, variance: Values, dispersion: Values | float, *, places: int
-) -> tuple[Values, Values]:
-    """Limits (N) of the 95 % interval of the load on annuli."""
-    p, pp = sums["p"].to_numpy(float), sums["pp"].to_numpy(float)
-    heaviest = dispersion * pp / np.where(p == 0, np.inf, np.abs(p))
-    widened = variance
-    if places >= MIN_PLACES_FOR_SCATTER:
-        widened = variance * float(special.stdtrit(places - 1, 0.975) / special.ndtri(0.975)) ** 2
-    return weighted_count_interval(p, widened, np.maximum(heaviest, _largest_beside(heaviest, sums)))
+    together = pd.concat([place.assign(place=k) for k, place in enumerate(places)])
+    block = ["place"] if len(places) >= MIN_PLACES_FOR_SCATTER else ["place", "sector"]
+    parts = together.groupby(["inner", "outer", *block], sort=True)[["p", "area"]].sum()
+    p, seen = (parts[name].to_numpy(float).reshape(len(sums), -1) for name in ("p", "area"))
+    n = p.shape[1]
+    if n < MIN_PLACES_FOR_SCATTER:
+        return sums["pp"].to_numpy(float), 1.0
+    mean = p.sum(axis=1) / _nonzero(sums["area"])
+    away = p - seen * mean[:, None]  # of the ratio of sums p/area, linearised
+    student = float(special.stdtrit(n - 1, 0.975) / special.ndtri(0.975))
+    return np.asarray(n / (n - 1) * np.sum(away**2, axis=1), np.float64), student
 
 
 def _empty_limit(sums: pd.DataFrame) -> Values:
@@ -254,7 +229,7 @@ def weighted_count_interval(
     reach = float(special.ndtri(1 - tail)) * np.sqrt(v)
     positive = np.where(y > 0, y, np.nan)
     scale = np.where(v > 0, v, np.nan) / positive
-    low = np.nan_to_num(scale * special.gammaincinv(positive / scale, tail), nan=0.0)
+    low = np.where(v > 0, np.nan_to_num(scale * special.gammaincinv(positive / scale, tail), nan=0.0), y)
     more, more_variance = y + w, v + w**2
     upper = np.where(more_variance > 0, more_variance, np.nan) / np.where(more > 0, more, np.nan)
     high = upper * special.gammaincinv(more / upper, 1 - tail)

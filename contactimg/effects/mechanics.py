@@ -259,25 +259,28 @@ class Comparison:
         steps = [step for name, step in self.steps.items() if name in names]
         if not steps:
             return dict.fromkeys(WRITTEN, 0.0)
-        distance = np.hypot(self.base.x - self.apex[0], self.base.y - self.apex[1])
-        found, may_form = dict.fromkeys(WRITTEN, 0.0), stretch > 1
+        found = dict.fromkeys(WRITTEN, 0.0)
         for beyond in {0.0, stretch - 1}:  # contacts may form or vanish at either end
             complete = self.complete + beyond * np.sum(steps, axis=0)
             without = complete - stretch * np.sum(steps, axis=0)
-            changes = output_changes(
-                distance,
-                self.base.composite_radius,
-                without=self.answer(without, may_form=may_form),
-                complete=self.answer(complete, may_form=may_form),
-            )
+            changes = self._changes(without, complete, may_form=stretch > 1)
             found = {name: max(change, found[name]) for name, change in changes.items()}
         return found
 
-    @property
-    def apex(self) -> tuple[float, float]:
-        """Where the lens's apex stands, m."""
-        apex: tuple[float, float] = self.scene.need("indenter", PURPOSE).apex
-        return apex
+    def _changes(self, without: Values, complete: Values, *, may_form: bool) -> dict[str, float]:
+        """Change of each output from one state to another."""
+        answers = {"without": without, "complete": complete}
+        return output_changes(
+            self.distance,
+            self.base.composite_radius,
+            **{name: self.answer(state, may_form=may_form) for name, state in answers.items()},
+        )
+
+    @cached_property
+    def distance(self) -> Values:
+        """Distance of each asperity from the apex of the lens, m."""
+        x, y = self.scene.need("indenter", PURPOSE).apex
+        return np.asarray(np.hypot(self.base.x - x, self.base.y - y))
 
     def answer(self, state: Values, *, may_form: bool) -> Answer:
         """The contacts of a state that was added up: others than those of the base may touch.
@@ -312,9 +315,7 @@ class Comparison:
             states = [self.state(self.solve(effects)) for effects in (dry, dry | {"full_coupling"})]
         except (ConvergenceError, ModelRangeError):
             return dict.fromkeys(WRITTEN, 1.0)
-        without, complete = (self.answer(state, may_form=False) for state in states)
-        distance = np.hypot(self.base.x - self.apex[0], self.base.y - self.apex[1])
-        return output_changes(distance, self.base.composite_radius, without=without, complete=complete)
+        return self._changes(*states, may_form=False)
 
     def part(self, contacts: int) -> "Comparison":
         """The asperities about the apex among which so many are in contact, lowered as by all the others.
@@ -322,9 +323,8 @@ class Comparison:
         A flat presses them; their heights are such that they carry the forces that they carry in the whole.
         """
         base = self.base
-        distance = np.hypot(base.x - self.apex[0], base.y - self.apex[1])
-        reach = np.sort(distance[base.touching])[contacts - 1]
-        rows = np.flatnonzero((distance <= reach) & np.isfinite(base.penetration))
+        reach = np.sort(self.distance[base.touching])[contacts - 1]
+        rows = np.flatnonzero((self.distance <= reach) & np.isfinite(base.penetration))
         x, y, force = base.x[rows], base.y[rows], base.force[rows]
         lowered = DenseCoupling(x, y, Kernel.of_thickness(np.inf)).displacement(force)
         # by Hertz's law of a half-space, which has no layer below the contact itself

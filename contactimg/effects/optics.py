@@ -6,7 +6,6 @@ holds the most, cropped to them.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -126,41 +125,6 @@ def film_makes_the_contrast(simulate: Simulate) -> bool:
     return 1 / FILM_CONTRAST_FACTOR <= ratio <= FILM_CONTRAST_FACTOR
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """The part of a scene that is rendered: its scene, contacts in px and their radii of curvature (m)."""
-
-    scene: Scene
-    contacts: pd.DataFrame
-    sphere_radius: Values
-
-    @classmethod
-    def of(cls, scene: Scene, contacts: pd.DataFrame) -> "Part | None":
-        """The contacts in the frame, or those of a quarter of it; None without any."""
-        simulate = scene.need("simulate", "the effects of optics and sensor")
-        pose, shape = scene.pose(simulate.shape), np.array(simulate.shape)
-        x, y = pose.to_pixels(contacts["x_m"].to_numpy(float), contacts["y_m"].to_numpy(float))
-        radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
-        chosen = (x >= -0.5) & (x <= shape[1] - 0.5) & (y >= -0.5) & (y <= shape[0] - 0.5) & (radius > 0)
-        if not chosen.any():
-            return None
-        chosen, rows, columns = busiest_quarter(x, y, radius, chosen, fewest=FEWEST_CONTACTS)
-        low, high = np.array([rows.start, columns.start]), np.minimum([rows.stop, columns.stop], shape)
-        table = pd.DataFrame(
-            {"x_px": x[chosen] - low[1], "y_px": y[chosen] - low[0], "radius_px": radius[chosen]}
-        )
-        middle = (shape - 1) / 2
-        corners = np.maximum(np.abs(low - middle), np.abs(high - 1 - middle))
-        changed = {
-            "shape": tuple(int(n) for n in high - low),
-            "dust_count": round(simulate.dust_count * float(np.prod((high - low) / shape))),
-            "vignetting": simulate.vignetting
-            * min(float(corners @ corners / max(middle @ middle, 1.0)), 1.0),
-        }
-        smaller = scene.model_copy(update={"simulate": simulate.model_copy(update=changed)})
-        return cls(smaller, CONTACTS.conform(table), _sphere_radii(scene, contacts)[chosen])
-
-
 def busiest_quarter(
     x: Values, y: Values, radius: Values, shown: NDArray[np.bool_], *, fewest: int
 ) -> tuple[NDArray[np.bool_], slice, slice]:
@@ -203,17 +167,53 @@ def _sphere_radii(scene: Scene, contacts: pd.DataFrame) -> Values:
 
 
 class Camera:
-    """Photographs a part of a scene with any choice of effects and measures it; results are kept."""
+    """Photographs a part of a scene with any choice of effects and measures it; results are kept.
 
-    def __init__(self, part: Part) -> None:
-        self.part, self.scene = part, part.scene
-        self.simulate: Simulate = part.scene.need("simulate", "the effects of optics and sensor")
+    Parameters
+    ----------
+    scene : Scene
+        Of the part.
+    contacts : DataFrame
+        In px.
+    sphere_radius : ndarray, m
+        Their radii of curvature.
+    """
+
+    def __init__(self, scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> None:
+        self.scene, self.contacts, self.sphere_radius = scene, contacts, sphere_radius
+        self.simulate: Simulate = scene.need("simulate", "the effects of optics and sensor")
         self.noise = np.random.default_rng([SEED, 1]).standard_normal(
             (REALISATIONS, 4, *self.simulate.shape), dtype=np.float32
         )
         self.lights: dict[Shown, tuple[NDArray, NDArray]] = {}
         self.radii: dict[Shown, list[tuple[NDArray[np.intp], Values]]] = {}
         self.clipped = False
+
+    @classmethod
+    def of(cls, scene: Scene, contacts: pd.DataFrame) -> "Camera | None":
+        """The camera over the contacts in the frame, or those of a quarter of it; None without any."""
+        simulate = scene.need("simulate", "the effects of optics and sensor")
+        pose, shape = scene.pose(simulate.shape), np.array(simulate.shape)
+        x, y = pose.to_pixels(contacts["x_m"].to_numpy(float), contacts["y_m"].to_numpy(float))
+        radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
+        chosen = (x >= -0.5) & (x <= shape[1] - 0.5) & (y >= -0.5) & (y <= shape[0] - 0.5) & (radius > 0)
+        if not chosen.any():
+            return None
+        chosen, rows, columns = busiest_quarter(x, y, radius, chosen, fewest=FEWEST_CONTACTS)
+        low, high = np.array([rows.start, columns.start]), np.minimum([rows.stop, columns.stop], shape)
+        table = pd.DataFrame(
+            {"x_px": x[chosen] - low[1], "y_px": y[chosen] - low[0], "radius_px": radius[chosen]}
+        )
+        middle = (shape - 1) / 2
+        corners = np.maximum(np.abs(low - middle), np.abs(high - 1 - middle))
+        changed = {
+            "shape": tuple(int(n) for n in high - low),
+            "dust_count": round(simulate.dust_count * float(np.prod((high - low) / shape))),
+            "vignetting": simulate.vignetting
+            * min(float(corners @ corners / max(middle @ middle, 1.0)), 1.0),
+        }
+        smaller = scene.model_copy(update={"simulate": simulate.model_copy(update=changed)})
+        return cls(smaller, CONTACTS.conform(table), _sphere_radii(scene, contacts)[chosen])
 
     def light(self, shown: Shown) -> tuple[NDArray, NDArray]:
         """Grey levels of frame and reference before the sensor."""
@@ -223,10 +223,10 @@ class Camera:
             effects = self.scene.effects.model_copy(update=switches)
             scene = self.scene.model_copy(update={"effects": effects})
             frame = render_contacts(
-                self.part.contacts,
+                self.contacts,
                 scene,
                 rng=np.random.default_rng(SEED),
-                sphere_radius=self.part.sphere_radius if "film" in key else None,
+                sphere_radius=self.sphere_radius if "film" in key else None,
             ).frame.image
             self.lights[key] = frame, render_reference(scene, rng=np.random.default_rng(SEED)).image
         return self.lights[key]
@@ -255,7 +255,7 @@ class Camera:
         frame, reference = self.light(shown)
         full_scale = 2.0**self.simulate.bit_depth - 1 if "saturation" in shown else None
         measure, found = measuring(self.scene, full_scale), []
-        x, y, a = (self.part.contacts[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
+        x, y, a = (self.contacts[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
         for noise in self.noise:
             disks = measure(
                 self.record(frame, shown, noise[:2]), self.record(reference, shown, noise[2:])
@@ -267,7 +267,7 @@ class Camera:
 
     def amounts(self, shown: Shown, power: int) -> Values:
         """Measured ``a^power`` of each contact, one row a realisation; 0 if it was not detected."""
-        count = len(self.part.contacts)
+        count = len(self.contacts)
         return np.array(
             [np.bincount(nearest, radius**power, minlength=count) for nearest, radius in self.measure(shown)]
         )
@@ -276,7 +276,7 @@ class Camera:
         """Relative change of an output if the effect is left out."""
         complete = self.amounts(base | {effect}, POWER[output])
         step = self.amounts(base - {effect}, POWER[output]) - complete
-        R = self.part.sphere_radius
+        R = self.sphere_radius
         value = 1 / R if output == "force" and np.isfinite(R).all() else np.ones(R.size)
         step, mean = value * step, value * complete.mean(axis=0)
         if output == "radius":
@@ -297,7 +297,7 @@ def _film_reason(camera: Camera) -> str:
     simulate = camera.simulate
     contrast, strength = simulate.contrast_levels / simulate.background_levels, film_strength(lamp(simulate))
     stated = f"contrast {100 * contrast:.3g} % of the background, the film's {100 * strength:.2g} %"
-    if not np.isfinite(camera.part.sphere_radius).all():
+    if not np.isfinite(camera.sphere_radius).all():
         return f"{stated}, {NO_FILM} the radii of curvature are not known"
     if simulate.edge_softness_px > 0:
         return f"{stated}, {NO_FILM} edge_softness_px replaces its edge"
@@ -308,7 +308,7 @@ def _film_reason(camera: Camera) -> str:
 
 def _reason(effect: str, camera: Camera) -> str:
     """The number that decides on an effect, in words."""
-    simulate, radius = camera.simulate, camera.part.contacts["radius_px"]
+    simulate, radius = camera.simulate, camera.contacts["radius_px"]
     if effect == "film":
         return _film_reason(camera)
     if effect in NOISE:
@@ -360,8 +360,7 @@ def estimate_optics(scene: Scene, contacts: pd.DataFrame) -> tuple[EffectEstimat
     if scene.simulate is None or scene.camera is None:
         return ()
     shown = read_render_settings(scene).effects - {"position_drift"}
-    part = Part.of(scene, contacts)
-    camera = None if part is None else Camera(part)
+    camera = Camera.of(scene, contacts)
     if camera is not None and NO_FILM not in _film_reason(camera) and scene.effects.film != "off":
         shown |= {"film"}
     return tuple(_estimate(effect, scene, camera, shown) for effect in OPTICS)

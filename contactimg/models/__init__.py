@@ -14,6 +14,7 @@ Read in this order:
   these together);
 - ``base_gap``: whether the base planes touch between the asperities; ``surroundings``: what a pattern that
   goes on beyond the table would carry;
+- ``dense_balance``: Newton's method for few contacts in one variable each, which the next ones share;
 - ``adhesive``: the same with JKR adhesion, along loading and unloading (contacts break and form);
 - ``height_distributions``, ``greenwood_williamson``, ``greenwood_tripp``: averages over random surfaces;
 - ``ensemble``: many random patterns, one after the other.
