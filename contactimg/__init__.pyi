@@ -70,7 +70,6 @@ from .pipeline.simulate import write_simulation as write_simulation
 from .pipeline.tradeoff import measure_tradeoff as measure_tradeoff
 from .pose import Pose as Pose
 from .pose.fit import PoseFit as PoseFit
-from .pose.fit import PoseSearch as PoseSearch
 from .pose.fit import fit_pose as fit_pose
 from .prediction import find_touching_load as find_touching_load
 from .render import Rendered as Rendered

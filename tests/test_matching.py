@@ -8,12 +8,12 @@ import pytest
 from contactimg.errors import InputError
 from contactimg.matching import match_contacts
 from contactimg.pose import Pose
-from contactimg.pose.fit import PoseSearch, fit_pose
+from contactimg.pose.fit import fit_pose
 from contactimg.pose.pairs import pair_points
 from contactimg.tables import CONTACTS
 
 SHAPE = (1200, 1600)
-SEARCH = PoseSearch(shift=3e-4)
+SHIFT = 3e-4
 
 
 @pytest.fixture
@@ -100,7 +100,7 @@ def test_pose_is_found_from_contacts_alone(asperities, rng, mirrored, spurious):
     x_px, y_px = seen(asperities, truth, rng, jitter_px=0.1)
     x_px = np.append(x_px, rng.uniform(0, 1599, spurious))
     y_px = np.append(y_px, rng.uniform(0, 1199, spurious))
-    fit = fit_pose(x_px, y_px, asperities, guess, search=SEARCH)
+    fit = fit_pose(x_px, y_px, asperities, guess, largest_shift=SHIFT)
     assert fit.fitted
     assert fit.pose.mirrored is mirrored
     # similarity through n pairs of scatter s: shift s sqrt(2/n), rotation and scale s/(arm sqrt(n))
@@ -115,14 +115,14 @@ def test_pose_is_found_from_contacts_alone(asperities, rng, mirrored, spurious):
 def test_pose_at_the_far_corner_of_the_search(asperities, rng):
     truth = Pose(SHAPE, 6e-6 * 0.975, (0.0052, 0.0048), np.deg2rad(-2.8))
     x_px, y_px = seen(asperities, truth, rng, share=0.15)
-    fit = fit_pose(x_px, y_px, asperities, Pose(SHAPE, 6e-6, (0.005, 0.005)), search=SEARCH)
+    fit = fit_pose(x_px, y_px, asperities, Pose(SHAPE, 6e-6, (0.005, 0.005)), largest_shift=SHIFT)
     assert fit.pose.rotation == pytest.approx(truth.rotation, abs=1e-9)
     assert fit.residual < 1e-12
 
 
 def test_guess_is_kept_when_points_have_nothing_to_do_with_the_asperities(asperities, rng):
     guess = Pose(SHAPE, 6e-6, (0.005, 0.005))
-    fit = fit_pose(*rng.uniform(0, 1000, (2, 150)), asperities, guess, search=SEARCH)
+    fit = fit_pose(*rng.uniform(0, 1000, (2, 150)), asperities, guess, largest_shift=SHIFT)
     assert not fit.fitted
     assert fit.pose == guess
 
@@ -130,7 +130,7 @@ def test_guess_is_kept_when_points_have_nothing_to_do_with_the_asperities(asperi
 @pytest.mark.parametrize("n", [0, 1, 2])
 def test_guess_is_kept_with_too_few_points(asperities, n):
     guess = Pose(SHAPE, 6e-6, (0.005, 0.005))
-    fit = fit_pose(np.arange(n), np.arange(n), asperities, guess, search=SEARCH)
+    fit = fit_pose(np.arange(n), np.arange(n), asperities, guess, largest_shift=SHIFT)
     assert (fit.fitted, fit.pose, fit.n_matched) == (False, guess, 0)
 
 
@@ -138,7 +138,7 @@ def test_a_symmetric_lattice_keeps_the_guessed_mirror():
     lattice = np.stack(np.meshgrid(np.arange(9), np.arange(7)), -1).reshape(-1, 2) * 2.5e-3
     truth = Pose((480, 640), 6e-5, (10e-3, 7.5e-3), 0.01)
     x_px, y_px = truth.to_pixels(*lattice.T)
-    fit = fit_pose(x_px, y_px, lattice, replace(truth, rotation=0.0), search=PoseSearch(shift=1e-3))
+    fit = fit_pose(x_px, y_px, lattice, replace(truth, rotation=0.0), largest_shift=1e-3)
     assert fit.pose.mirrored is False
     assert fit.pose.rotation == pytest.approx(0.01, abs=1e-9)
 

@@ -89,12 +89,13 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
         that was seen in all of them. An annulus seen without contacts has zero pressure, density and area
         fraction, and an empty mean radius; one that was not seen is empty; the pressure is empty where
         contacts have no force. ``pressure_std_Pa`` is the standard error of the mean: from four places on by
-        their scatter, below that what independent contacts give, ``sqrt(sum p_i^2)/area``; of an annulus
-        without contacts that of an upper limit, at 95 % three contacts with the mean force of the nearest.
+        their scatter, below that by that of their sectors, and of fewer than four of these what independent
+        contacts give, ``sqrt(sum p_i^2)/area``; of an annulus without contacts that of an upper limit, at
+        95 % three contacts with the mean force of the nearest.
         ``pressure_low_Pa`` and ``pressure_high_Pa`` bound the 95 % interval, which is not symmetric: that of
         `weighted_count_interval`, in which the contact missed by chance is the heaviest of the annulus and
-        the nearest with contacts; the variance between places is widened by Student's factor. The upper
-        limit is empty where no annulus has a contact, whose force would have to be known.
+        the nearest with contacts; a variance from a scatter is widened by Student's factor. The upper limit
+        is empty where no annulus has a contact, whose force would have to be known.
 
     Raises
     ------

@@ -38,11 +38,11 @@ from contactimg.pose.fit import (
     LEAST_VOTING_POINTS,
     SIGNIFICANT_FRACTION,
     PoseFit,
-    PoseSearch,
+    common_shift,
     fit_pose,
     search_everywhere,
 )
-from contactimg.pose.pairs import PAIRING_FRACTION, common_shift, pair_points, pairing_distance
+from contactimg.pose.pairs import PAIRING_FRACTION, pair_points, pairing_distance
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
 from contactimg.timings import stage
@@ -102,7 +102,7 @@ def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
     part, shift = run.contacts[run.contacts["frame"] == name], frame_shift(run.frames, name)
     x_px, y_px = part["x_px"] - shift[0], part["y_px"] - shift[1]
     reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
-    pose = fit_pose(x_px, y_px, targets, guess, search=PoseSearch(shift=reach))
+    pose = fit_pose(x_px, y_px, targets, guess, largest_shift=reach)
     found = None if pose.fitted else search_everywhere(x_px, y_px, targets, guess)
     if found is not None:
         _say_where(found, guess, run.scene)

@@ -111,30 +111,8 @@ class PoseFit:
     length_relative_std: float = 0.0
 
 
-@dataclass(frozen=True)
-class PoseSearch:
-    """Largest differences between the true pose and the guess.
-
-    Parameters
-    ----------
-    shift : float
-        Largest error of the position of the image centre, m.
-    rotation : float
-        Largest error of the rotation, rad.
-    scale : float
-        Largest relative error of the pixel size.
-    mirror : bool
-        Whether the mirrored pose is tried when the guessed one explains too few points.
-    """
-
-    shift: float
-    rotation: float = LARGEST_TURN_RAD
-    scale: float = LARGEST_SCALE_ERROR
-    mirror: bool = True
-
-
 def fit_pose(
-    x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, guess: Pose, *, search: PoseSearch
+    x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, guess: Pose, *, largest_shift: float
 ) -> PoseFit:
     """Find the camera's pose from measured contacts and the asperities they belong to.
 
@@ -151,21 +129,28 @@ def fit_pose(
         Where contacts can be, in sample coordinates (the composite apexes of the asperities), m.
     guess : Pose
         The pose as the scene states it.
-    search : PoseSearch
-        Largest errors of the guess.
+    largest_shift : float, m
+        Largest error of the place of the image centre; rotation and scale may err by `LARGEST_TURN_RAD` and
+        `LARGEST_SCALE_ERROR`, and the image may be mirrored.
 
     Returns
     -------
     PoseFit
     """
-    points, spots = _in_plane(x_px, y_px, targets, guess)
-    gate = pairing_distance(as_real(spots), guess)
+    points, spots, gate = _in_plane(x_px, y_px, targets, guess)
     best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan)
-    if len(points) < MIN_PAIRS or len(spots) < MIN_PAIRS:
+    if min(len(points), len(spots)) < MIN_PAIRS:
         return best
-    tree = KDTree(as_real(spots))
-    for start in _candidates(points, tree, guess, search, gate):
-        fit = refine(points, spots, guess, start, gate)
+    tree, centre = KDTree(as_real(spots)), complex(*guess.centre)
+    for alpha, mirrored in _grid(float(np.abs(points).max()) * guess.pixel_size, guess, gate):
+        moved = alpha * oriented(points, mirrored) + centre
+        pairs = KDTree(as_real(moved)).sparse_distance_matrix(
+            tree, largest_shift + gate, output_type="coo_matrix"
+        )
+        count, shift = _vote(spots[pairs.col] - moved[pairs.row], gate)
+        if count < max(MIN_PAIRS, len(points) / POINTS_PER_VOTE):
+            continue
+        fit = refine(points, spots, guess, (alpha, centre + shift, mirrored), gate)
         if fit.n_matched > best.n_matched:
             best = fit
         if best.n_matched >= COMPLETE_FRACTION * len(points):
@@ -177,44 +162,30 @@ def fit_pose(
 
 def _in_plane(
     x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, guess: Pose
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Contacts from the centre of the image (px) and targets (m) as complex numbers."""
-    return (
-        as_complex(np.column_stack([x_px, y_px]) - guess.image_centre),
-        as_complex(np.asarray(targets, float).reshape(-1, 2)),
-    )
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], float]:
+    """Contacts from the centre of the image (px) and targets (m) as complex numbers; pairing distance (m)."""
+    spots = np.asarray(targets, float).reshape(-1, 2)
+    points = np.column_stack([x_px, y_px]) - guess.image_centre
+    return as_complex(points), as_complex(spots), pairing_distance(spots, guess)
 
 
 def _grid(
-    reach: float, guess: Pose, gate: float, search: PoseSearch, quarter_turns: tuple[int, ...] = (0,)
+    reach: float, guess: Pose, gate: float, quarter_turns: tuple[int, ...] = (0,)
 ) -> Iterator[tuple[complex, bool]]:
-    """Rotations and scales, mirrored or not, nearest to the guess first.
+    """Factors of poses that are turned and scaled against the guess, mirrored or not, nearest to it first.
 
     No step moves a point within ``reach`` (m) by more than a pairing distance.
     """
     turns, scales = (
         np.linspace(-limit, limit, 2 * int(np.ceil(limit * max(reach, gate) / gate)) + 1)
-        for limit in (search.rotation, search.scale)
+        for limit in (LARGEST_TURN_RAD, LARGEST_SCALE_ERROR)
     )
     grid = sorted(product(turns, scales), key=lambda item: abs(item[0]) + abs(item[1]))
-    mirrors = (guess.mirrored, not guess.mirrored) if search.mirror else (guess.mirrored,)
+    mirrors = (guess.mirrored, not guess.mirrored)
     for mirrored, quarter, (turn, scale) in product(mirrors, quarter_turns, grid):
-        yield factor_of(guess, quarter * np.pi / 2 + turn, scale, mirrored), mirrored
-
-
-def _candidates(
-    points: NDArray[np.complex128], tree: KDTree, guess: Pose, search: PoseSearch, gate: float
-) -> Iterator[tuple[complex, complex, bool]]:
-    """Similarities (alpha, beta, mirrored) worth refining: enough of the points agree on a shift."""
-    spots, centre = as_complex(tree.data), complex(*guess.centre)
-    for alpha, mirrored in _grid(float(np.abs(points).max()) * guess.pixel_size, guess, gate, search):
-        moved = alpha * oriented(points, mirrored) + centre
-        pairs = KDTree(as_real(moved)).sparse_distance_matrix(
-            tree, search.shift + gate, output_type="coo_matrix"
-        )
-        count, shift = _vote(spots[pairs.col] - moved[pairs.row], gate)
-        if count >= max(MIN_PAIRS, len(points) / POINTS_PER_VOTE):
-            yield alpha, centre + shift, mirrored
+        # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
+        angle = (guess.rotation + quarter * np.pi / 2 + turn) * (1 if mirrored else -1)
+        yield complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle)), mirrored
 
 
 def _vote(shifts: NDArray[np.complex128], cell: float) -> tuple[int, complex]:
@@ -282,13 +253,6 @@ def _scale_std(points: NDArray[np.complex128], distance: NDArray[np.float64]) ->
     return float(np.sqrt(variance / np.sum(np.abs(points - points.mean()) ** 2)))
 
 
-def factor_of(guess: Pose, turn: float, scale: float, mirrored: bool) -> complex:  # noqa: FBT001
-    """The factor alpha of a pose that is turned (rad) and scaled against the guess."""
-    # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
-    angle = (guess.rotation + turn) * (1 if mirrored else -1)
-    return complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle))
-
-
 def as_complex(points: NDArray) -> NDArray[np.complex128]:
     """(n, 2) real -> (n,) complex."""
     return points[:, 0] + 1j * points[:, 1]
@@ -302,6 +266,21 @@ def as_real(points: NDArray) -> NDArray[np.float64]:
 def oriented(points: NDArray[np.complex128], mirrored: bool) -> NDArray[np.complex128]:  # noqa: FBT001
     """Pixel points, conjugated if the image is mirrored."""
     return points.conj() if mirrored else points
+
+
+def common_shift(points: ArrayLike, targets: ArrayLike, *, near: float, far: float) -> NDArray[np.float64]:
+    """The shift (x, y) by which most points lie from a target, within a distance ``near``; at most ``far``.
+
+    Examples
+    --------
+    >>> targets = np.array([[0.0, 0.0], [5.0, 1.0], [2.0, 7.0]])
+    >>> common_shift(targets + [1.5, 0.5], targets, near=0.2, far=4.0)
+    array([1.5, 0.5])
+    """
+    points, targets = (np.asarray(one, float).reshape(-1, 2) for one in (points, targets))
+    pairs = KDTree(points).sparse_distance_matrix(KDTree(targets), far, output_type="coo_matrix")
+    _, shift = _vote(as_complex(points[pairs.row] - targets[pairs.col]), near)
+    return np.array([shift.real, shift.imag])
 
 
 # --- anywhere over the sample, where the stated pose leads nowhere
@@ -330,10 +309,9 @@ def search_everywhere(x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, gues
     A pose is accepted if so many matches would be chance with a probability
     below `FALSE_ALARM_RATE`, all positions and rotations that were tried counted.
     """
-    points, spots = _in_plane(x_px, y_px, targets, guess)
-    if len(points) < MIN_PAIRS or len(spots) < MIN_PAIRS:
+    points, spots, gate = _in_plane(x_px, y_px, targets, guess)
+    if min(len(points), len(spots)) < MIN_PAIRS:
         return None
-    gate = pairing_distance(as_real(spots), guess)
     for quarter_turns in ((0,), (1, 2, 3)):
         found = _best_pose(points, spots, guess, gate, quarter_turns)
         if found is not None:
@@ -381,7 +359,7 @@ def _voters(
     ranked = points[np.argsort(np.abs(points - _densest(points)))]
     for count in range(min(VOTING_POINTS, len(points)), LEAST_VOTING_POINTS - 1, -5):
         reach = float(np.abs(ranked[:count] - ranked[:count].mean()).max()) * guess.pixel_size
-        grid = list(_grid(reach, guess, gate, PoseSearch(np.inf), quarter_turns))
+        grid = list(_grid(reach, guess, gate, quarter_turns))
         if len(grid) <= MOST_VOTES:
             return ranked[:count], grid
     return ranked[:0], []

@@ -74,22 +74,3 @@ def pairing_distance(targets: ArrayLike, pose: Pose) -> float:
         return MIN_PAIRING_PX * pose.pixel_size
     distance = np.asarray(KDTree(points).query(points, k=2)[0])
     return max(PAIRING_FRACTION * float(np.median(distance[:, 1])), MIN_PAIRING_PX * pose.pixel_size)
-
-
-def common_shift(points: ArrayLike, targets: ArrayLike, *, near: float, far: float) -> NDArray[np.float64]:
-    """The shift (x, y) by which most points lie from a target, within a distance ``near``; at most ``far``.
-
-    Examples
-    --------
-    >>> targets = np.array([[0.0, 0.0], [5.0, 1.0], [2.0, 7.0]])
-    >>> common_shift(targets + [1.5, 0.5], targets, near=0.2, far=4.0)
-    array([1.5, 0.5])
-    """
-    points, targets = (np.asarray(one, float).reshape(-1, 2) for one in (points, targets))
-    pairs = KDTree(points).sparse_distance_matrix(KDTree(targets), far, output_type="coo_matrix")
-    shifts = points[pairs.row] - targets[pairs.col]
-    if not len(shifts):
-        return np.zeros(2)
-    tree = KDTree(shifts)
-    votes = tree.query_ball_point(shifts, near, return_length=True)
-    return np.median(shifts[tree.query_ball_point(shifts[int(np.argmax(votes))], near)], axis=0)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import ndimage, signal
 from skimage.morphology import local_maxima, reconstruction
 from skimage.segmentation import watershed
 
@@ -177,18 +177,13 @@ def correlation_factor(residuals: Values) -> float:
     float
         Sum of the autocorrelation over lags within `LAGS` px, at least 1.
     """
-    valid = np.isfinite(residuals)
-    values = np.where(valid, residuals, 0.0)
-    pad = ((0, 2 * LAGS), (0, 2 * LAGS))
-    spectra = [np.fft.rfft2(np.pad(part.astype(np.float64), pad)) for part in (values, valid)]
-    size = (values.shape[0] + 2 * LAGS, values.shape[1] + 2 * LAGS)
-    products, pairs = (np.fft.irfft2(np.abs(spectrum) ** 2, s=size) for spectrum in spectra)
-    rows, columns = np.ix_(np.arange(-LAGS, LAGS + 1), np.arange(-LAGS, LAGS + 1))
-    near = (rows**2 + columns**2 <= LAGS**2) & (pairs[rows, columns] > 0.5)
-    if products[0, 0] <= 0:
-        return 1.0
-    covariances = products[rows, columns][near] / pairs[rows, columns][near]
-    return max(1.0, float(covariances.sum() / (products[0, 0] / pairs[0, 0])))
+    valid = np.isfinite(residuals).astype(np.float64)
+    values = np.where(valid > 0, residuals, 0.0)
+    products, pairs = (signal.correlate(np.pad(one, LAGS), one, mode="valid") for one in (values, valid))
+    mean = products / np.maximum(pairs, 1.0)
+    near = (np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]) <= LAGS) & (pairs > 0.5)
+    own = float(mean[LAGS, LAGS])
+    return max(1.0, float(mean[near].sum()) / own) if own > 0 else 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

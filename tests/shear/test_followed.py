@@ -11,7 +11,7 @@ from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.pipeline.analyse.places import open_place
 from contactimg.pipeline.analyse.sheared import analyse_shear
-from contactimg.pose.pairs import common_shift
+from contactimg.pose.fit import common_shift
 from contactimg.shear.followed import fit_beta, fit_shear_laws, follow_contacts
 from contactimg.tables import CONTACTS, FRAMES, LOADS
 
