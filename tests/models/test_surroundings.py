@@ -100,6 +100,19 @@ def test_all_of_a_pattern_that_is_a_mean_field_adds_up():
     assert float(sunk[0]) == pytest.approx(0.2 / (np.pi * 4e6 * r), rel=0.02)
 
 
+def test_the_mean_field_opens_the_gap_between_the_planes():
+    """What lies beyond the part sinks its surface by 1 um: the gap is that of the whole within 0.05 um."""
+    whole, part, _ = whole_and_part(1)
+    expected, around, bare = (
+        predict_contacts(scene_of(surroundings=kind), table, load=0.5, coupling="asymptotic")
+        .frames["min_gap_m"]
+        .iloc[0]
+        for kind, table in (("none", whole), ("mean_field", part), ("none", part))
+    )
+    assert around == pytest.approx(expected, abs=5e-8)
+    assert bare < expected - 5e-7
+
+
 def test_what_has_no_mean_field_is_refused():
     _, part, _ = whole_and_part(4)
     scene = scene_of(surroundings="mean_field")
