@@ -157,16 +157,19 @@ def _load_variance(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> tuple[
     From the scatter between places, or between the sectors of few places; by counting if there are too few.
     """
     together = pd.concat([place.assign(place=k) for k, place in enumerate(places)])
-    block = ["place"] if len(places) >= MIN_PLACES_FOR_SCATTER else ["place", "sector"]
+    by_place = len(places) >= MIN_PLACES_FOR_SCATTER
+    block = ["place"] if by_place else ["place", "sector"]
     parts = together.groupby(["inner", "outer", *block], sort=True)[["p", "area"]].sum()
-    p, seen = (parts[name].to_numpy(float).reshape(len(sums), -1) for name in ("p", "area"))
-    n = p.shape[1]
+    groups = 1 if by_place else len(places)  # sectors scatter about their own place
+    p, seen = (parts[name].to_numpy(float).reshape(len(sums), groups, -1) for name in ("p", "area"))
+    n = p.shape[2]
     if n < MIN_PLACES_FOR_SCATTER:
         return sums["pp"].to_numpy(float), 1.0
-    mean = p.sum(axis=1) / _nonzero(sums["area"])
-    away = p - seen * mean[:, None]  # of the ratio of sums p/area, linearised
-    student = float(special.stdtrit(n - 1, 0.975) / special.ndtri(0.975))
-    return np.asarray(n / (n - 1) * np.sum(away**2, axis=1), np.float64), student
+    area = seen.sum(axis=2, keepdims=True)
+    # of the ratio of sums p/area, linearised
+    away = p - seen * p.sum(axis=2, keepdims=True) / np.where(area > 0, area, 1.0)
+    student = float(special.stdtrit(groups * (n - 1), 0.975) / special.ndtri(0.975))
+    return np.asarray(n / (n - 1) * np.sum(away**2, axis=(1, 2)), np.float64), student
 
 
 def _empty_limit(sums: pd.DataFrame) -> Values:
