@@ -1,7 +1,7 @@
 """Run the commands that README, tutorial and how-to pages show, and compare the output that is printed there.
 
-    python benchmarks/documented_commands.py            # compare
-    python benchmarks/documented_commands.py --write    # put output and figures of today on the pages
+    python benchmarks/run.py documented_commands.compare
+    python benchmarks/run.py documented_commands.compare --write    # output and figures of today on the pages
 
 Each line of code that begins with `contactimg` is run, in the order of the pages, in one copy of sample_data.
 In a block `console` it begins with `$ `, and what it prints stands below, with `...` for lines left out. A
@@ -199,13 +199,10 @@ def run_pages(*, write: bool = False) -> tuple[list[str], dict[str, float]]:
     return wrong, done
 
 
-def main() -> int:
-    wrong, done = run_pages(write="--write" in sys.argv[1:])
+def compare(write: bool = False) -> None:  # noqa: FBT001, FBT002 - an option
+    """Print how long each command takes, and what differs; then the exit code is 1."""
+    wrong, done = run_pages(write=write)
     for command, seconds in done.items():
         print(f"{seconds:6.1f} s  {command}")
     print(f"{sum(done.values()):6.1f} s  in total", *wrong, sep="\n")
-    return int(bool(wrong))
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(bool(wrong))
