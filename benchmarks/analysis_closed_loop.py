@@ -6,10 +6,11 @@ the uncertainties that the analysis states. Coverage: how often 95 % intervals h
 contacts (no images) and simulated tables. Surfaces of one and of 24 places are drawn from a bank of patterns;
 the truth is what the same number of places shows on average.
 
-    python benchmarks/analysis_closed_loop.py [--places N] [--repeats N] [--bank N] [--kinds KIND ...]
+    python benchmarks/run.py analysis_closed_loop.frames --places 4
+    python benchmarks/run.py analysis_closed_loop.contacts --repeats 100 --bank 240 --kinds SA+ RA-
+    python benchmarks/run.py analysis_closed_loop.tables --repeats 1000
 """
 
-import argparse
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pattern_scene import pattern_scene
 from scipy import optimize, stats
+from shared import pattern_scene
 
 from contactimg.analysis.annuli import MOMENTS, SECTORS, annulus_moments, sum_moments
 from contactimg.analysis.area_against_load import fit_area_law, frame_areas
@@ -98,7 +99,7 @@ def compare(analysis: Analysis) -> dict[str, float]:
     return out
 
 
-def closed_loop(places: int, seed: int) -> pd.DataFrame:
+def frames(places: int = 4, seed: int = 20000) -> None:
     """Rendered frames against their own contacts, all places together, one place, and with noisy loads."""
     results = {}
     for name, coverage in SURFACES.items():
@@ -118,7 +119,7 @@ def closed_loop(places: int, seed: int) -> pd.DataFrame:
                 "exponent, 10 % on P": law.value,
                 "std, 10 % on P": law.std,
             }
-    return pd.DataFrame(results)
+    print(pd.DataFrame(results).round(4).to_string())
 
 
 def solved_patterns(kind: str, count: int, seed: int, store: Path | None) -> pd.DataFrame:
@@ -185,12 +186,12 @@ class Bank:
     areas: list[pd.DataFrame]
 
     @classmethod
-    def of(cls, kind: str, given: argparse.Namespace) -> "Bank":
+    def of(cls, kind: str, count: int, seed: int, store: Path | None) -> "Bank":
         """Solve the patterns, or read them, and measure their contacts."""
         bank, where = cls([], []), {"centre": (SIDE / 2, SIDE / 2), "edges": 2.5e-4 * np.arange(20)}
-        patterns = solved_patterns(kind, given.bank, given.seed, given.store)
+        patterns = solved_patterns(kind, count, seed, store)
         for number, place in patterns.groupby("pattern"):
-            found = with_radius_errors(place, np.random.default_rng([given.seed, number, 1]))
+            found = with_radius_errors(place, np.random.default_rng([seed, number, 1]))
             shots = [found[found["load_N"] == load] for load in LOADS_N]
             bank.moments.append([annulus_moments(shot, sectors=SECTORS, **where) for shot in shots])
             frames = pd.DataFrame({"frame": LOADS_N, "load_N": LOADS_N, "area_std_m2": 0.0})
@@ -225,17 +226,35 @@ class Bank:
         return found | {name: fit_contact_law(loads, quantity).single for name, quantity in LAWS.items()}
 
 
-def coverage_on_contacts(kind: str, counts: Sequence[int], given: argparse.Namespace) -> pd.DataFrame:
-    """How often intervals hold what the same places give on average over many patterns of the kind."""
-    bank, rows = Bank.of(kind, given), {}
+def contacts(  # noqa: PLR0917 - options
+    kinds: tuple[str, ...] = tuple(KINDS),
+    counts: tuple[int, ...] = (1, 24),
+    repeats: int = 100,
+    bank: int = 240,
+    seed: int = 20000,
+    store: str | None = None,
+) -> None:
+    """How often intervals hold what as many places give on average over many patterns of the kind.
+
+    ``repeats`` surfaces are drawn of each kind, of as many places as the ``counts`` say, from ``bank``
+    patterns; ``store`` is a folder that keeps the solved patterns for the next run.
+    """
+    for kind in kinds:
+        patterns = Bank.of(kind, bank, seed, None if store is None else Path(store))
+        print(coverage_of(kind, patterns, counts, repeats, seed).round(4).T.to_string(), "\n", flush=True)
+
+
+def coverage_of(kind: str, bank: Bank, counts: Sequence[int], repeats: int, seed: int) -> pd.DataFrame:
+    """The rows of a kind."""
+    rows = {}
     for count in counts:
-        rng, expected = np.random.default_rng([given.seed, count]), bank.expected(count)
+        rng, expected = np.random.default_rng([seed, count]), bank.expected(count)
         truth = bank.fitted(expected, bank.mean_areas())
         pressure = np.array([places["mean"]["p"] / places["mean"]["area"] for places in expected])
         surfaces, inside = [], []
-        for repeat in range(given.repeats):
-            once = count == 1 and given.repeats <= given.bank
-            places = np.array([repeat]) if once else rng.integers(given.bank, size=count)
+        for repeat in range(repeats):
+            once = count == 1 and repeats <= len(bank.moments)
+            places = np.array([repeat]) if once else rng.integers(len(bank.moments), size=count)
             loads, areas = bank.drawn(places)
             surfaces.append(bank.fitted(loads, areas))
             inside.append(profile_hits(loads, pressure))
@@ -269,12 +288,12 @@ def profile_coverage(inside: NDArray[np.bool_], expected: list[dict[str, pd.Data
     return found
 
 
-def coverage_on_tables(repeats: int, seed: int) -> dict[str, dict[str, float]]:
+def tables(repeats: int = 1000, seed: int = 20000) -> None:
     """How often intervals from simulated tables hold the truth that they were made from."""
     rng = np.random.default_rng(seed)
     laws = [broken_law(rng) for _ in range(repeats)]
     straight = [broken_law(rng, low_exponent=0.4) for _ in range(repeats)]
-    return {
+    found = {
         "exponent below p*": describe([law.low_exponent for law in laws], 0.78),
         "exponent above p*": describe([law.high_exponent for law in laws], 0.4),
         "p* (Pa)": describe([law.break_x for law in laws], 50.0),
@@ -283,6 +302,7 @@ def coverage_on_tables(repeats: int, seed: int) -> dict[str, dict[str, float]]:
         "shear stress (MPa)": describe([shear_stress(rng) for _ in range(repeats)], 0.49),
         "contact angle (deg)": describe([contact_angle(rng) for _ in range(repeats)], 57.0),
     }
+    print(pd.DataFrame(found).T.round(4).to_string())
 
 
 def broken_law(rng: np.random.Generator, low_exponent: float = 0.78) -> BrokenLaw:
@@ -326,29 +346,3 @@ def scaled(estimate: Estimate, factor: float) -> Estimate:
     return Estimate(
         *(factor * value for value in (estimate.value, estimate.std, estimate.low, estimate.high))
     )
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--places", type=int, default=4, help="rendered places; 0 renders none")
-    parser.add_argument("--repeats", type=int, default=100, help="surfaces drawn of each kind")
-    parser.add_argument("--bank", type=int, default=240, help="patterns of each kind to draw from")
-    parser.add_argument("--counts", nargs="*", type=int, default=[1, 24], help="places of a surface")
-    parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=list(KINDS))
-    parser.add_argument("--tables", action=argparse.BooleanOptionalAction, default=True)
-    parser.add_argument("--seed", type=int, default=20000)
-    parser.add_argument("--store", type=Path, help="folder that keeps the solved patterns for the next run")
-    given = parser.parse_args()
-    pd.set_option("display.width", 160)
-    if given.tables:
-        print(pd.DataFrame(coverage_on_tables(10 * given.repeats, given.seed)).T.round(4).to_string(), "\n")
-    for kind in given.kinds:
-        print(coverage_on_contacts(kind, given.counts, given).round(4).T.to_string(), "\n", flush=True)
-    if given.places:
-        print(closed_loop(given.places, given.seed).round(4).to_string())
-
-
-if __name__ == "__main__":
-    main()

@@ -1,11 +1,10 @@
 """How well modulus, adhesion and centre come out of a smooth contact, and how honest the intervals are.
 
-python benchmarks/calibration_jkr.py intervals [--seeds 100] [--seed 1]  # loads and radii with noise
-python benchmarks/calibration_jkr.py errors [--seeds 50]       # zero, gain, lens or layer that are off
-python benchmarks/calibration_jkr.py frames [--seed 1]         # rendered frames, modulus and adhesion hidden
+python benchmarks/run.py calibration_jkr.intervals --seeds 100 --seed 1  # loads and radii with noise
+python benchmarks/run.py calibration_jkr.errors --seeds 50       # zero, gain, lens or layer that are off
+python benchmarks/run.py calibration_jkr.frames --seed 1         # rendered, modulus and adhesion hidden
 """
 
-import argparse
 import tempfile
 from pathlib import Path
 
@@ -71,13 +70,18 @@ SERIES = {
 }
 
 
+def show(table: pd.DataFrame) -> None:
+    """Print a table."""
+    print(table.to_string(float_format="{:.3f}".format))
+
+
 def draw(loads: np.ndarray, noise: float, kind: str, rng: np.random.Generator) -> np.ndarray:
     """Loads as a sensor reads them: noise relative to each load, or to the largest."""
     scale = np.abs(loads) if kind == "each" else loads.max()
     return loads + noise * scale * rng.standard_normal(loads.size)
 
 
-def judge_intervals(seeds: int, first: int) -> pd.DataFrame:
+def intervals(seeds: int = 100, seed: int = 1) -> None:
     """Share of seeds whose 95 % intervals hold the truth, and errors; with a right and a stated zero."""
     rows = []
     for name, values in LOADS_N.items():
@@ -85,8 +89,8 @@ def judge_intervals(seeds: int, first: int) -> pd.DataFrame:
         cases = [(n, k, z) for n in (0.002, 0.01, 0.1) for k in ("each", "largest") for z in (0.0, 2.5e-3)]
         for noise, kind, zero_std in cases:
             found, refused = [], 0
-            for seed in range(first, first + seeds):
-                rng = np.random.default_rng(seed)
+            for number in range(seed, seed + seeds):
+                rng = np.random.default_rng(number)
                 radius = jkr.radius(loads, **LAW)
                 std = 3e-5 * radius
                 try:
@@ -118,7 +122,7 @@ def judge_intervals(seeds: int, first: int) -> pd.DataFrame:
             }
             rows.append(row)
             print(row, flush=True)
-    return pd.DataFrame(rows)
+    show(pd.DataFrame(rows))
 
 
 def read_series(loads: np.ndarray, error: dict, rng: np.random.Generator) -> dict:
@@ -147,7 +151,7 @@ def read_series(loads: np.ndarray, error: dict, rng: np.random.Generator) -> dic
     }
 
 
-def judge_errors(seeds: int) -> pd.DataFrame:
+def errors(seeds: int = 50) -> None:
     """Share of series within two stated standard uncertainties when all loads or the lens are off.
 
     The scene states a zero to 2.5 mN; the gain is taken as known to 1 %.
@@ -174,7 +178,7 @@ def judge_errors(seeds: int) -> pd.DataFrame:
             row["departure"] = np.mean([bool(one.departure) for one in found])
             rows.append(row)
             print(row, flush=True)
-    return pd.DataFrame(rows)
+    show(pd.DataFrame(rows))
 
 
 def stretch(folder: Path, astigmatism: float, centre: tuple[float, float]) -> None:
@@ -253,7 +257,7 @@ def measure(
     return result.record | {"circles": result.tables["circles.csv"][1]}
 
 
-def judge_frames(seed: int) -> pd.DataFrame:
+def frames(seed: int = 1) -> None:
     """Errors of the whole way from frames to modulus, adhesion and centre."""
     rows = {}
     for name, changes in FRAMES.items():
@@ -280,22 +284,4 @@ def judge_frames(seed: int) -> pd.DataFrame:
             "frames": int(np.isfinite(circles["radius_px"]).sum()),
         }
         print(name, rows[name], flush=True)
-    return pd.DataFrame(rows).T
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["intervals", "errors", "frames"])
-    parser.add_argument("--seeds", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    judge = {
-        "intervals": lambda: judge_intervals(options.seeds, options.seed),
-        "errors": lambda: judge_errors(options.seeds),
-        "frames": lambda: judge_frames(options.seed),
-    }
-    print(judge[options.what]().to_string(float_format="{:.3f}".format))
-
-
-if __name__ == "__main__":
-    main()
+    show(pd.DataFrame(rows).T)

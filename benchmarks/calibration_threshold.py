@@ -3,15 +3,14 @@
 Both samples are rendered with a modulus of their own; the analysis of the first knows it, that of the second
 starts from one that is 4 % off. Each line renders both with something the pixel count knows nothing of.
 
-    python benchmarks/calibration_threshold.py [--seed N] [--side-mm 10]
+    python benchmarks/run.py calibration_threshold.closed_loop --seed 1 --side-mm 10
 """
 
-import argparse
 import tempfile
 from pathlib import Path
 
 import pandas as pd
-from pattern_scene import PIXEL, pattern_scene
+from shared import PIXEL, pattern_scene
 
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
@@ -60,7 +59,7 @@ def scene_with(folder: Path, modulus: float, std: float, **measure: object) -> S
     return scene_from_dict(data, folder=str(folder))
 
 
-def closed_loop(top: Path, seed: int, side: float, changes: dict) -> dict[str, float]:
+def judge(top: Path, seed: int, side: float, changes: dict) -> dict[str, float]:
     """Calibrate on the first sample, judge on the second."""
     first, second = top / "first", top / "second"
     make_sample(first, TRUE[0], seed, side, changes)
@@ -84,18 +83,11 @@ def closed_loop(top: Path, seed: int, side: float, changes: dict) -> dict[str, f
     return result
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--side-mm", type=float, default=10.0)
-    options = parser.parse_args()
+def closed_loop(seed: int = 1, side_mm: float = 10.0) -> None:
+    """Every line of the table."""
     results = {}
     for name, changes in RENDERED.items():
         with tempfile.TemporaryDirectory() as top:
-            results[name] = closed_loop(Path(top), options.seed, options.side_mm * 1e-3, changes)
+            results[name] = judge(Path(top), seed, side_mm * 1e-3, changes)
         print(name, results[name], flush=True)
     print(pd.DataFrame(results).T.to_string(float_format="{:.3f}".format))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,14 +1,13 @@
 """The whole chain from surface to matches, on frames of the paper's pattern SA+ with a camera's faults.
 
-    python benchmarks/chain.py accuracy --seed 40                    # table of docs/accuracy.md
-    python benchmarks/chain.py coverage --seed 201 --frames 30       # tables of docs/uncertainty.md
-    python benchmarks/chain.py series --seed 201                     # a series over five decades of load
+    python benchmarks/run.py chain.accuracy --seed 40
+    python benchmarks/run.py chain.coverage --seed 201 --frames 30
+    python benchmarks/run.py chain.series --seed 201
 
 Frames of 1600 x 1200 pixels of 6 um, contrast 100 grey levels, noise 2.1; each has another pattern, noise and
 texture. Cases are frames rendered with something that the estimator's model does not contain.
 """
 
-import argparse
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pandas as pd
-from pattern_scene import PIXEL, pattern_scene
+from shared import PIXEL, pattern_scene
 
 from contactimg.files import list_frames, read_scene, write_frame, write_scene
 from contactimg.forces import assign_forces, total_area, total_force
@@ -31,7 +30,6 @@ from contactimg.prediction import predict_contacts
 from contactimg.render import render_contacts, render_reference
 from contactimg.scene import Scene
 
-ROOT = Path(__file__).parents[1]
 LOADS_N = [0.02, 0.2, 0.5]
 SERIES_N = [1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.2, 0.5]
 CASES: dict[str, dict[str, Any]] = {
@@ -100,13 +98,13 @@ def compare(folder: Path) -> dict[str, float]:
     }
 
 
-def accuracy(options: argparse.Namespace) -> None:
+def accuracy(seed: int = 1) -> None:
     """Each case, and scenes that are wrong about the camera."""
     results = {}
     with tempfile.TemporaryDirectory() as top:
         for number, (name, changes) in enumerate(CASES.items()):
             folder = Path(top) / str(number)
-            render(folder, pattern_scene(options.seed, loads_N=LOADS_N, **changes))
+            render(folder, pattern_scene(seed, loads_N=LOADS_N, **changes))
             if "effects" in changes:
                 results[f"{name}, rim in the edge model"] = compare(folder)
                 write_scene(read_scene(folder).source | {"effects": {"film": "off"}}, folder / "scene.toml")
@@ -146,13 +144,12 @@ def pulls(seed: int, load: float, changes: dict[str, Any]) -> dict[str, float]:
     return row
 
 
-def coverage(options: argparse.Namespace) -> None:
-    """Mean and spread of errors (%) and pulls over many frames measured alone."""
+def coverage(seed: int = 1, frames: int = 30) -> None:
+    """Mean and spread of errors (%) and pulls over many frames of each case and load, measured alone."""
     for name in COVERED:
         rows = []
         for load in LOADS_N:
-            seeds = range(options.seed, options.seed + options.frames)
-            table = pd.DataFrame([pulls(seed, load, CASES[name]) for seed in seeds])
+            table = pd.DataFrame([pulls(seed + k, load, CASES[name]) for k in range(frames)])
             row: dict[str, float] = {"load": load}
             for what in ("area", "force"):
                 row |= {
@@ -171,12 +168,12 @@ def coverage(options: argparse.Namespace) -> None:
         )
 
 
-def series(options: argparse.Namespace) -> None:
+def series(seed: int = 1) -> None:
     """Errors of the sums of a series over five decades of load, and what is stated (%)."""
     for blur in (1.4, 2.5):
         with tempfile.TemporaryDirectory() as top:
             folder = Path(top) / "series"
-            render(folder, pattern_scene(options.seed, blur_px=blur, loads_N=SERIES_N))
+            render(folder, pattern_scene(seed, blur_px=blur, loads_N=SERIES_N))
             frames = measure_series(read_scene(folder), workers=1).frames.set_index("frame")
             truth = pd.read_csv(folder / "truth.csv").groupby("frame")["area_m2"].sum()
         area, load = truth[frames.index], frames["load_N"]
@@ -195,14 +192,3 @@ def series(options: argparse.Namespace) -> None:
             sep="\n",
             flush=True,
         )
-
-
-SUBJECTS = {"accuracy": accuracy, "coverage": coverage, "series": series}
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("subject", choices=SUBJECTS)
-    parser.add_argument("--seed", type=int, default=1, help="first of the seeds")
-    parser.add_argument("--frames", type=int, default=30, help="frames of each case and load of the coverage")
-    options = parser.parse_args()
-    SUBJECTS[options.subject](options)

@@ -1,7 +1,7 @@
 """Run the commands that README, tutorial and how-to pages show, and compare the output that is printed there.
 
-    python benchmarks/documented_commands.py            # compare
-    python benchmarks/documented_commands.py --write    # put output and figures of today on the pages
+    python benchmarks/run.py documented_commands.compare
+    python benchmarks/run.py documented_commands.compare --write    # output and figures of today on the pages
 
 Each line of code that begins with `contactimg` is run, in the order of the pages, in one copy of sample_data.
 In a block `console` it begins with `$ `, and what it prints stands below, with `...` for lines left out. A
@@ -27,7 +27,6 @@ import numpy as np
 from PIL import Image
 
 from contactimg.cli import main as contactimg
-from contactimg.files.figures import FIGURE_FORMATS
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", "docs/tutorial.md", "docs/effects.md", "docs/tradeoff.md", "docs/howto/*.md")
@@ -36,7 +35,7 @@ NOT_RUN = ("--cluster", "contactimg review", ".sur")
 """What a command says that needs a cluster, a person, or a file of an instrument."""
 
 SHORTENED = {
-    "contactimg process": " --no-pictures",
+    "contactimg process": " --no-pictures --workers 1",
     "contactimg analyse runs": " --no-models",
     "contactimg tradeoff": " --knob model",
     "contactimg calibrate jkr": " --frames frame_0[1-3].tif",
@@ -63,11 +62,13 @@ NUMBER = re.compile(r"([(±] ?)?(?<![\w.])([-+]?\d+(?:\.(\d+))?(?:e([-+]?\d+))?)
 
 
 def prepare(folder: Path) -> None:
-    """Make the folders that the pages speak of: sample_data, and `my_frames` and others from it."""
+    """Make the folders that the pages speak of: sample_data, and `my_frames` and others from it.
+
+    Of the places, whose output no page shows, two are enough.
+    """
     data, mine = folder / "sample_data", folder / "my_frames"
-    shutil.copytree(
-        ROOT / "sample_data", data, ignore=shutil.ignore_patterns("contactimg_out", "__pycache__")
-    )
+    left_out = shutil.ignore_patterns("contactimg_out", "__pycache__", "place_3", "place_4")
+    shutil.copytree(ROOT / "sample_data", data, ignore=left_out)
     mine.mkdir()
     for name in ("frame_1.tif", "frame_2.tif", "frame_3.tif", "asperities.csv"):
         shutil.copy(data / "sa_plus" / name, mine)
@@ -185,7 +186,7 @@ def keep_figure(file: Path, target: Path) -> None:
 def run_pages(*, write: bool = False) -> tuple[list[str], dict[str, float]]:
     """What the pages show and the commands no longer print; and the seconds that each command takes."""
     wrong, done = list[str](), dict[str, float]()
-    formats = FIGURE_FORMATS if write else FIGURE_FORMATS[1:2]  # SVG, the fastest, where figures are not kept
+    formats = ("png", "svg", "pdf") if write else ("svg",)  # the fastest, where figures are not kept
     shown = mock.patch("contactimg.files.figures.FIGURE_FORMATS", formats)
     with shown, tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         prepare(Path(folder))
@@ -198,13 +199,10 @@ def run_pages(*, write: bool = False) -> tuple[list[str], dict[str, float]]:
     return wrong, done
 
 
-def main() -> int:
-    wrong, done = run_pages(write="--write" in sys.argv[1:])
+def compare(write: bool = False) -> None:  # noqa: FBT001, FBT002 - an option
+    """Print how long each command takes, and what differs; then the exit code is 1."""
+    wrong, done = run_pages(write=write)
     for command, seconds in done.items():
         print(f"{seconds:6.1f} s  {command}")
     print(f"{sum(done.values()):6.1f} s  in total", *wrong, sep="\n")
-    return int(bool(wrong))
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(bool(wrong))

@@ -1,27 +1,21 @@
 """How honest the plan of the mechanical effects is, and what it saves.
 
-    python benchmarks/effects_honesty.py scenes    # estimate against truth, every scene, output and effect
-    python benchmarks/effects_honesty.py wide      # thousands of contacts: a part is compared
-    python benchmarks/effects_honesty.py time      # auto against everything on, by turns in one process
+    python benchmarks/run.py effects_honesty.scenes   # estimate against truth, every scene, output, effect
+    python benchmarks/run.py effects_honesty.cost     # auto against everything on, by turns in one process
 
 The truth is the change of the output when one effect is switched off and all others are on.
 """
 
-import sys
-import time
-from pathlib import Path
+from functools import partial
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-
 from effect_scenes import SCENES, mechanical_scene, possible_effects
+from shared import times_by_turns
 
-from contactimg import generate_asperities, solve_adhesive, solve_interacting
+from contactimg import solve_adhesive, solve_interacting
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.effects.output_change import OUTPUTS, relative_change
 from contactimg.effects.plan import make_plan
-from contactimg.scene import scene_from_dict
 
 LOOK_FROM = 2e-3
 """Changes below it, true and estimated, are not compared: single contacts decide them."""
@@ -67,6 +61,7 @@ def factor(truth, estimate):
 
 
 def scenes():
+    """Stated and true change of each effect in each scene."""
     print("| scene, area | " + " | ".join(MECHANICAL_EFFECTS) + " | on at 1 % |")
     print("|---|" + "---|" * (len(MECHANICAL_EFFECTS) + 1))
     found = []
@@ -91,67 +86,29 @@ def scenes():
         )
 
 
-def wide():
-    for side, lens, load, thickness in (
-        (0.02, 0.4, 2.0, 0.02),
-        (0.02, 0.4, 0.2, 0.005),
-        (0.03, 2.0, 3.0, 0.03),
-    ):
-        table = generate_asperities("SA", side=side, coverage=0.4, rng=np.random.default_rng(1))
-        scene = scene_from_dict(
-            {
-                "indenter": {"radius_m": lens, "apex_m": [side / 2, side / 2]},
-                "elastic": {"young_modulus_Pa": 3e6, "thickness_m": thickness},
-            }
-        )
-        print(f"{len(table)} asperities, {load:g} N, lens {lens:g} m, layer {thickness:g} m")
-        for effect, output, truth, estimate in compare(scene, table, load):
-            off = factor(truth, estimate)
-            print(f"  {output:7s} {effect:15s} {estimate:.3g} for {truth:.3g}, factor {off:.2f}")
-
-
-def by_turns(functions, repeats=7):
-    """Best time of each function, called by turns (thread time)."""
-    best = [np.inf] * len(functions)
-    for _ in range(repeats):
-        for k, function in enumerate(functions):
-            start = time.thread_time()
-            function()
-            best[k] = min(best[k], time.thread_time() - start)
-    return best
-
-
 def planned(scene, table, load):
     """Plan and solve as the plan says; the change against everything on follows from the answer."""
     plan = make_plan(scene, table, load=load)
     return solve(scene, table, load, {d.effect for d in plan.decisions if d.on})
 
 
-def time_saved():
+def cost():
+    """Time of plan and solution over that of the solution with everything on."""
     print("| scene | auto / everything on | of which the plan | change of A |")
     print("|---|---|---|---|")
     totals = np.zeros(3)
     for name in SCENES:
         scene, table, load = mechanical_scene(name)
         all_on = possible_effects(scene)
-        planned(scene, table, load)
-        solve(scene, table, load, all_on)
-        took = by_turns(
-            [
-                lambda s=scene, t=table, p=load: planned(s, t, p),
-                lambda s=scene, t=table, p=load: make_plan(s, t, load=p),
-                lambda s=scene, t=table, p=load, e=all_on: solve(s, t, p, e),
-            ]
+        works = (
+            partial(planned, scene, table, load),
+            partial(make_plan, scene, table, load=load),
+            partial(solve, scene, table, load, all_on),
         )
+        took = [min(times) for times in times_by_turns(works, 7)]
         totals += took
         change = relative_change(
             "area", without=planned(scene, table, load), complete=solve(scene, table, load, all_on)
         )
         print(f"| {name} | {took[0] / took[2]:.2f} | {took[1] / took[2]:.2f} | {100 * change:.2f} % |")
     print(f"| all together | {totals[0] / totals[2]:.2f} | {totals[1] / totals[2]:.2f} | |")
-
-
-if __name__ == "__main__":
-    parts = {"scenes": scenes, "wide": wide, "time": time_saved}
-    for part in sys.argv[1:] or parts:
-        parts[part]()

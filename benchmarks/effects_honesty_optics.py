@@ -1,22 +1,18 @@
 """How honest the estimates of the effects of optics and sensor are, and what the plan saves.
 
-    python benchmarks/effects_honesty_optics.py [--seeds N] [SCENE ...]
+    python benchmarks/run.py effects_honesty_optics.scenes --seeds 3 --names plain
 
 For every scene of tests/helpers/optics_scenes.py and every effect that it can show: the true change of the
 measured output when that effect is left out of all, from frames rendered with and without, against the
 estimate; then what the plan leaves out, the change by all of it together, and the time to render."""
 
-import argparse
-import sys
 import time
-from pathlib import Path
+from functools import partial
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-
 from optics_scenes import CHANGES, optics_scene
 from optics_truth import NOISE, Photographed
+from shared import times_by_turns
 
 from contactimg.effects.optics import OPTICS, estimate_optics
 from contactimg.effects.plan import decide
@@ -24,19 +20,11 @@ from contactimg.render import render_contacts
 
 
 def render_time(photographed, shown):
-    """CPU time of a frame with these effects, best of three."""
-    scene = photographed.with_effects(shown)
-    times = []
-    for _ in range(3):
-        start = time.process_time()
-        render_contacts(
-            photographed.contacts,
-            scene,
-            rng=np.random.default_rng(0),
-            sphere_radius=photographed.sphere_radius,
-        )
-        times.append(time.process_time() - start)
-    return min(times)
+    """Processor time of a frame with these effects, best of three."""
+    scene, sphere_radius = photographed.with_effects(shown), photographed.sphere_radius
+    rng = np.random.default_rng(0)
+    work = partial(render_contacts, photographed.contacts, scene, rng=rng, sphere_radius=sphere_radius)
+    return min(times_by_turns([work], 3)[0])
 
 
 def judge(name, seeds):
@@ -79,21 +67,12 @@ def judge(name, seeds):
     return factors
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=6)
-    parser.add_argument("scenes", nargs="*", help="default: all")
-    arguments = parser.parse_args()
+def scenes(seeds: int = 6, names: tuple[str, ...] = ()) -> None:
+    """Every scene, or those of the names."""
     worst: dict[str, tuple[float, str]] = {}
-    for name in arguments.scenes or CHANGES:
-        for effect, factor in judge(name, range(arguments.seeds)).items():
+    for name in names or CHANGES:
+        for effect, factor in judge(name, range(seeds)).items():
             worst[effect] = max(worst.get(effect, (0.0, "")), (factor, name))
     print("worst factor between estimate and truth (two standard errors allowed for):")
     for effect, (factor, name) in worst.items():
         print(f"  {effect:15s} {factor:.2f}  ({name})")
-
-
-if __name__ == "__main__":
-    main()

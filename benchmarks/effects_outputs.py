@@ -1,16 +1,15 @@
 """Whether the plan keeps its tolerance in every written output, on scenes drawn at random.
 
-    python benchmarks/effects_outputs.py --count 60 --seed 1 --relative 0.01
-    python benchmarks/effects_outputs.py --count 100 --seed 1 --start 100 --csv part2.csv
+    python benchmarks/run.py effects_outputs.outputs --count 60 --seed 1 --relative 0.01
+    python benchmarks/run.py effects_outputs.outputs --count 100 --seed 1 --start 100 --csv part2.csv
 
 Each scene is solved as planned and with everything on. Printed: the share of scenes in which an output is off
 by more than the tolerance, the largest error, and how far the plan's own estimate is from it.
 """
 
-import argparse
-
 import numpy as np
 import pandas as pd
+from effect_scenes import possible_effects
 
 from contactimg import generate_asperities
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS
@@ -55,9 +54,8 @@ def draw(number: int, seed: int) -> tuple[str, Scene, pd.DataFrame, float]:
 
 def everything(scene: Scene) -> Scene:
     """The scene with every effect on that it can have."""
-    adheres = scene.elastic.work_of_adhesion > 0
-    able = {"adhesion": adheres, "full_coupling": not adheres, "layer": scene.elastic.thickness is not None}
-    switches = {name: "on" if able.get(name, True) else "off" for name in MECHANICAL_EFFECTS}
+    able = possible_effects(scene)
+    switches = {name: "on" if name in able else "off" for name in MECHANICAL_EFFECTS}
     return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
 
 
@@ -115,22 +113,16 @@ def report(rows: pd.DataFrame, relative: float) -> None:
     print(solved[wrong].to_string(float_format="%.4g"))
 
 
-def main() -> None:
-    """Draw the scenes, judge them and report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=60)
-    parser.add_argument("--start", type=int, default=0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--relative", type=float, default=0.01)
-    parser.add_argument("--output", default="all")
-    parser.add_argument("--csv")
-    options = parser.parse_args()
-    numbers = range(options.start, options.start + options.count)
-    rows = pd.DataFrame([judge(k, options.seed, options.relative, options.output) for k in numbers])
-    if options.csv:
-        rows.to_csv(options.csv, index=False)
-    report(rows, options.relative)
-
-
-if __name__ == "__main__":
-    main()
+def outputs(  # noqa: PLR0917 - options
+    count: int = 60,
+    start: int = 0,
+    seed: int = 1,
+    relative: float = 0.01,
+    output: str = "all",
+    csv: str | None = None,
+) -> None:
+    """Draw the scenes, judge them and report; ``csv`` is a file for the rows."""
+    rows = pd.DataFrame([judge(k, seed, relative, output) for k in range(start, start + count)])
+    if csv:
+        rows.to_csv(csv, index=False)
+    report(rows, relative)

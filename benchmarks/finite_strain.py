@@ -1,7 +1,6 @@
 """How far neo-Hookean rubber departs from Hertz's law and from the sphere's at a contact radius.
 
-    python benchmarks/finite_strain.py            # table of ratios against a/R
-    python benchmarks/finite_strain.py 0.5 80     # one a/R with so many elements along the contact radius
+    python benchmarks/run.py finite_strain.table --count 30    # elements along the contact radius
 
 A rigid sphere is pressed without friction into a block of nearly incompressible neo-Hookean rubber, wide
 against the contact. Axisymmetric finite elements of the total Lagrangian form: bilinear, the dilatation
@@ -9,8 +8,6 @@ averaged over each element, the bulk modulus `BULK` shear moduli. The sphere act
 by a penalty. The radius of the contact is where the square of the pressure, which falls to zero linearly
 there, vanishes. Lengths are in units of the sphere's radius, pressures of the shear modulus.
 """
-
-import sys
 
 import numpy as np
 from scipy.sparse import coo_matrix, diags
@@ -183,15 +180,9 @@ def ratios(target, count):
     return a, load / (4 / 3 * MODULUS * a**3), load / (MODULUS * float(sphere.scaled_load(np.array([a]))[0]))
 
 
-def main():
-    if len(sys.argv) > 1:
-        print(ratios(float(sys.argv[1]), int(sys.argv[2])))
-        return
+def table(targets: tuple[float, ...] = RATIOS, count: int = 30) -> None:
+    """Ratios near each a/R, with so many elements along the contact radius."""
     print("| a/R | over Hertz | over the sphere |\n|---|---|---|")
-    for target in RATIOS:
-        a, hertz, exact = ratios(target, 30)
+    for target in targets:
+        a, hertz, exact = ratios(target, count)
         print(f"| {a:.3f} | {hertz:.4f} | {exact:.4f} |", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,25 +1,15 @@
 """The contact models against solutions of the whole contact problem (tests/helpers/spectral_contacts.py).
 
-python benchmarks/models_truth.py [make]
+    python benchmarks/run.py models_truth.errors
+    python benchmarks/run.py models_truth.make
 
-Prints, for each stored pattern and load and each level of coupling, the error of the forces (sum of |dF| over
-the load), of the area, of the radii (root mean square) and of the indentation, and what the plan of the
-effects states for full coupling. ``make`` first solves all cases again and stores them in tests/data (half an
-hour).
+For each stored pattern and load and each level of coupling: the error of the forces (sum of |dF| over the
+load), of the area, of the radii (root mean square) and of the indentation, and what the plan of the effects
+states for full coupling. ``make`` solves all cases again and stores them in tests/data (half an hour).
 """
-
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
-import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-
 from spectral_truth import ASPERITIES, CASES, CONTACTS, MODULUS, Case, patterns, solved, stored_cases
 
 from contactimg.effects.mechanics import estimate_mechanics
@@ -65,7 +55,7 @@ def make():
     pd.concat(contacts).to_csv(CONTACTS, index=False, float_format="%.9g")
 
 
-def errors(case, solution):
+def relative_errors(case, solution):
     """Relative errors of forces, area, radii and indentation."""
     area = float(np.sum(np.pi * case.radius**2))
     return (
@@ -88,16 +78,11 @@ def line(name, values):
     print(f"  {name:11s}" + "".join(f"{100 * value:12.5f}" for value in values))
 
 
-def main():
-    if "make" in sys.argv[1:]:
-        make()
+def errors():
+    """Print the errors of each stored case."""
     print("error, %:     " + "".join(f"{name:>12s}" for name in ("forces", "area", "radii", "indentation")))
     for case in stored_cases():
         print(f"{case.pattern}, {case.load:g} N, {case.law}, {np.count_nonzero(case.force)} contacts")
         for coupling in ("none", "asymptotic", "hertz", "full"):
-            line(coupling, errors(case, case.predict(coupling)))
+            line(coupling, relative_errors(case, case.predict(coupling)))
         line("full, stated", stated(case))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,38 +1,37 @@
-"""Make the full results of the notebooks: run each with its full ensembles, one core, and list its tables.
+"""Run the notebooks: with their full ensembles for notebooks/results, with small ones for what they show.
 
-    python benchmarks/notebook_results.py [NAME ...] [--tables]
+    python benchmarks/run.py notebook_results.full --names 02 05
+    python benchmarks/run.py notebook_results.tables
+    python benchmarks/run.py notebook_results.small
 
-NAMEs are the beginnings of notebooks ("02 05"); without any, all that have results are run. Each writes its
-tables and figures to notebooks/results. ``--tables`` runs nothing and only writes results/README.md and the
-tables of docs/models.md anew.
+The names are the beginnings of notebooks; without any, all are run.
 """
 
-import argparse
+import base64
+import io
 import os
 import time
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
 import nbformat
 import pandas as pd
 from nbclient import NotebookClient
+from PIL import Image
+from shared import ROOT, markdown, with_table
 
-NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+NOTEBOOKS = ROOT / "notebooks"
 RESULTS = NOTEBOOKS / "results"
 RUNS = RESULTS / "runs.csv"
-MODELS = NOTEBOOKS.parent / "docs" / "models.md"
+MODELS = ROOT / "docs" / "models.md"
 LIBRARIES = ("contactimg", "numpy", "scipy", "pandas", "numba")
-KERNEL = {
-    "CONTACTIMG_FULL": "1",
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
-}
+WIDTH_PX, COLOURS = 900, 48  # of the figures that a notebook stores
 HEAD = """# Full results of the notebooks
 
-Written by `python benchmarks/notebook_results.py` from the tables beside it; do not edit. The seed is 2015 in
-every notebook. `ours` is what the notebook finds, `std` its standard uncertainty or scatter as the notebook
-says, `paper` what Yashima et al., *Soft Matter* **11** (2015) 871,
+Written by `python benchmarks/run.py notebook_results.full` from the tables beside it; do not edit. The seed
+is 2015 in every notebook. `ours` is what the notebook finds, `std` its standard uncertainty or scatter as the
+notebook says, `paper` what Yashima et al., *Soft Matter* **11** (2015) 871,
 [doi:10.1039/C4SM02346C](https://doi.org/10.1039/C4SM02346C), print.
 
 | `ours_is` | means |
@@ -58,11 +57,22 @@ def with_results() -> list[Path]:
     ]
 
 
+def chosen(paths: list[Path], names: tuple[str, ...]) -> Iterator[Path]:
+    """The paths whose names begin with one of the names; all without any."""
+    return (path for path in paths if not names or path.name.startswith(names))
+
+
+def executed(path: Path) -> nbformat.NotebookNode:
+    """A notebook that was run in its folder."""
+    notebook = nbformat.read(path, as_version=4)
+    NotebookClient(notebook, timeout=None, resources={"metadata": {"path": str(NOTEBOOKS)}}).execute()
+    return notebook
+
+
 def run(path: Path) -> dict[str, object]:
     """Run a notebook with its full ensembles; when it was run, how long it took and with what."""
     start, processor = time.perf_counter(), os.times()
-    notebook = nbformat.read(path, as_version=4)
-    NotebookClient(notebook, timeout=None, resources={"metadata": {"path": str(NOTEBOOKS)}}).execute()
+    executed(path)
     after = os.times()
     used = after.children_user + after.children_system - processor.children_user - processor.children_system
     seconds = {"seconds": round(time.perf_counter() - start), "processor_seconds": round(used)}
@@ -72,30 +82,27 @@ def run(path: Path) -> dict[str, object]:
 def page() -> str:
     """The text of results/README.md."""
     runs = pd.read_csv(RUNS, dtype=str).fillna("").sort_values("notebook")
-    parts = [HEAD, markdown(runs)]
+    parts = [HEAD, markdown_of(runs) + "\n"]
     for path in with_results():
         table = pd.read_csv(RESULTS / f"{path.stem}.csv").fillna({"paper": "", "paper_is": "", "note": ""})
         numbers = {
             column: table[column].map(lambda x: "" if pd.isna(x) else f"{x:.4g}")
             for column in ("ours", "std")
         }
-        parts += [f"## [{path.stem}](../{path.name})\n", markdown(table.assign(**numbers))]
+        parts += [f"## [{path.stem}](../{path.name})\n", markdown_of(table.assign(**numbers)) + "\n"]
     return "\n".join(parts)
 
 
-def markdown(table: pd.DataFrame) -> str:
+def markdown_of(table: pd.DataFrame) -> str:
     """A table of text in Markdown."""
-    lines = [list(table.columns), ["---"] * len(table.columns), *table.to_numpy().tolist()]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines) + "\n"
+    return markdown(list(table.columns), table.to_numpy().tolist())
 
 
 def models_page() -> str:
     """The text of docs/models.md with the tables of notebooks 03 and 04."""
     text = MODELS.read_text("utf-8")
     for name, table in (("pressures", _pressures()), ("exponents", _exponents())):
-        begin, end = f"<!-- table: {name} -->\n", "<!-- end -->"
-        before, after = text.split(begin)
-        text = before + begin + markdown(table.map(str)) + after[after.index(end) :]
+        text = with_table(text, name, markdown_of(table.map(str)))
     return text
 
 
@@ -124,26 +131,52 @@ def _exponents() -> pd.DataFrame:
     return pd.DataFrame(rows).rename_axis(index="pressure").reset_index()
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("names", nargs="*", help="beginnings of the notebooks to run")
-    parser.add_argument("--tables", action="store_true", help="run nothing")
-    options = parser.parse_args()
-    os.environ.update(KERNEL)  # which the kernels inherit
-    chosen = [
-        path for path in with_results() if not options.names or path.name.startswith(tuple(options.names))
-    ]
-    for path in [] if options.tables else chosen:
+def full(names: tuple[str, ...] = ()) -> None:
+    """Write the full results of the notebooks that have some, and the pages of their tables."""
+    os.environ["CONTACTIMG_FULL"] = "1"  # which the kernels inherit
+    for path in chosen(with_results(), names):
         row = run(path)
         print(f"{row['notebook']}: {row['seconds']} s, {row['processor_seconds']} s of processor")
         before = pd.read_csv(RUNS, dtype=str) if RUNS.exists() else pd.DataFrame(columns=list(row))
         others = before[before["notebook"] != row["notebook"]]
         pd.concat([others, pd.DataFrame([row])]).sort_values("notebook").to_csv(RUNS, index=False)
+    tables()
+
+
+def tables() -> None:
+    """Write results/README.md and the tables of docs/models.md anew."""
     (RESULTS / "README.md").write_text(page(), encoding="utf-8")
     MODELS.write_text(models_page(), encoding="utf-8")
 
 
-if __name__ == "__main__":
-    main()
+def small(names: tuple[str, ...] = ()) -> None:
+    """Store the notebooks as they run with their small ensembles, below 400 kB each."""
+    for path in chosen(sorted(NOTEBOOKS.glob("*.ipynb")), names):
+        notebook = executed(path)
+        reduce_outputs(notebook)
+        nbformat.write(notebook, path)
+        print(f"{path.name}: {path.stat().st_size // 1024} kB")
+
+
+def reduce_outputs(notebook: nbformat.NotebookNode) -> None:
+    """Make the figures small, and drop what tells when and where a notebook ran."""
+    for cell in notebook.cells:
+        cell.metadata.pop("execution", None)
+        for output in cell.get("outputs", []):
+            data = output.get("data", {})
+            if "image/png" in data:
+                data["image/png"] = smaller(data["image/png"])
+        cell["outputs"] = [o for o in cell.get("outputs", []) if o.get("name") != "stderr"]
+        if cell.cell_type != "code":
+            cell.pop("outputs")
+
+
+def smaller(figure: str) -> str:
+    """A PNG in base64 with few colours, at most `WIDTH_PX` wide."""
+    image = Image.open(io.BytesIO(base64.b64decode(figure))).convert("RGB")
+    if image.width > WIDTH_PX:
+        size = (WIDTH_PX, round(image.height * WIDTH_PX / image.width))
+        image = image.resize(size, Image.Resampling.LANCZOS)
+    out = io.BytesIO()
+    image.quantize(COLOURS, dither=Image.Dither.NONE).save(out, "PNG", optimize=True)
+    return base64.b64encode(out.getvalue()).decode()

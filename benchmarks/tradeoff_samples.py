@@ -1,19 +1,15 @@
 """What accuracy costs on the sample scenes: the figures and tables of docs/tradeoff.md.
 
-python benchmarks/tradeoff_samples.py
+python benchmarks/run.py tradeoff_samples.tables
 
 Times are processor times of one core, by turns in this process. Boundary elements run if ContactMechanics is
 installed.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"
-
 import time
-from pathlib import Path
 
 import cv2
+from shared import ROOT, markdown, put_table
 
 from contactimg import read_scene
 from contactimg.files import write_figure
@@ -21,28 +17,8 @@ from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.tradeoff.measure import error_text, run_knobs, time_text
 
-ROOT = Path(__file__).parents[1]
 SCENES = {"sa_plus": "sa_plus", "ra_plus": "ra_plus.toml"}
 HEADER = ("knob", "setting", "largest error", "time", "ratio", "against")
-
-
-def markdown(header, rows):
-    """Lines of a table."""
-    return [
-        "| " + " | ".join(header) + " |",
-        "|" + "---|" * len(header),
-        *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows),
-    ]
-
-
-def put_table(name, lines):
-    """Print a table and put it between the marks of that name on the page of trade-offs."""
-    print("\n".join(["", name, *lines]), flush=True)
-    page = ROOT / "docs" / "tradeoff.md"
-    text = page.read_text(encoding="utf-8")
-    begin, end = f"<!-- table: {name} -->\n", "<!-- end -->"
-    before, after = text.split(begin)
-    page.write_text(before + begin + "\n".join(lines) + "\n" + after[after.index(end) :], encoding="utf-8")
 
 
 def measure(name):
@@ -57,8 +33,9 @@ def measure(name):
     )
     ax = plot_tradeoff(found.table, relative=found.relative)
     write_figure(ax, ROOT / "docs" / "figures" / f"tradeoff_{name}.png")
-    put_table(f"{name} settings", markdown(HEADER, rows(found.table)))
-    put_table(f"{name} sentences", [f"- {text}" for text in found.sentences.values()])
+    page = ROOT / "docs" / "tradeoff.md"
+    put_table(page, f"{name} settings", markdown(HEADER, rows(found.table)))
+    put_table(page, f"{name} sentences", "\n".join(f"- {text}" for text in found.sentences.values()))
 
 
 def rows(table):
@@ -75,11 +52,8 @@ def rows(table):
         )
 
 
-def main():
+def tables() -> None:
+    """Both scenes."""
     cv2.setNumThreads(1)
     for name in SCENES:
         measure(name)
-
-
-if __name__ == "__main__":
-    main()

@@ -18,6 +18,21 @@ mpl.use("Agg")
 cv2.setNumThreads(1)
 
 
+WITHOUT_IMAGES = {Path(__file__).parent / name for name in ("analysis", "mechanics", "models")}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of two processes, which begin with half of the tests each, one compiles what measures images.
+
+    The second half begins with tests that need none of that; later it finds the machine code stored.
+    """
+    other = [item for item in items if WITHOUT_IMAGES & set(item.path.parents)]
+    chosen = set(map(id, other))
+    rest = [item for item in items if id(item) not in chosen]
+    half = len(items) // 2
+    items[:] = [*rest[:half], *other, *rest[half:]]
+
+
 @pytest.fixture(autouse=True)
 def _floating_point_errors_are_raised():
     with np.errstate(all="raise", under="ignore"):
@@ -29,10 +44,16 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20140801)
 
 
-@pytest.fixture
-def svg_only(monkeypatch) -> None:
-    """Commands write figures as SVG alone, the fastest of the formats."""
-    monkeypatch.setattr("contactimg.files.figures.FIGURE_FORMATS", ("svg",))
+@pytest.fixture(scope="session", autouse=True)
+def _figures_are_svg_alone_and_processes_are_started_only_where_asked_for():
+    """SVG is the fastest of the formats; `tests/plots/test_figures.py` asks for all of them.
+
+    Other processes would compete with those of the tests; `tests/engine` asks for them.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("contactimg.files.figures.FIGURE_FORMATS", ("svg",))
+        patch.setattr("contactimg.engine.calls.cpu_count", lambda: 1)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ PICTURES = "../../notebooks/results"
 INTRODUCTION = [
     "Each page is a notebook of `notebooks/`: what is asked, what is done, the stored figures, and how the",
     "numbers compare with Yashima et al., *Soft Matter* **11** (2015) 871. Figures and numbers are made by",
-    "`python benchmarks/notebook_results.py`.",
+    "`python benchmarks/run.py notebook_results.full`.",
     "",
 ]
 

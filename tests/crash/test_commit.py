@@ -116,8 +116,7 @@ def test_killed_again_while_the_commit_is_completed(tmp_path):
     assert number > 10
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_asked_to_end_before_any_file_operation(tmp_path, stop):
+def test_asked_to_end_before_any_file_operation(tmp_path):
     from contactimg.engine.processes import ending_cleanly
 
     def work(out):
@@ -127,7 +126,7 @@ def test_asked_to_end_before_any_file_operation(tmp_path, stop):
     signal.signal(signal.SIGINT, signal.default_int_handler)
     seen = set()
     for number in range(1, 60, 2):
-        out = tmp_path / f"out{number}"
+        out, stop = tmp_path / f"out{number}", (signal.SIGINT, signal.SIGTERM)[number // 2 % 2]
         write(out, OLD)
         assert not killed_at(number, out, lambda out=out: work(out), stop=stop), number
         assert hidden(out) == [], number

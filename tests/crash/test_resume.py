@@ -2,7 +2,7 @@
 
 import pickle
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 
@@ -251,20 +251,6 @@ def test_blocks_of_frames_give_the_tables_of_all(tiny, tmp_path, monkeypatch):
         monkeypatch.undo()
     for name in TABLES:
         assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "together" / name).read_bytes()
-
-
-def test_blocks_are_the_same_from_any_process(stored, tmp_path, monkeypatch):
-    experiment, store = stored
-    kept = series.measure_parts(experiment, workers=1, store=store)
-    monkeypatch.setattr(measured_series, "BLOCK_FRAMES", 1)
-    for folder, workers in (("one", 1), ("two", 2)):
-        (tmp_path / folder).mkdir()
-        for table_format in ("csv", "parquet"):
-            write_run(replace(kept, workers=workers), tmp_path / folder, table_format)
-    written = sorted(path.name for path in (tmp_path / "one").iterdir())
-    assert {"contacts.csv", "contacts.parquet"} <= set(written)
-    for name in written:
-        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
 def test_of_a_frame_in_a_store_little_stays_in_memory(stored):

@@ -21,7 +21,6 @@ def friction_table(tmp_path):
     return path
 
 
-@pytest.mark.usefixtures("svg_only")
 def test_predict_finds_the_law_on_the_designed_surface(tmp_path, friction_table):
     out, predicted = tmp_path / "designed", tmp_path / "predicted"
     strength = ["--shear-strength-MPa", "0.3", "--tolerance", "0.02"]

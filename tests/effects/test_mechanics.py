@@ -1,7 +1,8 @@
 """Estimates of the mechanical effects against switching them: honest, in every unit, on hard cases too."""
 
 import re
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 from itertools import cycle, product
 
 import numpy as np
@@ -50,10 +51,21 @@ def truths():
 
 
 @cache
+def mechanics_of(name):
+    """The estimates of a scene, of which the tolerance states the output alone."""
+    scene, table, load = mechanical_scene(name)
+    return estimate_mechanics(scene, table, load=load)
+
+
+def for_output(name, scene, _table, *, load):
+    """What `estimate_mechanics` gives for the scene of this name with another output."""
+    found, output = mechanics_of(name), scene.tolerance.output
+    return replace(found, estimates=tuple(replace(e, change=e.changes[output]) for e in found.estimates))
+
+
 def estimates(name):
     """Change of each output by each effect."""
-    scene, table, load = mechanical_scene(name)
-    return {e.effect: e.changes for e in estimate_mechanics(scene, table, load=load).estimates}
+    return changes_of(mechanics_of(name))
 
 
 def change(truth, effect, output):
@@ -64,8 +76,8 @@ def change(truth, effect, output):
 def test_estimates_are_within_a_factor_of_the_truth(truths, name):
     for (effect, changes), output in product(estimates(name).items(), OUTPUTS):
         truth = change(truths[name], effect, output) if effect in truths[name] else 0.0
-        if max(truth, changes[output]) > STRICT:
-            assert 1 / FACTOR < changes[output] / truth < FACTOR, (effect, output, truth, changes)
+        small = max(truth, changes[output]) <= STRICT
+        assert small or 1 / FACTOR < changes[output] / truth < FACTOR, (effect, output, truth, changes)
 
 
 @pytest.mark.parametrize("effect", MECHANICAL_EFFECTS)
@@ -81,13 +93,18 @@ def test_every_effect_matters_somewhere_and_its_estimate_says_by_how_much(truths
     assert estimates(largest)[effect]["area"] == pytest.approx(moved[largest], rel=0.3)
 
 
-@pytest.mark.parametrize(("output", "relative"), [*zip(OUTPUTS, cycle([1e-2, 5e-3]))])
 @pytest.mark.parametrize("name", SCENES)
-def test_all_that_the_plan_drops_changes_less_than_the_tolerance(truths, name, output, relative):
-    scene, table, load = mechanical_scene(name, output=output, relative=relative)
-    plan = make_plan(scene, table, load=load)
-    planned = answer(plan.apply(scene), table, load)
-    assert relative_change(output, without=planned, complete=truths[name][""]) < relative
+def test_all_that_the_plan_drops_changes_less_than_the_tolerance(truths, monkeypatch, name):
+    monkeypatch.setattr("contactimg.effects.plan.estimate_mechanics", partial(for_output, name))
+    answers = {}
+    for output, relative in zip(OUTPUTS, cycle([1e-2, 5e-3])):
+        scene, table, load = mechanical_scene(name, output=output, relative=relative)
+        planned = make_plan(scene, table, load=load).apply(scene)
+        switches = frozenset(planned.effects.switches().items())
+        if switches not in answers:
+            answers[switches] = answer(planned, table, load)
+        change = relative_change(output, without=answers[switches], complete=truths[name][""])
+        assert change < relative, output
 
 
 # what the scenes of the paper call for

@@ -334,7 +334,7 @@ def moved_and_dusty(effects, *, drift=1.5):
 def test_a_drift_that_is_off_is_not_looked_for(monkeypatch):
     shot, found = moved_and_dusty({})
     assert found.shift_x_px == pytest.approx(shot.shift_x_px, abs=0.05)
-    monkeypatch.setattr(reference, "_register", lambda *_: pytest.fail("registered"))
+    monkeypatch.setattr(reference, "align", lambda *_, **__: pytest.fail("registered"))
     _, still = moved_and_dusty({"position_drift": "off"})
     assert (still.shift_x_px, still.shift_y_px) == (0.0, 0.0)
     # texture and dust of a reference that lies elsewhere stay in the difference: twice their variance
@@ -342,18 +342,27 @@ def test_a_drift_that_is_off_is_not_looked_for(monkeypatch):
 
 
 def test_dust_that_is_off_is_not_looked_for(monkeypatch):
-    looked = []
+    looked, dust = [], []
+    find_foreign, own_rise = foreground.find_foreign, rules.own_rise
 
-    def watched(function):
-        return lambda *args, **options: looked.append(1) or function(*args, **options)
+    def finding(*args, **options):
+        looked.append(1)
+        return find_foreign(*args, **options)
 
-    monkeypatch.setattr(foreground, "find_foreign", watched(foreground.find_foreign))
-    monkeypatch.setattr(rules, "_rise_of_pixels", watched(rules._rise_of_pixels))
+    def comparing(one, *rest):
+        dust.append(one.dust)
+        return own_rise(one, *rest)
+
+    monkeypatch.setattr(foreground, "find_foreign", finding)
+    monkeypatch.setattr(rules, "own_rise", comparing)
     moved_and_dusty({}, drift=0.0)
-    assert len(looked) >= 2  # for what is no contact, and for what the reference shows
+    assert looked  # for what is no contact
+    assert set(dust) == {True}  # and for what the reference shows
     looked.clear()
+    dust.clear()
     _, found = moved_and_dusty({"dust": "off"}, drift=0.0)
     assert not looked
+    assert set(dust) == {False}
     assert len(found.disks) >= 20
 
 

@@ -63,7 +63,6 @@ def test_commands_give_the_same_bytes(parts, series, tmp_path, monkeypatch):
         "process": ["process", series.name, "--pictures"],
         "simulate": ["simulate", series.name],
         "predict": ["predict", series.name, "--load-N", "0.002", "--load-N", "0.004"],
-        "modulus": ["calibrate", "modulus", series.name],
     }
     for folder, options in ((here, ["--workers", "1"]), (there, ["--cluster", str(parts.file)])):
         for name, words in commands.items():

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contactimg import Flag, InputError
-from contactimg.files import csv_tables, read_asperities, read_loads, read_table, write_table
+from contactimg.files import read_asperities, read_loads, read_table, write_table
 from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS
 
 SCHEMAS = [ASPERITIES, CONTACTS, FRAMES]  # between them every kind of column
@@ -84,15 +84,15 @@ def test_asperities(tmp_path):
     np.testing.assert_array_equal(table.to_numpy(), [[1e-3, 2e-3, 4e-5, 1e-4], [0, 0, -1e-5, 2e-4]])
 
 
-def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(csv_tables, "_BLOCK_ROWS", 7)
-    lines = [f"f{k}.tif,{k / 7!r}" for k in range(50)]
+def test_long_tables_are_read_in_blocks(tmp_path):
+    count = 50_010  # more rows than are converted at once
+    lines = [f"f{k}.tif,{k / 7!r}" for k in range(count)]
     loads = loads_of(tmp_path, "frame,load_N\n" + "\n".join(lines))
-    assert loads["load_N"].tolist() == [k / 7 for k in range(50)]
-    assert loads.index.tolist() == list(range(50))
-    lines[40] = "f40.tif,x"
+    assert loads["load_N"].tolist() == [k / 7 for k in range(count)]
+    assert loads.index.tolist() == list(range(count))
+    lines[50_003] = "f50003.tif,x"
     sentence = refusal(tmp_path, "frame,load_N\n" + "\n".join(lines))
-    assert sentence == "line 42, column load_N must be a number, got 'x'"
+    assert sentence == "line 50005, column load_N must be a number, got 'x'"
 
 
 # ---------------------------------------------------------------- refused

@@ -1,6 +1,6 @@
 """The true change of the measured output when effects are left out of synthetic frames: by rendering."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -23,6 +23,8 @@ class Photographed:
     scene: Scene
     contacts: pd.DataFrame
     sphere_radius: np.ndarray
+    known: dict[tuple[frozenset[str], range], np.ndarray] = field(default_factory=dict)
+    """What `amounts` has measured."""
 
     @classmethod
     def of(cls, scene: Scene) -> "Photographed":
@@ -50,8 +52,10 @@ class Photographed:
 
     def amounts(self, shown: frozenset[str], seeds: range) -> np.ndarray:
         """Measured ``a^power`` of each contact, one row a seed."""
-        scene = self.with_effects(shown)
-        return np.array([self._amounts(scene, seed) for seed in seeds])
+        if (shown, seeds) not in self.known:
+            scene = self.with_effects(shown)
+            self.known[shown, seeds] = np.array([self._amounts(scene, seed) for seed in seeds])
+        return self.known[shown, seeds]
 
     def _amounts(self, scene: Scene, seed: int) -> np.ndarray:
         simulate = scene.simulate.model_copy(update={"seed": scene.simulate.seed + seed})

@@ -34,6 +34,12 @@ def usual():
     return scene()
 
 
+@pytest.fixture(scope="module")
+def measured(usual):
+    """What each method makes of the usual frame."""
+    return {method: measure_image(*usual[1:], method=method) for method in ("disk", "threshold")}
+
+
 def assert_sound(result):
     """Every row finite, flags known, labels 1, 2, ..., types as promised."""
     assert isinstance(result, ImageMeasurement)
@@ -47,9 +53,9 @@ def assert_sound(result):
     assert result.difference.dtype == np.float32
 
 
-def test_radii_are_right_within_their_errors(usual):
-    truth, frame, reference = usual
-    result = measure_image(frame, reference)
+def test_radii_are_right_within_their_errors(usual, measured):
+    truth, _, reference = usual
+    result = measured["disk"]
     assert_sound(result)
     pairs = match(truth, result.disks)
     assert len(pairs) == len(truth) == len(result.disks)
@@ -67,9 +73,9 @@ def test_radii_are_right_within_their_errors(usual):
     assert np.isnan(result.threshold)
 
 
-def test_dark_contacts_are_measured_alike(usual):
+def test_dark_contacts_are_measured_alike(usual, measured):
     truth, frame, reference = usual
-    bright = measure_image(frame, reference)
+    bright = measured["disk"]
     dark = measure_image(2 * reference.astype(float) - frame, reference.astype(float))
     assert dark.polarity == "dark"
     assert dark.contrast == pytest.approx(-bright.contrast, rel=0.05)
@@ -80,21 +86,32 @@ def test_dark_contacts_are_measured_alike(usual):
     assert np.abs(error).max() < 0.15
 
 
-def test_transposing_the_image_transposes_the_result(usual):
-    _, frame, reference = usual
-    one, other = measure_image(frame, reference), measure_image(frame.T.copy(), reference.T.copy())
-    a = one.disks.sort_values("x_px")
-    b = other.disks.sort_values("y_px")
-    # strips and blocks fall elsewhere, so the noise is taken out differently: a fraction of the uncertainty
-    assert np.allclose(a.x_px, b.y_px, atol=0.05)
-    assert np.allclose(a.radius_px, b.radius_px, atol=0.03)
+TURNS = {
+    "mirrored": lambda image: image[:, ::-1],
+    "upside down": lambda image: image[::-1],
+    "transposed": lambda image: image.T,
+}
+
+
+@pytest.mark.parametrize(
+    ("turn", "method"), [("mirrored", "disk"), ("transposed", "disk"), ("upside down", "threshold")]
+)
+def test_a_turned_frame_has_the_same_contacts(turn, method, usual, measured):
+    turned = measure_image(*(np.ascontiguousarray(TURNS[turn](image)) for image in usual[1:]), method=method)
+    before, after = (np.sort(one.disks["radius_px"].to_numpy()) for one in (measured[method], turned))
+    assert len(after) == len(before)
+    # pixels are summed in another order, and blocks begin at another border; counts differ by a pixel
+    if method == "disk":
+        np.testing.assert_allclose(after, before, atol=0.03)
+    else:
+        np.testing.assert_allclose(np.pi * after**2, np.pi * before**2, rtol=0.005, atol=2.0)
 
 
 @pytest.mark.parametrize("method", ["disk", "threshold"])
 @pytest.mark.parametrize("unit", [1e-6, 257.0])
-def test_grey_levels_may_have_any_unit(usual, unit, method):
+def test_grey_levels_may_have_any_unit(usual, measured, unit, method):
     _, frame, reference = usual
-    plain = measure_image(frame, reference, method=method)
+    plain = measured[method]
     scaled = measure_image(frame * unit, reference * unit, method=method, full_scale=255 * unit)
     assert scaled.contrast == pytest.approx(plain.contrast * unit, rel=1e-3)
     assert scaled.noise == pytest.approx(plain.noise * unit, rel=1e-3)
@@ -109,10 +126,10 @@ def test_twelve_bits_in_sixteen(usual):
     assert result.contrast > 1000
 
 
-def test_result_does_not_depend_on_memory_layout(usual):
+def test_result_does_not_depend_on_memory_layout(usual, measured):
     _, frame, reference = usual
     other = measure_image(np.asfortranarray(frame), np.asfortranarray(reference))
-    assert other.disks.equals(measure_image(frame, reference).disks)
+    assert other.disks.equals(measured["disk"].disks)
 
 
 def test_threshold_is_a_fraction_of_one_plateau():
@@ -158,9 +175,11 @@ def test_faint_contacts_are_found_and_noise_is_not():
             assert not len(measure_image(frame, reference, method=method).disks)
 
 
-def test_given_blur_is_used(usual):
-    _, frame, reference = usual
-    assert measure_image(frame, reference, blur_px=1.3).blur_px == pytest.approx(1.3, abs=1e-6)
+def test_a_given_blur_is_exact(usual, measured):
+    given = measure_image(*usual[1:], blur_px=1.38)
+    assert given.blur_px == pytest.approx(1.38, abs=1e-6)
+    alone = measured["disk"].disks
+    assert given.disks["blur_shift_px"].abs().max() < 0.1 * alone["blur_shift_px"].abs().max()
 
 
 HARD = {
@@ -175,6 +194,8 @@ HARD = {
     "one row": (lambda f, r: (f[90:91], r[90:91]), None),
     "a few pixels": (lambda f, r: (f[:5, :7], r[:5, :7]), "no contact"),
     "black without reference": (lambda f, r: (np.zeros_like(f), None), "black"),
+    "constant without reference": (lambda f, r: (np.full_like(f, 80), None), "constant"),
+    "a line without reference": (lambda f, r: (f[90:91], None), None),
     "contacts that fill it": (lambda f, r: ((r * 2.2).astype(np.uint8), r), "light changed"),
     "background subtracted before": (lambda f, r: (f - 80.0, r - 80.0), "ok"),
 }
@@ -221,15 +242,15 @@ def test_holes_are_left_out(usual, method):
 
 def test_contacts_cut_by_the_border_are_flagged_and_right():
     truth = disks((0, 60, 12), (335, 200, 10), (170, 259, 20), (100, 120, 9))
-    frame, reference = render(truth, OPTICS, np.random.default_rng(1))
-    for method in ("disk", "threshold"):
-        found = measure_image(frame, reference, method=method).disks
-        assert_sound(measure_image(frame, reference, method=method))
-        edge = found["flags"].to_numpy() & int(Flag.EDGE) > 0
+    images = render(truth, OPTICS, np.random.default_rng(1))
+    for method in ("threshold", "disk"):
+        result = measure_image(*images, method=method)
+        assert_sound(result)
+        edge = result.disks["flags"].to_numpy() & int(Flag.EDGE) > 0
         assert edge.sum() == 3
-    pairs = match(truth, measure_image(frame, reference).disks)
+    pairs = match(truth, result.disks)
     assert len(pairs) == 4
-    radii = measure_image(frame, reference).disks.radius_px.to_numpy()[pairs[:, 1]]
+    radii = result.disks.radius_px.to_numpy()[pairs[:, 1]]
     assert np.abs(radii - truth.radius_px.to_numpy()[pairs[:, 0]]).max() < 0.15
 
 
@@ -385,9 +406,9 @@ def test_accuracy_on_whole_frames():
 
 @pytest.mark.parametrize("method", ["disk", "threshold"])
 @pytest.mark.parametrize("factor", [0.1, 0.5])
-def test_a_contrast_that_the_frame_contradicts_is_refused_and_said(usual, method, factor):
+def test_a_contrast_that_the_frame_contradicts_is_refused_and_said(usual, measured, method, factor):
     _, frame, reference = usual
-    alone = measure_image(frame, reference, method=method)
+    alone = measured[method]
     known = SharedOptics(factor * alone.contrast, 0.01 * alone.contrast)
     result = measure_image(frame, reference, method=method, optics=known)
     assert "given, which were not used" in result.message
@@ -395,17 +416,30 @@ def test_a_contrast_that_the_frame_contradicts_is_refused_and_said(usual, method
 
 
 @pytest.mark.parametrize("factor", [2.0, 10.0])
-def test_a_contrast_that_the_frame_does_not_reach_is_doubted(usual, factor):
+def test_a_contrast_that_the_frame_does_not_reach_is_doubted(usual, measured, factor):
     _, frame, reference = usual
-    contrast = factor * measure_image(frame, reference).contrast
+    contrast = factor * measured["disk"].contrast
     message = measure_image(frame, reference, optics=SharedOptics(contrast, 0.01 * contrast)).message
     doubts = ("radii depend on a contrast of", "do not look like disks", "no contact for the assumed optics")
     assert any(doubt in message for doubt in doubts)
 
 
-def test_a_contrast_that_the_frame_confirms_is_used(usual):
+def test_optics_of_other_frames_narrow_the_uncertainty(usual, measured):
+    alone = measured["disk"]
+    prior = SharedOptics(
+        contrast=alone.contrast, contrast_std=1e-4 * alone.contrast, blur_px=alone.blur_px, blur_std_px=1e-4
+    )
+    helped = measure_image(*usual[1:], optics=prior)
+    assert len(helped.disks) == len(alone.disks)
+    assert (
+        helped.disks["contrast_shift_px"].abs().mean() < 0.5 * alone.disks["contrast_shift_px"].abs().mean()
+    )
+    assert (helped.disks["radius_std_px"] <= 1.01 * alone.disks["radius_std_px"].to_numpy()).all()
+
+
+def test_a_contrast_that_the_frame_confirms_is_used(usual, measured):
     _, frame, reference = usual
-    alone = measure_image(frame, reference)
+    alone = measured["disk"]
     result = measure_image(
         frame, reference, optics=SharedOptics(1.02 * alone.contrast, 0.01 * alone.contrast)
     )

@@ -13,7 +13,7 @@ from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.check import check_experiment
 from contactimg.scene import scene_from_dict
 
-FOREIGN = ("low light", "Bayer", "dark contacts")
+FOREIGN = ("low light", "Bayer")
 """Frames of a renderer that shares no code with the package."""
 
 

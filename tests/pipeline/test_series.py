@@ -70,11 +70,6 @@ def test_series_and_single_frame_measure_the_same_disks(small_series, run):
     assert (change < 0.2 * together["radius_std_px"].to_numpy()).all()
 
 
-def test_several_processes_give_the_same_run(small_series, run):
-    other = measure_series(read_scene(small_series), workers=2)
-    pd.testing.assert_frame_equal(other.contacts, run.contacts)
-
-
 def test_memory_holds_few_frames_of_a_long_series(small_series, tmp_path, monkeypatch):
     folder = copy_of(small_series, tmp_path / "long")
     for k in range(4, 9):

@@ -9,6 +9,7 @@ from PIL import Image
 
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.files import write_figures
+from contactimg.files.figures import FIGURE_FORMATS as FORMATS  # before the tests choose one of them
 from contactimg.plots import CAPTIONS, caption_of, plot_forces, plot_jkr, plot_plateau
 from contactimg.plots.numbers import number_with_interval, number_with_std, plain_number
 
@@ -25,7 +26,8 @@ def texts(ax):
     return [text.get_text() for text in ax.get_legend().get_texts()]
 
 
-def test_a_figure_has_three_formats_with_the_same_bytes_each_time(tmp_path):
+def test_a_figure_has_three_formats_with_the_same_bytes_each_time(tmp_path, monkeypatch):
+    monkeypatch.setattr("contactimg.files.figures.FIGURE_FORMATS", FORMATS)
     for folder in ("one", "two"):
         (tmp_path / folder).mkdir()
         write_figures(plateau(), tmp_path / folder, "plateau", caption=CAPTIONS["plateau"])

@@ -150,8 +150,7 @@ def test_the_command_writes_table_and_figures(small_series, tmp_path, capsys):
     table = read_table(out / "tradeoff.csv", TRADEOFF)
     assert set(table["knob"]) == {"model"}
     assert table["pareto"].sum() >= 1
-    assert (out / "tradeoff.png").stat().st_size > 1000
-    assert (out / "tradeoff.svg").exists()
+    assert (out / "tradeoff.svg").stat().st_size > 1000
     assert "model" in json.loads((out / "provenance.json").read_text())["sentences"]
 
 

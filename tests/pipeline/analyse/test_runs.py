@@ -56,8 +56,7 @@ def test_analysis_leaves_tables_figures_and_where_they_come_from(run, tmp_path):
     for name, schema in schemas.items():
         assert pd.read_csv(out / f"{name}.csv").columns.tolist() == list(schema.columns)
     figures = {"area", "profile_1", "profile_2", "profile_3", "density", "mean_radius"}
-    for ending in ("png", "svg", "pdf"):
-        assert {path.stem for path in out.glob(f"*.{ending}")} == figures
+    assert {path.stem for path in out.glob("*.svg")} == figures
     record = json.loads((out / "provenance.json").read_text(encoding="utf-8"))
     assert record["configuration"]["options"]["annulus_mm"] == 0.25
     assert {Path(entry["path"]).name for entry in record["inputs"]} == {
@@ -109,7 +108,6 @@ def with_scene(run, target, section, **keys):
     return target
 
 
-@pytest.mark.usefixtures("svg_only")
 def test_runs_of_different_lenses_or_surfaces_are_told_apart(run, tmp_path, capsys):
     shutil.copytree(run, tmp_path / "twin")
     assert list(differences([open_place(run), open_place(tmp_path / "twin")])) == []
@@ -154,7 +152,6 @@ def test_loads_in_any_order_repeated_and_zero(run, tmp_path):
     assert measured["frame"].unique().tolist() == ["load_0.05N"]
 
 
-@pytest.mark.usefixtures("svg_only")
 def test_one_load_is_analysed_without_an_exponent(run, tmp_path):
     single = change_frames(run, tmp_path / "single", load_N=[np.nan, np.nan, 0.05])
     assert analyse(single, "-o", tmp_path / "out", "--no-models") == 0
@@ -215,7 +212,6 @@ def rough_lens(small_series, tmp_path_factory):
     return top / "run"
 
 
-@pytest.mark.usefixtures("svg_only")
 def test_unknown_radii_give_areas_and_densities_but_no_pressures(rough_lens, tmp_path):
     out = tmp_path / "out"
     assert analyse(rough_lens, "-o", out) == 0
@@ -232,7 +228,6 @@ def test_unknown_radii_give_areas_and_densities_but_no_pressures(rough_lens, tmp
     assert any("no contact has a force" in note for note in notes)
 
 
-@pytest.mark.usefixtures("svg_only")
 def test_friction_gives_the_shear_stress_and_its_ratio(rough_lens, tmp_path):
     assert analyse(rough_lens, "-o", tmp_path / "out", "--smooth", rough_lens) == 0
     table = results(tmp_path / "out")

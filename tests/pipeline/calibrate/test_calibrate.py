@@ -25,8 +25,6 @@ from contactimg.pipeline.series import measure_parts
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
 
-pytestmark = pytest.mark.usefixtures("svg_only")  # but for the results that fixtures of this module write
-
 E, W = 2.83e6, 0.043
 SMOOTH = {
     "indenter": {"radius_m": 0.1288, "apex_m": [0.005, 0.005]},
@@ -122,7 +120,7 @@ def test_jkr_finds_what_the_scene_hides(smooth_frames, jkr_result):
     assert set(record["fitted"]) == names
     assert within(record["edge_shift"], 0.0)  # exact loads settle it to 0.1 px
     assert record["fixed"] == {"sphere_radius_m": 0.1288, "poisson_ratio": 0.5}
-    assert {"jkr.png", "jkr.pdf", "circles.csv"} <= {path.name for path in jkr_result.iterdir()}
+    assert {"jkr.svg", "circles.csv"} <= {path.name for path in jkr_result.iterdir()}
     circles = pd.read_csv(jkr_result / "circles.csv")
     truth = pd.read_csv(smooth_frames / "truth.csv")
     assert (circles["radius_px"] - truth["radius_px"]).abs().max() < 0.05
@@ -252,17 +250,14 @@ def test_a_frame_that_breaks_a_calibration_is_one_failed_row(small_series, monke
 
 
 def test_jkr_refusals_say_why(sharp_frames, tmp_path, capsys):
+    """One sentence and no folder; `tests/calibration/test_calibration.py` has every refusal."""
     folder = copy_of(sharp_frames, tmp_path / "frames")
-    loads = pd.read_csv(folder / "loads.csv").iloc[[0, 3, 4, 5]]
+    loads = pd.read_csv(folder / "loads.csv").iloc[[0, 3, 4]]
     with_scene(folder, images={"frames": loads["frame"].tolist()})
-    for values, sentence in (
-        (-np.arange(1.0, 5.0) / 1000, "pull-off branch only"),
-        (np.full(4, 0.1), "three different loads or more, got 1"),
-        (-loads["load_N"] + 0.6, "does not grow with the load"),
-    ):
-        loads.assign(load_N=values).to_csv(folder / "loads.csv", index=False)
-        assert sentence in refusal(capsys, "calibrate", "jkr", folder, "-o", tmp_path / "out", "--quiet")
-        assert not (tmp_path / "out").exists()
+    loads.assign(load_N=0.1).to_csv(folder / "loads.csv", index=False)
+    sentence = "three different loads or more, got 1"
+    assert sentence in refusal(capsys, "calibrate", "jkr", folder, "-o", tmp_path / "out", "--quiet")
+    assert not (tmp_path / "out").exists()
 
 
 def test_pulls_mean_nothing_to_process(sharp_frames, tmp_path, capsys):
@@ -282,9 +277,7 @@ def test_threshold_gives_slope_one(threshold_result):
     assert (np.diff(curve["slope"]) < 0).all()
     off = np.interp(record["threshold"]["value"] + 0.1, curve["threshold"], curve["slope"])
     assert off < 0.9  # a threshold that is wrong by 0.1 breaks the slope
-    assert {"slope_threshold.png", "slope_threshold.pdf", "forces.svg"} <= {
-        path.name for path in out.iterdir()
-    }
+    assert {"slope_threshold.svg", "forces.svg"} <= {path.name for path in out.iterdir()}
 
 
 def test_process_with_the_calibration(threshold_result, tmp_path):
