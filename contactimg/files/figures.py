@@ -2,18 +2,18 @@
 
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
 from contactimg.timings import stage
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Formats of every figure."""
@@ -26,7 +26,7 @@ CAPTION_KEYS = {"pdf": "Subject"}
 """Metadata of the formats."""
 
 
-def write_figures(ax: Axes, folder: str | Path, name: str, *, caption: str = "") -> None:
+def write_figures(ax: "Axes", folder: str | Path, name: str, *, caption: str = "") -> None:
     """Write the figure that holds these axes as PNG, SVG and PDF.
 
     Parameters
@@ -49,7 +49,7 @@ def write_figures(ax: Axes, folder: str | Path, name: str, *, caption: str = "")
 
 
 @stage("pictures")
-def write_figure(ax: Axes, path: str | Path, *, caption: str = "") -> None:
+def write_figure(ax: "Axes", path: str | Path, *, caption: str = "") -> None:
     """Write the figure that holds these axes as PNG, SVG or PDF (by the extension), completely or not at all.
 
     Parameters
@@ -75,10 +75,12 @@ def write_figure(ax: Axes, path: str | Path, *, caption: str = "") -> None:
         part.write_bytes(data)
 
 
-def figure_bytes(ax: Axes, kind: str, *, caption: str = "") -> bytes:
+def figure_bytes(ax: "Axes", kind: str, *, caption: str = "") -> bytes:
     """The figure that holds these axes as a file of a format of `FIGURE_FORMATS`; see `write_figure`."""
+    import matplotlib as mpl  # noqa: PLC0415 - takes half a second, and most runs draw no axes
+
     figure = ax.get_figure(root=True)
-    if not isinstance(figure, Figure):
+    if figure is None:
         raise InputError("the axes belong to no figure; draw them on one")
     metadata = UNDATED.get(kind, {}) | ({CAPTION_KEYS.get(kind, "Description"): caption} if caption else {})
     with mpl.rc_context(FIXED_OUTPUT), BytesIO() as file:

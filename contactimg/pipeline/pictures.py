@@ -15,8 +15,18 @@ from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, write_palette_image
 from contactimg.pipeline.frame import FrameTables
 from contactimg.pipeline.measured_series import MeasuredSeries
-from contactimg.plots import COUPLED, HERTZ, MEASURED, UNCOUPLED, crop_to
-from contactimg.plots.overlay import Layer, Picture, View, draw_overlay, join_pictures
+from contactimg.plots.overlay import (
+    COUPLED,
+    HERTZ,
+    MEASURED,
+    UNCOUPLED,
+    Layer,
+    Picture,
+    View,
+    crop_to,
+    draw_overlay,
+    join_pictures,
+)
 from contactimg.pose import Pose
 from contactimg.tables import Status
 from contactimg.tables.outlines import REJECTED_COLOUR, Outline, contact_outlines, kinds_of_contacts

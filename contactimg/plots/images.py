@@ -9,30 +9,7 @@ from matplotlib.collections import EllipseCollection
 from numpy.typing import NDArray
 
 from contactimg.plots.axes import new_axes
-
-MEASURED, COUPLED, UNCOUPLED, HERTZ = "#56b4e9", "#d55e00", "#f0e442", "#ffffff"
-"""Colours of measured contacts, of the two predictions, and of the Hertz circle: of the palette of Okabe and
-Ito, chosen so that they differ in grey as well."""
-
-
-def crop_to(image: NDArray, x_px: NDArray, y_px: NDArray, *, margin_px: float) -> tuple[NDArray, int, int]:
-    """Crop an image to the points and a margin; also return the first row and column.
-
-    Parameters
-    ----------
-    image : ndarray, shape (rows, columns)
-    x_px, y_px : ndarray, shape (n,)
-        Column and row of each point; without a point of finite coordinates the whole image is returned.
-    margin_px : float
-    """
-    points = np.column_stack([y_px, x_px]).astype(float)
-    points = points[np.isfinite(points).all(axis=1)]
-    if not len(points):
-        return image, 0, 0
-    last = np.array(image.shape) - 1
-    top, left = np.clip(points.min(axis=0) - margin_px, 0, last).astype(int).tolist()
-    bottom, right = np.clip(points.max(axis=0) + margin_px, 0, last).astype(int).tolist()
-    return image[top : bottom + 1, left : right + 1], top, left
+from contactimg.plots.overlay import MEASURED
 
 
 def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None = None) -> Axes:

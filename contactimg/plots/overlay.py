@@ -6,10 +6,9 @@ OpenCV draws; a picture of two megapixels takes some hundredths of a second.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import Path
+from importlib.metadata import distribution
 
 import cv2
-import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
@@ -17,6 +16,10 @@ from PIL import Image, ImageDraw, ImageFont
 from contactimg.tables.outlines import Outline
 
 Indices = NDArray[np.uint8]
+
+MEASURED, COUPLED, UNCOUPLED, HERTZ = "#56b4e9", "#d55e00", "#f0e442", "#ffffff"
+"""Colours of measured contacts, of the two predictions, and of the Hertz circle: of the palette of Okabe and
+Ito, chosen so that they differ in grey as well."""
 
 GREYS = 64
 """Grey levels of a picture. Chosen: steps of 1.6 % are no coarser than the noise of most cameras, and the
@@ -165,6 +168,26 @@ def draw_overlay(image: NDArray, layers: Sequence[Layer], view: View) -> Picture
     return Picture(np.vstack([canvas.indices, strip]), tuple(canvas.colours))
 
 
+def crop_to(image: NDArray, x_px: NDArray, y_px: NDArray, *, margin_px: float) -> tuple[NDArray, int, int]:
+    """Crop an image to the points and a margin; also return the first row and column.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+    x_px, y_px : ndarray, shape (n,)
+        Column and row of each point; without a point of finite coordinates the whole image is returned.
+    margin_px : float
+    """
+    points = np.column_stack([y_px, x_px]).astype(float)
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        return image, 0, 0
+    last = np.array(image.shape) - 1
+    top, left = np.clip(points.min(axis=0) - margin_px, 0, last).astype(int).tolist()
+    bottom, right = np.clip(points.max(axis=0) + margin_px, 0, last).astype(int).tolist()
+    return image[top : bottom + 1, left : right + 1], top, left
+
+
 def join_pictures(columns: Sequence[Sequence[Picture]]) -> Picture:
     """One picture of several: those of a column below each other, the columns side by side on black."""
     colours = list(dict.fromkeys(one for column in columns for picture in column for one in picture.colours))
@@ -254,8 +277,9 @@ def _draw_line(
 
 @lru_cache(maxsize=8)
 def _font(size: int) -> ImageFont.FreeTypeFont:
-    """The font that comes with matplotlib."""
-    return ImageFont.truetype(str(Path(mpl.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")), size)
+    """The font that comes with matplotlib, found without the half second that its import takes."""
+    fonts = distribution("matplotlib").locate_file("matplotlib/mpl-data/fonts/ttf")
+    return ImageFont.truetype(str(fonts / "DejaVuSans.ttf"), size)
 
 
 def _strip(canvas: _Canvas, layers: Sequence[Layer], view: View) -> Indices:
