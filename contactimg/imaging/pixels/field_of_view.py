@@ -1,4 +1,4 @@
-"""What the sensor adds to a frame by itself: regions without light, gains of a colour mosaic, defective pixels.
+"""What the sensor adds to a frame by itself: regions without light, gains of a colour mosaic, bad pixels.
 
 All of it is found in the frame (and its reference) alone and taken out before anything else is measured.
 """
@@ -19,9 +19,7 @@ UNLIT_MARGIN_PX = 5  # beyond the unlit pixels: the blurred edge of a stop; thre
 MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected; by hand
 MOSAIC_SIGMA = 8.0  # the same in its standard error; false-alarm rate below 1e-14
 SAMPLED = 20_000  # pixels that gains of a mosaic are read from; accuracy
-DEFECT_SIGMA = (
-    10.0  # difference from the median of nine pixels; by hand: shot noise of bright contacts is below
-)
+DEFECT_SIGMA = 10.0  # from the median of nine pixels; by hand: shot noise of bright contacts is below
 DEFECT_RATIO = 6.0  # of that to the range of the neighbours; theory: 2.4 for a point behind a blur of 0.75 px
 DEFECT_COMPANIONS = 2  # neighbours that may be as far off: a line one pixel wide is no contact either
 DEFECT_LEAST = 0.02  # of the largest such difference; accuracy, where there is no noise
