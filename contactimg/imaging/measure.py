@@ -41,6 +41,7 @@ from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
     find_unlit,
     mosaic_gains,
+    repair_defects,
 )
 from contactimg.imaging.pixels.frame_pair import FramePair, keep_freed_memory
 from contactimg.imaging.pixels.masks import exclude
@@ -406,20 +407,25 @@ def _without_shift(contacts: Columns, known: Any) -> Columns:
 
 
 def _without_sensor(pair: FramePair) -> FramePair:
-    """The pair without regions that no light reaches and the gains of a colour mosaic."""
+    """The pair without regions that no light reaches, gains of a colour mosaic and defective pixels."""
     if pair.trivial:
         return pair
-    frame, reference, valid = pair.frame, pair.reference, pair.valid
+    frame, reference, valid, saturated = pair.frame, pair.reference, pair.valid, pair.saturated
     gains = mosaic_gains(frame if reference is None else reference)
     if gains is not None:
         frame = divide_by_mosaic(frame, gains)
         reference = None if reference is None else divide_by_mosaic(reference, gains)
+    frame, defects = repair_defects(frame, valid)
+    if defects is not None:
+        saturated = None if saturated is None else exclude(saturated, defects)
+    if reference is not None:
+        reference, _ = repair_defects(reference, pair.valid)
     for image in (frame, reference):
         if image is not None:
             valid = exclude(valid, find_unlit(image, valid))
     if valid is not None and not valid.any():
         return pair
-    return replace(pair, frame=frame, reference=reference, valid=valid)
+    return replace(pair, frame=frame, reference=reference, valid=valid, saturated=saturated)
 
 
 def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:

@@ -76,10 +76,8 @@ class Reason(enum.StrEnum):
 
     NOISE = "noise"
     """The summed light of its pixels does not stand out of the noise."""
-    HOT_PIXEL = "hot pixel"
-    """One or two pixels whose neighbours are much darker than any optics could make them."""
-    TOO_SHARP = "hot pixel or streak: sharper than the optics"
-    """A narrow object whose brightest pixel stands far above the pixels on both sides of it."""
+    TOO_SHARP = "sharper than the optics"
+    """Faint, as narrow as a pixel or two, and described by no model: a piece of a hair."""
     LONG = "long: neither a disk nor a group of disks"
     """A bar, hair or scratch."""
     REFERENCE_DUST = "dust in the reference"

@@ -567,6 +567,14 @@ def dead_lines(image):
     return out
 
 
+def hot_pixels(image):
+    """Four pixels of a thousand black or at full scale, others in each frame."""
+    rng, out = np.random.default_rng(zlib.crc32(image.tobytes())), image.copy()
+    chance = rng.random(image.shape)
+    out[chance < 0.002], out[chance > 0.998] = 0, 255
+    return out
+
+
 BAYER = np.array([[0.6, 1.0], [1.0, 0.75]])
 
 
@@ -818,6 +826,8 @@ WORLDS: dict[str, Callable] = {
 for _light in ("laser", "20 nm", "white"):
     for _pixel_um in (1.0, 3.0):
         WORLDS[f"Newton {_light} {_pixel_um:.0f} um"] = World(layout=sparse(), fringes=(_light, _pixel_um))
+WORLDS["hot pixels"] = World(file=hot_pixels)
+WORLDS["hot pixels, no ref"] = World(file=hot_pixels, reference=False)
 SLOW = {"6500 dots": (WORLDS["dots"], 6500), "240 spots": (WORLDS["plate"], 240)}
 """Further worlds with a number of their own."""
 

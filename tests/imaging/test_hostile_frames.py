@@ -209,7 +209,7 @@ def test_grains_that_moved_are_rejected(method, depth, size, nudge):
 
 
 @METHODS
-def test_hot_and_dead_pixels_and_streaks_are_rejected(method):
+def test_hot_and_dead_pixels_and_streaks_leave_no_trace(method):
     truth = some_contacts(count=12)
     frame, reference = expose_pair(truth)
     rng = np.random.default_rng(3)
@@ -220,14 +220,14 @@ def test_hot_and_dead_pixels_and_streaks_are_rejected(method):
     streaked = frame.copy()
     cv2.line(streaked, (30, 280), (60, 262), 255, 1)
     cv2.line(streaked, (380, 20), (360, 40), 230, 1)
-    for image, background, reason in (
-        (hot, reference, "hot pixel"),
-        (streaked, reference, "streak"),
-        (frame, dead, "dust in the reference"),
+    for image, background in (
+        (hot, reference),
+        (streaked, reference),
+        (frame, dead),
     ):
         result = measure_image(image, background, method=method, polarity="bright")
         assert len(match(truth, result.disks)) == len(result.disks) == len(truth)
-        assert result.rejected.reason.str.contains(reason).any()
+        assert not len(result.rejected)
 
 
 def test_a_grain_on_a_contact_is_flagged_or_does_no_harm():

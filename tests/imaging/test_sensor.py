@@ -11,6 +11,7 @@ from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
     find_unlit,
     mosaic_gains,
+    repair_defects,
 )
 from contactimg.tables import Flag, Status
 
@@ -85,6 +86,50 @@ def test_a_plain_sensor_has_no_mosaic(name, rng):
 
 def test_a_steep_gradient_is_no_mosaic(rng):
     assert mosaic_gains(noisy(20 + 200 * X / SHAPE[1], rng)) is None
+
+
+def spots(rng, *, radius=1.0, blur=0.75):
+    """Points and small contacts behind a sharp lens: the narrowest that a contact can look."""
+    light = np.full(SHAPE, 90.0)
+    for x, y in rng.uniform(10, (SHAPE[1] - 10, SHAPE[0] - 10), (40, 2)):
+        near = np.exp(-((X - x) ** 2 + (Y - y) ** 2) / (2 * (blur**2 + 0.25 * radius**2)))
+        light = np.maximum(light, 90 + 120 * near)
+    return noisy(light, rng)
+
+
+NO_DEFECTS = LIT | {
+    "points behind a sharp lens": lambda rng: spots(rng, radius=0.0),
+    "small contacts": spots,
+    "sharp disks without noise": lambda _: np.where(np.hypot(X % 40 - 20, Y % 40 - 20) < 7, 200, 50).astype(
+        np.uint8
+    ),
+    "a checkerboard of pixels": lambda _: (60 + 100 * ((X + Y) % 2)).astype(np.uint8),
+    "a few electrons": lambda rng: rng.poisson(np.full(SHAPE, 0.5)).astype(np.uint8),
+}
+
+
+@pytest.mark.parametrize("name", NO_DEFECTS)
+def test_a_sound_sensor_is_left_as_it_is(name, rng):
+    frame = NO_DEFECTS[name](rng)
+    repaired, where = repair_defects(frame, None)
+    assert where is None
+    assert repaired is frame
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_hot_and_dead_pixels_and_columns_are_repaired(kind, rng):
+    frame = np.asarray(dots(60, 90, rng), float) * (1 if kind is np.uint8 else 100)
+    bad = np.zeros(SHAPE, np.bool_)
+    bad[rng.integers(2, SHAPE[0] - 2, 60), rng.integers(2, SHAPE[1] - 2, 60)] = True
+    bad[:, 77] = True
+    broken = np.where(bad, 0.0, frame).astype(kind)
+    repaired, where = repair_defects(broken, None)
+    assert (
+        np.mean(where[bad]) > 0.8
+    )  # others are at the rims of the dots, where their neighbours differ as well
+    assert np.mean(where[~bad]) < 1e-4
+    # nine pixels or fewer give a median to about half of the noise of one; at a rim it is off by its slope
+    assert np.median(np.abs(repaired[bad] - frame[bad])) < 3.0 * (1 if kind is np.uint8 else 100)
 
 
 @pytest.mark.parametrize("seed", range(5, 7))

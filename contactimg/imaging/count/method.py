@@ -45,9 +45,6 @@ OTSU_RANGE = (0.05, 0.95)
 """Range of the automatic threshold: outside it noise makes contacts or takes them away."""
 COMPONENT_LIGHT_SIGMA = 8.0
 """Least summed light of a component in standard deviations of the noise. Noise alone stays below 6."""
-HOT_PIXEL_NEIGHBOUR_FRACTION = 0.2
-"""Brightness of the four neighbours relative to the peak below which one or two pixels are a hot pixel.
-Theory: ``exp(-1/(2 s^2))`` for a point behind a blur of 0.48 px, ``s^2 = 0.48^2 + 1/12``."""
 SMOOTHING_PX = 1.4
 """Gaussian applied to components in noise before disks are inscribed; about the blur."""
 TYPICAL_BLUR_PX = 1.4
@@ -261,16 +258,14 @@ def count_contacts(
     components, split = split_components(
         image, fraction * plateau, marks=saturated, smoothing=SMOOTHING_PX if noisy else 0.0
     )
-    hot = components["area"] <= 2
-    hot &= _neighbour_mean(image, components) < HOT_PIXEL_NEIGHBOUR_FRACTION * components["peak"]
     light = components["flux"] - components["area"] * np.maximum(_level_around(image, components), 0.0)
-    bad = hot | (light < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"]))
+    bad = light < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"])
     radius = np.sqrt(components["area"] / np.pi)
     rejected = {
         "x_px": components["x"][bad],
         "y_px": components["y"][bad],
         "radius_px": radius[bad],
-        "reason": np.where(hot[bad], Reason.HOT_PIXEL, Reason.NOISE),
+        "reason": np.full(np.count_nonzero(bad), Reason.NOISE.value, object),
     }
     kept = components[~bad]
     contacts = {
@@ -317,13 +312,6 @@ def _flags(
         Flag.MERGED: split,
     }
     return np.sum([np.where(holds, int(flag), 0) for flag, holds in conditions.items()], axis=0)
-
-
-def _neighbour_mean(image: NDArray[np.float32], components: NDArray[np.void]) -> NDArray[np.float64]:
-    """Mean of the four neighbours of each component's highest pixel; the border of the image repeats."""
-    x = np.clip(components["peak_x"] + np.array([[-1], [1], [0], [0]]), 0, image.shape[1] - 1)
-    y = np.clip(components["peak_y"] + np.array([[0], [0], [-1], [1]]), 0, image.shape[0] - 1)
-    return np.mean(image[y, x], axis=0, dtype=float)
 
 
 def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from contactimg.imaging.detect.components import label_runs
 from contactimg.imaging.detect.inscribed_disks import component_at, disks_in_region, filled_contact, is_round
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.masks import Mask, visible_fraction
-from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
+from contactimg.imaging.pixels.robust import quantile, reach_std
 
 SUPPORT_SIGMA = 5.0
 """Height of a mean over 2 x 2 pixels that stands out of the noise. False-alarm rate 3e-7 (normal noise)."""
@@ -262,7 +262,7 @@ def _coarse_noise(coarse: NDArray[np.float32], least: float) -> float:
     """Scatter of means over squares about a background of 0, from the negative ones: no contact is."""
     below = coarse[::3, ::2]
     below = below[below < 0.0]
-    return max(-MAD_TO_STD * median(below), least) if below.size > 100 else least
+    return max(reach_std(below, 0.0), least) if below.size > 100 else least
 
 
 def _core_level(

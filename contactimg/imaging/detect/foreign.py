@@ -1,8 +1,9 @@
-"""What is no contact whatever its brightness: hot pixels, streaks, bars, hairs and scratches.
+"""What is no contact whatever its brightness: bars, hairs and scratches.
 
-A contact is a disk, contacts that touch are a union of disks, and both lie behind a blur. A streak or a hot
-pixel is narrower than any blurred spot. A bar is longer than any group of its half width, and its pixels lie
-half as far from its rim as those of a disk. Both are masked before contrast and contacts are learned.
+A contact is a disk, and contacts that touch are a union of disks. A bar is longer than any group of its half
+width, and its pixels lie half as far from its rim as those of a disk. It is masked before contrast and
+contacts are learned. Hot pixels and lines one pixel wide are gone by then
+(`contactimg.imaging.pixels.field_of_view.repair_defects`).
 """
 
 from dataclasses import dataclass
@@ -38,16 +39,6 @@ SEEN_SIGMA = 6.0
 SPRAWL = 4.0
 """Squared diagonal of the bounding box over the area above which a region is no disk and no pair of disks.
 Theory: 2.5 for a disk, 3.2 for two that touch."""
-STREAK_HALF_WIDTH = 1.0
-"""Largest half width of a hot pixel or streak, squares. Theory: two pixels lie in one square or in two."""
-HOT_NEIGHBOUR_FRACTION = 0.25
-"""Brightness of the pixels on both sides of the highest, relative to it, below which it is sharper than
-optics. Theory: ``exp(-1/(2 s^2))`` for a point behind a blur of 0.53 px, ``s^2 = 0.53^2 + 1/12``."""
-FLAT_TOP_RATIO, FLAT_TOP_LEVELS = np.float32(0.9), np.float32(2.0)
-"""Of the highest pixel, above which one is as high; and height over the level from which a contact may have
-such a flat top. By hand: noise of a tenth of the contrast; 0.6 of the contrast."""
-FEW_SQUARES = 4
-"""Squares: a region of more is not a hot pixel."""
 MARGIN = 3
 """Squares around an object that are masked with it: its blurred rim. By hand: four blur widths of 1.5 px."""
 
@@ -93,22 +84,10 @@ def find_foreign(image: NDArray[np.float32], plateau: float, noise: float, valid
     level = max(LEVEL_FRACTION * plateau, SEEN_SIGMA * noise / SIDE)
     squares = np.nan_to_num(block_means(image, valid, side=SIDE), copy=False)
     components = label_components(squares, level)
-    narrow = (components["area"] <= FEW_SQUARES) | _sprawls(components)
-    sharp = np.zeros(len(components), np.bool_)
-    sharp[narrow] = _stand_alone(
-        image,
-        SIDE * components["peak_x"][narrow],
-        SIDE * components["peak_y"][narrow],
-        np.float32(max(level, SEEN_SIGMA * noise)),
-    )
-    if not (sharp.any() or _may_be_long(components).any()):
+    if not _may_be_long(components).any():
         return NONE
     regions = label_regions(squares, level)
-    reason = np.where(regions.long, Reason.LONG.value, "").astype(object)
-    number = regions.labels[components["peak_y"][sharp], components["peak_x"][sharp]]
-    number = number[regions.half_width[number] <= STREAK_HALF_WIDTH]
-    reason[number] = Reason.TOO_SHARP.value
-    bad = np.flatnonzero(reason != "")
+    bad = np.flatnonzero(regions.long)
     if not len(bad):
         return NONE
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1, 2 * MARGIN + 1))
@@ -120,7 +99,7 @@ def find_foreign(image: NDArray[np.float32], plateau: float, noise: float, valid
             "x_px": SIDE * regions.x[bad] + middle,
             "y_px": SIDE * regions.y[bad] + middle,
             "radius_px": SIDE * np.sqrt(regions.area[bad] / np.pi),
-            "reason": reason[bad],
+            "reason": np.full(len(bad), Reason.LONG.value, object),
         },
         np.ascontiguousarray(wide),
     )
@@ -144,42 +123,6 @@ def _may_be_long(components: NDArray[np.void]) -> NDArray[np.bool_]:
     return _sprawls(components) & (_squared_diagonal(components) > shortest**2)
 
 
-@njit(cache=True)
-def _stand_alone(image, x, y, level):
-    """Whether the highest pixels near each place are above a level and far above the pixels on two sides.
-
-    All that are about as high: one at the tip of a flat top stands alone, those inside do not.
-    """
-    rows, columns = image.shape
-    out = np.zeros(len(x), np.bool_)
-    for n in range(len(x)):
-        top, bottom = max(y[n] - 1, 0), min(y[n] + SIDE + 1, rows)
-        left, right = max(x[n] - 1, 0), min(x[n] + SIDE + 1, columns)
-        highest = np.float32(-np.inf)
-        for j in range(top, bottom):
-            for i in range(left, right):
-                highest = max(highest, image[j, i])
-        out[n] = highest > level
-        equal = FLAT_TOP_RATIO * highest if highest > FLAT_TOP_LEVELS * level else highest
-        for j in range(top, bottom):
-            for i in range(left, right):
-                if image[j, i] >= equal:
-                    out[n] &= _is_alone(image, j, i)
-    return out
-
-
-@njit(cache=True)
-def _is_alone(image, row, column):
-    """Whether a pixel is far above those on two opposite sides."""
-    rows, columns = image.shape
-    alone = False
-    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        before = image[max(row - dy, 0), min(max(column - dx, 0), columns - 1)]
-        after = image[min(row + dy, rows - 1), min(max(column + dx, 0), columns - 1)]
-        alone |= max(before, after) < HOT_NEIGHBOUR_FRACTION * image[row, column]
-    return alone
-
-
 NONE = Foreign({name: np.empty(0) for name in ("x_px", "y_px", "radius_px", "reason")}, None)
 """Every object may be a contact."""
 
@@ -193,8 +136,6 @@ class LabelledRegions:
     labels : ndarray of int32, shape (rows, columns)
         Number of the region of each pixel, from 0; -1 outside.
     area : ndarray, shape (n,), px^2
-    peak : ndarray, shape (n,)
-        Largest value.
     long : ndarray of bool, shape (n,)
         Whether the region is a bar or hair rather than a disk or a group of disks.
     half_width : ndarray, shape (n,), px
@@ -205,7 +146,6 @@ class LabelledRegions:
 
     labels: NDArray[np.int32]
     area: NDArray[np.float64]
-    peak: NDArray[np.float64]
     long: NDArray[np.bool_]
     half_width: NDArray[np.float64]
     x: NDArray[np.float64]
@@ -227,7 +167,7 @@ def label_regions(image: NDArray[np.float32], level: float) -> LabelledRegions:
     # the border repeats: a region cut by it goes on beyond
     around = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     distance = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    widest, mean, peak = _inside(labels, np.minimum(distance, max(image.shape)), image, count)
+    widest, mean = _inside(labels, np.minimum(distance, max(image.shape)), count)
     area = stats[:, cv2.CC_STAT_AREA].astype(float)
     # distances end at the first pixel outside, on average half a pixel beyond the rim
     half = np.maximum(widest - 0.5, 0.5)
@@ -236,16 +176,13 @@ def label_regions(image: NDArray[np.float32], level: float) -> LabelledRegions:
     long = bar & (area > BAR_AREA_DISKS * np.pi * half**2)
     long &= length > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX)
     x, y = np.asarray(centroids, float)[1:].T
-    return LabelledRegions(
-        np.asarray(labels, np.int32) - np.int32(1), area[1:], peak[1:], long[1:], half[1:], x, y
-    )
+    return LabelledRegions(np.asarray(labels, np.int32) - np.int32(1), area[1:], long[1:], half[1:], x, y)
 
 
 @njit(cache=True)
-def _inside(labels, distance, image, count):
-    """Largest and mean distance to the rim, and brightest pixel, of each label but 0."""
-    widest, total, peak = np.zeros(count), np.zeros(count), np.full(count, -np.inf)
-    pixels = np.zeros(count)
+def _inside(labels, distance, count):
+    """Largest and mean distance to the rim of each label but 0."""
+    widest, total, pixels = np.zeros(count), np.zeros(count), np.zeros(count)
     for row in range(labels.shape[0]):
         for column in range(labels.shape[1]):
             label = labels[row, column]
@@ -253,5 +190,4 @@ def _inside(labels, distance, image, count):
                 pixels[label] += 1.0
                 total[label] += distance[row, column]
                 widest[label] = max(widest[label], distance[row, column])
-                peak[label] = max(peak[label], image[row, column])
-    return widest, total / np.maximum(pixels, 1.0), peak
+    return widest, total / np.maximum(pixels, 1.0)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.pixels.blocks import sample_background
-from contactimg.imaging.pixels.robust import median, noise_std
+from contactimg.imaging.pixels.robust import median, reach_std
 
 FALSE_ALARM_SIGMA = 6.0
 """Height of a matched-filter peak above the noise that counts as detection. Normal noise has
@@ -46,7 +46,8 @@ def find_peaks(
     sample = sample_background(smooth, background, (7, 11))
     if len(sample) < 50:
         sample = smooth[::5, ::7].ravel()
-    lowest = max(median(sample) + FALSE_ALARM_SIGMA * noise_std(sample), height)
+    middle = median(sample)
+    lowest = max(middle + FALSE_ALARM_SIGMA * reach_std(sample, middle), height)
     return _sorted_peaks(smooth, lowest, width), lowest
 
 

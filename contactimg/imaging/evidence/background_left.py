@@ -22,6 +22,7 @@ LEAST_FREE_BLOCKS = 0.1
 FOLLOWED_FRACTION = 0.02
 """Distance of a block from the background, of the contrast, up to which its light was followed. Chosen, as
 for the unevenness: compression makes most blocks equal, and the others stand out by a grey level."""
+SAMPLED_ROWS = 31  # one row in so many gives the noise of pixels; accuracy
 FEWEST_PATCHES = 6
 """Patches that give the unevenness: to 30 % (theory: 1/sqrt(2 n))."""
 
@@ -34,6 +35,9 @@ class BackgroundLeft:
     ----------
     uneven : float
         Scatter of its means over patches of 32 px in excess of the noise, over the contrast.
+    waves : float
+        Scatter of its means over blocks of 8 px in excess of the noise of single pixels, over the contrast:
+        fringes, or a texture that no reference takes out.
     dark_share : float
         Share of the free blocks that are darker than the background by a fifth of the contrast.
     free_share : float
@@ -43,6 +47,7 @@ class BackgroundLeft:
     """
 
     uneven: float = 0.0
+    waves: float = 0.0
     dark_share: float = 0.0
     free_share: float = 1.0
     found_share: float = 1.0
@@ -89,6 +94,7 @@ def inspect_background(
         followed |= background[free > 0]
     return BackgroundLeft(
         uneven=_unevenness(means, free, noise, PATCH_PX // side) / contrast,
+        waves=np.sqrt(max(noise**2 - (_pixel_noise(image) / side) ** 2, 0.0)) / contrast,
         dark_share=float(np.mean(dark)),
         free_share=left.size / seen,
         found_share=float(np.mean(followed)) if background.shape == free.shape else 1.0,
@@ -108,6 +114,12 @@ def _free_blocks(
     reach = disks + np.array([0.5, 0.5, side / np.sqrt(2.0)])
     clear_disks(free, reach / side - np.array([0.5, 0.5, 0.0]))
     return means, free, seen
+
+
+def _pixel_noise(image: NDArray[np.float32]) -> float:
+    """Noise that neighbouring pixels do not share, of every `SAMPLED_ROWS`-th row."""
+    rows = image[::SAMPLED_ROWS]
+    return robust_std(rows[:, 1:] - rows[:, :-1]) / np.sqrt(2.0) if rows.shape[1] > 1 else 0.0
 
 
 def _unevenness(means: NDArray[np.float32], free: NDArray[np.uint8], noise: float, coarse: int) -> float:

@@ -70,7 +70,7 @@ LONGEST = 3.5
 """Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
 hand."""
 SHARP_PX2 = 2.5
-"""Counted pixels up to which a faint candidate that does not fit is a hot pixel or part of a hair. Theory: a
+"""Counted pixels up to which a faint candidate that does not fit is part of a hair. Theory: a
 point behind a blur of 0.5 px has four pixels above half height."""
 AGREEMENT_SIGMA = 2.0
 """Standard errors up to which the counted pixels of all contacts together agree with those expected."""

@@ -40,6 +40,9 @@ LEAST_SIDE_PX = 8
 UNEVENNESS = 0.02
 """Unevenness of the background over the contrast above which the light was not followed. By hand: it moves
 the radius of a contact of two blur widths by 1 %."""
+WAVES = 0.06
+"""The same within 32 px: fringes, or a texture. By hand: a texture of 2 % of the light, without a reference,
+makes 0.02 at a contrast of 0.6."""
 LEAST_FOLLOWED, LEAST_FREE = 0.85, 0.02
 """Share of the free background on which the light was followed, at least; share of the frame that contacts
 must leave free for a statement on it. By hand."""
@@ -164,10 +167,9 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
                 "contacts leave free: it changed in a way that was not followed"
             )
             yield Status.LITTLE_BACKGROUND, text
-        if left.uneven > UNEVENNESS:
-            text = (
-                f"the background is uneven by {100 * left.uneven:.3g} % of the contrast after all corrections"
-            )
+        if left.uneven > UNEVENNESS or left.waves > WAVES:
+            share = 100 * max(left.uneven, left.waves)
+            text = f"the background is uneven by {share:.3g} % of the contrast after all corrections"
             yield Status.LIGHT_NOT_FOLLOWED, text
 
 

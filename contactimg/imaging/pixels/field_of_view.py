@@ -1,4 +1,4 @@
-"""What the sensor adds to a frame by itself: regions without light, gains of a colour mosaic.
+"""What the sensor adds to a frame by itself: regions without light, gains of a colour mosaic, bad pixels.
 
 All of it is found in the frame (and its reference) alone and taken out before anything else is measured.
 """
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import median, quantile, robust_std
+from contactimg.imaging.pixels.robust import median, noise_std, quantile, robust_std
 
 UNLIT_FRACTION = 0.15  # of the level of the lit blocks; by hand: a field stop transmits nothing
 LEAST_LIT_SHARE = 0.15  # of the image; by hand: less is a contact, not a field of view
@@ -19,6 +19,11 @@ UNLIT_MARGIN_PX = 5  # beyond the unlit pixels: the blurred edge of a stop; thre
 MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected; by hand
 MOSAIC_SIGMA = 8.0  # the same in its standard error; false-alarm rate below 1e-14
 SAMPLED = 20_000  # pixels that gains of a mosaic are read from; accuracy
+DEFECT_SIGMA = 10.0  # from the median of nine pixels; by hand: shot noise of bright contacts is below
+DEFECT_RATIO = 6.0  # of that to the range of the neighbours; theory: 2.4 for a point behind a blur of 0.75 px
+DEFECT_COMPANIONS = 2  # neighbours that may be as far off: a line one pixel wide is no contact either
+DEFECT_LEAST = 0.02  # of the largest such difference; accuracy, where there is no noise
+MOST_DEFECTS_SHARE = 0.03  # of the pixels; by hand: what has more is a texture
 
 
 def find_unlit(image: NDArray, valid: Mask) -> Mask:
@@ -65,6 +70,44 @@ def _is_field_of_view(lit: NDArray[np.uint8]) -> bool:
     if area < LEAST_LIT_SHARE * lit.size or area < LEAST_CONVEXITY * int(hull.sum()):
         return False
     return int((lit & filled).sum()) >= 0.9 * int(lit.sum())
+
+
+def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
+    """The image without hot or dead pixels and lines one pixel wide, and where (1) they were, or None.
+
+    No optics can have drawn such a pixel: it lies far above, or below, all but two of its neighbours, which
+    differ little. The median of the nine takes its place.
+    """
+    if min(image.shape) < 3:
+        return image, None
+    middle = cv2.medianBlur(image, 3)
+    rest = cv2.absdiff(image, middle)
+    every = max(int(np.sqrt(image.size / SAMPLED)), 1)
+    limit = DEFECT_SIGMA * noise_std(rest[::every, ::every].astype(np.float32))
+    limit = max(limit, DEFECT_LEAST * float(rest.max()))
+    far = np.flatnonzero(rest > np.float32(limit))
+    if valid is not None:
+        far = far[valid.ravel()[far] > 0]
+    rows, columns = np.divmod(far, image.shape[1])
+    if not 0 < len(rows) < MOST_DEFECTS_SHARE * image.size:
+        return image, None
+    height, width = image.shape
+    around = [
+        image[np.clip(rows + y, 0, height - 1), np.clip(columns + x, 0, width - 1)].astype(np.float32)
+        for y in (-1, 0, 1)
+        for x in (-1, 0, 1)
+    ]
+    above = np.where(image[rows, columns] > middle[rows, columns], np.float32(1.0), np.float32(-1.0))
+    ordered = np.sort(np.array(around) * above, axis=0)
+    usual = ordered[-2 - DEFECT_COMPANIONS]  # the largest but for the companions and the pixel itself
+    off, spread = above * image[rows, columns] - usual, usual - ordered[1]  # one may be off the other way
+    defective = (off > limit) & (off > DEFECT_RATIO * spread)
+    if not defective.any():
+        return image, None
+    rows, columns = rows[defective], columns[defective]
+    image, mask = image.copy(), np.zeros(image.shape, np.uint8)
+    image[rows, columns], mask[rows, columns] = middle[rows, columns], 1
+    return image, mask
 
 
 def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 MAD_TO_STD = 1.4826
 """Standard deviation of normal deviates over their median absolute deviation: 1/Phi^-1(3/4)."""
 
-
+TAIL_SHARE, TAIL_TO_STD, FEWEST_BELOW = 0.01, 2.576, 300
+"""Share of the values below the centre that make the tail, its place in standard deviations (theory), and how
+many values show it: three of them lie in the tail."""
 DECILE_TO_STD = 0.60790
 """The same over the ninth decile of the absolute deviations: 1/Phi^-1(0.95)."""
 DEGENERATE_RATIO = 6.0
@@ -69,3 +71,22 @@ def noise_std(values: NDArray) -> float:
     deviation = np.abs(values - np.asarray(middle, values.dtype))
     usual, tail = MAD_TO_STD * median(deviation), DECILE_TO_STD * quantile(deviation, 0.9)
     return tail if tail > DEGENERATE_RATIO * usual else usual
+
+
+def reach_std(values: NDArray, centre: float) -> float:
+    """Standard deviation that tells how far values without a contact reach above their centre.
+
+    Waves and fringes reach less far above it than their scatter would let normal noise do, and no contact
+    lies below: the smaller of the scatter below and of the tail below, over what these are of normal values.
+
+    Examples
+    --------
+    >>> wave = np.sin(np.linspace(0.0, 60.0 * np.pi, 6001))
+    >>> reach_std(wave, 0.0), reach_std(wave[:100], 0.0)  # a hundred values have no tail
+    (0.388, 0.375)
+    """
+    below = centre - values[values < centre]
+    if below.size < FEWEST_BELOW:
+        return noise_std(values)
+    scatter = MAD_TO_STD * median(below)
+    return min(scatter, quantile(below, 1.0 - TAIL_SHARE) / TAIL_TO_STD)
