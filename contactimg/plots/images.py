@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from contactimg.plots.axes import new_axes
 
+Column = NDArray | pd.Series
+
 MEASURED, COUPLED, UNCOUPLED, HERTZ = "#56b4e9", "#d55e00", "#f0e442", "#ffffff"
 """Colours of measured contacts, of the two predictions, and of the Hertz circle: of the palette of Okabe and
 Ito, chosen so that they differ in grey as well."""
@@ -62,13 +64,7 @@ def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None =
 
 
 def plot_circles(
-    x: NDArray | pd.Series,
-    y: NDArray | pd.Series,
-    radius: NDArray | pd.Series,
-    *,
-    ax: Axes,
-    color: str = MEASURED,
-    **style: Any,
+    x: Column, y: Column, radius: Column, *, ax: Axes, color: str = MEASURED, **style: Any
 ) -> EllipseCollection:
     """Draw outlines of circles in data units.
 
@@ -81,17 +77,9 @@ def plot_circles(
     **style
         Of the outlines: ``label``, ``linewidth``, ``linestyle``.
     """
-    places, sizes = np.column_stack([x, y]).astype(float), 2 * np.asarray(radius, float)
-    circles = EllipseCollection(
-        sizes,
-        sizes,
-        np.zeros_like(sizes),
-        units="xy",
-        offsets=places,
-        offset_transform=ax.transData,
-        facecolors="none",
-        edgecolors=color,
-        **style,
-    )
+    style |= {"offsets": np.column_stack([x, y]).astype(float), "offset_transform": ax.transData}
+    style |= {"units": "xy", "facecolors": "none", "edgecolors": color}
+    sizes = 2 * np.asarray(radius, float)
+    circles = EllipseCollection(sizes, sizes, np.zeros_like(sizes), **style)
     ax.add_collection(circles, autolim=False)
     return circles
