@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
@@ -80,15 +79,10 @@ def scale_by_decades(ax: Axes, *, axes: str = "xy") -> Axes:
         ax.set(**{f"{name}scale": "log"})
         low, high = getattr(ax, f"get_{name}lim")()
         axis = getattr(ax, f"{name}axis")
-        label_plainly(axis, float(np.log10(high / low)))
+        axis.set_major_locator(_decade_locator(float(np.log10(high / low))))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     return ax
-
-
-def label_plainly(axis: Axis, decades: float) -> None:
-    """Write plain numbers on a logarithmic axis of this length."""
-    axis.set_major_locator(_decade_locator(decades))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _decade_locator(decades: float) -> LogLocator | MaxNLocator:
