@@ -12,7 +12,7 @@ from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_results, progress, say
 
 
-@shared.command(shared.no_plausibility, shared.cluster)
+@shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
 def analyse(
     runs: Annotated[tuple[shared.ExistingFolder, ...], "RUN [RUN ...]"],
     *,

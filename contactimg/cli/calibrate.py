@@ -24,7 +24,7 @@ ONE_OF_TWO = (
 
 RUNNING = (
     *shared.FRAMES,
-    shared.cluster,
+    shared.CLUSTER,
     shared.option("output", shared.Output),
     shared.option("workers", shared.Workers),
 )

@@ -25,7 +25,7 @@ SHOWN_ROWS = 8
 @shared.command(
     shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa", default="the scene's"),
     shared.SceneOption("--poisson-ratio", "elastic", "poisson_ratio"),
-    shared.no_plausibility,
+    shared.NO_PLAUSIBILITY,
 )
 def design(
     scene: shared.Existing | None = None,

@@ -36,7 +36,7 @@ SHOWN = {
 """Section -> the keys that most experiments need."""
 
 
-@shared.command(*QUESTIONS, APEX, shared.no_plausibility)
+@shared.command(*QUESTIONS, APEX, shared.NO_PLAUSIBILITY)
 def init(
     folder: shared.ExistingFolder, *, stated: shared.Stated, no_input: bool = False, force: bool = False
 ) -> int:

@@ -18,8 +18,8 @@ TOLERANCE = "--tolerance", "tolerance", "relative"
 
 @shared.command(
     shared.SceneOption(*TOLERANCE, "Effects and coupling are the cheapest that meet it."),
-    shared.no_plausibility,
-    shared.cluster,
+    shared.NO_PLAUSIBILITY,
+    shared.CLUSTER,
 )
 def predict(
     scene: shared.Existing,
@@ -90,7 +90,7 @@ def predict(
 # --- simulate
 
 
-@shared.command(shared.no_plausibility, shared.cluster)
+@shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
 def simulate(
     scene: shared.Existing,
     *,
@@ -147,7 +147,7 @@ def simulate(
 @shared.command(
     shared.SceneOption(*TOLERANCE),
     shared.SceneOption("--output", "tolerance", "output"),
-    shared.no_plausibility,
+    shared.NO_PLAUSIBILITY,
 )
 def effects(
     scene: shared.Existing,
@@ -197,7 +197,7 @@ Knob = Literal["image", "model"]
 
 @shared.command(
     shared.SceneOption(*TOLERANCE, "The fastest setting that meets it is recommended."),
-    shared.no_plausibility,
+    shared.NO_PLAUSIBILITY,
 )
 def tradeoff(
     scene: shared.Existing,

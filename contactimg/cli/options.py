@@ -188,13 +188,13 @@ EVERYWHERE = (
 )
 """Options that every command has."""
 
-no_plausibility = _preparing(
+NO_PLAUSIBILITY = _preparing(
     "--no-plausibility",
     "Warn about values that physics makes doubtful (a length in mm, say) instead of refusing them.",
     _refuse_no_doubt,
 )
 
-cluster = _preparing(
+CLUSTER = _preparing(
     "--cluster",
     "Work on the cluster of a dask.distributed scheduler, instead of --workers: its address, for example "
     "tcp://host:8786, or its scheduler file.",
@@ -333,6 +333,6 @@ FRAMES = (
     SceneOption("--loads", "images", "loads"),
     SceneOption("--pixel-size-um", "camera", "pixel_size_m"),
     SceneOption("--polarity", "images", "polarity"),
-    no_plausibility,
+    NO_PLAUSIBILITY,
 )
 """Options that say what the frames are, in place of keys of a scene file."""

@@ -31,7 +31,7 @@ JOINED_FOLDER = "combined"
     METHOD,
     shared.SceneOption("--shape", "measure", "shape"),
     THRESHOLD,
-    shared.cluster,
+    shared.CLUSTER,
 )
 def process(
     folders: Annotated[tuple[shared.Existing, ...], "FOLDER..."],

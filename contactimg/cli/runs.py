@@ -12,7 +12,7 @@ from contactimg.cli.scenes import plausible
 from contactimg.errors import InputError
 
 
-@shared.command(shared.no_plausibility)
+@shared.command(shared.NO_PLAUSIBILITY)
 def overlay(
     run: shared.ExistingFolder,
     *,
@@ -168,7 +168,7 @@ def review(
     return 0
 
 
-@shared.command(shared.no_plausibility)
+@shared.command(shared.NO_PLAUSIBILITY)
 def export(
     run: shared.ExistingFolder,
     *,
@@ -219,7 +219,7 @@ def export(
     return 0
 
 
-@shared.command(shared.no_plausibility)
+@shared.command(shared.NO_PLAUSIBILITY)
 def import_rois(
     run: shared.ExistingFolder,
     file: shared.ExistingFile,
