@@ -136,24 +136,15 @@ def assign_forces(
     """
     a = contacts["radius_m"].to_numpy(float)
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
-    pressed = hertzian = pressing_force(a, R, contact_modulus=contact_modulus)
-    if law != "hertz":
-        pressed = pressing_force(a, R, contact_modulus=contact_modulus, law=law)
+    hertzian = pressing_force(a, R, contact_modulus=contact_modulus)
+    pressed = pressing_force(a, R, contact_modulus=contact_modulus, law=law)
     pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
     slope = force_exponents(a, R, law=law) * pressed - ADHESION_EXPONENT * pulled
     std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
+    beyond = int(Flag.BEYOND_HERTZ)
+    flags = contacts["flags"].to_numpy(np.int64) & ~beyond | np.where(a > HERTZ_LIMIT * R, beyond, 0)
     forces = {"force_N": pressed - pulled, "force_std_N": std, "force_hertz_N": hertzian}
-    return contacts.assign(**forces, flags=_flags_beyond_hertz(contacts, R))
-
-
-def _flags_beyond_hertz(contacts: pd.DataFrame, radius: NDArray[np.float64]) -> NDArray[np.int64]:
-    """The flags, with ``BEYOND_HERTZ`` where a contact is too wide for its radius of curvature."""
-    a = contacts["radius_m"].to_numpy(float)
-    beyond = np.zeros(a.shape, bool)
-    finite = np.isfinite(a) & np.isfinite(radius)
-    beyond[finite] = a[finite] > HERTZ_LIMIT * radius[finite]
-    flags = contacts["flags"].to_numpy(np.int64) & ~int(Flag.BEYOND_HERTZ)
-    return flags | np.where(beyond, int(Flag.BEYOND_HERTZ), 0)
+    return contacts.assign(**forces, flags=flags)
 
 
 def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relative_std: float = 0.0) -> Total:
@@ -381,23 +372,17 @@ def local_forces(
     sites : DataFrame or None
         Composite summits of the asperities.
     """
-    elastic = scene.need("elastic", "local forces")
-    law: ForceLaw = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
-    modulus = elastic.contact_modulus
-    adhesion = elastic.work_of_adhesion if scene.effects.adhesion == "on" else 0.0
+    elastic, effects = scene.need("elastic", "local forces"), scene.effects
+    law: ForceLaw = "sphere" if effects.sphere_profile == "on" else "hertz"
+    body = {
+        "contact_modulus": elastic.contact_modulus,
+        "work_of_adhesion": elastic.work_of_adhesion if effects.adhesion == "on" else 0.0,
+    }
+    relative = elastic.young_modulus_std / elastic.young_modulus
     radii = sphere_radii(contacts, scene, sites)
-    contacts = assign_forces(
-        contacts,
-        radii,
-        contact_modulus=modulus,
-        modulus_relative_std=elastic.young_modulus_std / elastic.young_modulus,
-        law=law,
-        work_of_adhesion=adhesion,
-    )
+    contacts = assign_forces(contacts, radii, law=law, modulus_relative_std=relative, **body)
     a = contacts["radius_m"].to_numpy(float)
-    share = (
-        adhesive_pull(a, contact_modulus=modulus, work_of_adhesion=adhesion) / contacts["force_N"].to_numpy()
-    )
+    share = adhesive_pull(a, **body) / contacts["force_N"].to_numpy()
     exponent = force_exponents(a, radii, law=law) * (1 + share) - ADHESION_EXPONENT * share
     return contacts, exponent
 

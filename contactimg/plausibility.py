@@ -18,21 +18,40 @@ from contactimg.errors import InputError
 from contactimg.mechanics import hertz
 from contactimg.pose.apex import Apex
 from contactimg.scene import Scene
+from contactimg.scene.rules import FLAT
 
 logger = logging.getLogger(__name__)
 
-RANGES: dict[str, tuple[float, float]] = {
+CONTACT_OVER_RADIUS = "the smooth sphere's contact over its radius"
+CONTACT_OVER_SAMPLE = "the smooth sphere's contact over half the diagonal of the sample"
+
+RANGES = {
+    # chosen, a decade beyond what is made or used: from gels to diamond, from microspheres to optical flats
     "young_modulus_Pa": (1e3, 1.3e12),
     "poisson_ratio": (0.2, 0.5),
     "work_of_adhesion_J_m2": (0.0, 10.0),
     "thickness_m": (1e-7, 1.0),
-    "pixel_size_m": (2e-8, 5e-4),  # light resolves 0.2 um, sampled ten times at most
     "[indenter] radius_m": (1e-7, 5.0),
     "load_N": (-1e3, 1e5),
     "the median of radius_m of the asperities": (1e-9, 0.05),
+    # light resolves 0.2 um, sampled ten times at most
+    "pixel_size_m": (2e-8, 5e-4),
+    # a cap is no higher than its sphere
+    "height_m over radius_m of the asperities": (0.0, 1.0),
+    # chosen: shallow caps reach a few, sparse samples 0.1
+    "radius_m of the asperities over their distance": (1e-3, 30.0),
+    # chosen: an indenter that stands beside its sample touches it in a corner at most
+    "distance from the asperities over their side": (0.0, 0.5),
+    # chosen: small-strain contact mechanics holds to about 0.1, and nothing of it is left at 0.5
+    CONTACT_OVER_RADIUS: (0.0, 0.5),
+    # chosen: a contact beyond the table would lose its forces anyway
+    CONTACT_OVER_SAMPLE: (0.0, 1.5),
+    # chosen: a modulus that was measured otherwise agrees within a few; a slip of a unit gives 10 to 1000
+    "forces over load": (1 / 8, 8.0),
+    # chosen, of the closest threshold: thresholds change the sum by a few
+    "forces over load of all thresholds": (1 / 30, 30.0),
 }
-"""Plausible values. Chosen, a decade beyond what is made or used: from gels to diamond, from microspheres to
-optical flats."""
+"""What is compared -> its plausible values."""
 
 UNITS = {
     "m": {"mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "mm, typed as µm": 1e3},
@@ -41,26 +60,6 @@ UNITS = {
     "m2": {"mJ/m2": 1e-3},
 }
 """End of a name -> units that may have been typed instead, and their size."""
-
-MAX_CONTACT_OVER_RADIUS = 0.5
-"""Contact radius over radius of curvature above which no model here describes a contact. Chosen: small-strain
-contact mechanics holds to about 0.1, and nothing of it is left at 0.5."""
-
-MAX_CONTACT_OVER_SAMPLE = 1.5
-"""Radius of the smooth sphere's contact over half the diagonal of the asperity table above which the load,
-the modulus or the radius is doubted. Chosen; a contact beyond the table would lose its forces anyway."""
-
-MAX_APEX_DISTANCE = 0.5
-"""Distance of the apex from the box of the asperities, as a fraction of the longer side. Chosen: an indenter
-that stands beside its sample touches it in a corner at most."""
-
-RADIUS_OVER_SPACING = (1e-3, 30.0)
-"""Radius of the asperities over their mean distance. Chosen: shallow caps reach a few, sparse samples 0.1."""
-
-MAX_FORCES_OVER_LOAD, MAX_SCANNED_FORCES_OVER_LOAD = 8.0, 30.0
-"""Sum of the local forces over the load, or its inverse, that is doubted where the modulus is calibrated, and
-at the closest threshold where that is. Chosen: a modulus that was measured otherwise agrees within a few,
-thresholds change the sum by a few; a slip of a unit gives 10 to 1000."""
 
 FEWEST_MATCHES = 0.5
 """Share of the measured and predicted contacts that must be the same ones. Chosen: a right scene has 0.9, one
@@ -107,13 +106,14 @@ def settle(doubts: Iterable[str], place: str | Path) -> None:
         raise InputError(f"{place}: {doubts[0]}{more}; correct it, or give --no-plausibility if it is right")
 
 
-def _doubt(name: str, value: float, low: float, high: float, hint: str = "") -> Iterator[str]:
+def _doubt(key: str, value: float, *, said: str = "", hint: str = "") -> Iterator[str]:
     """A sentence about a value outside its range, with the units that would bring it inside."""
+    low, high = RANGES[key]
     if not low <= value <= high:
-        typed = UNITS.get(name.removesuffix(" of the asperities").rpartition("_")[2], {})
+        typed = UNITS.get(key.removesuffix(" of the asperities").rpartition("_")[2], {})
         units = " or ".join(unit for unit, size in typed.items() if low <= value * size <= high)
         hint = hint or f"was it given in {units or 'another unit'}?"
-        yield f"{name} = {value:.3g} is outside the plausible range {low:g} ... {high:g}; {hint}"
+        yield f"{said or key} = {value:.3g} is outside the plausible range {low:g} ... {high:g}; {hint}"
 
 
 def doubts_about_scene(
@@ -127,52 +127,39 @@ def doubts_about_scene(
     >>> list(doubts_about_scene(scene_from_dict({"camera": {"pixel_size_m": 6.0}})))
     ['pixel_size_m = 6 is outside the plausible range 2e-08 ... 0.0005; was it given in µm?']
     """
-    elastic, camera, indenter = scene.elastic, scene.camera, scene.indenter
+    for section, keys in scene.configuration.items():
+        for key, value in keys.items():
+            name = key if key in RANGES else f"[{section}] {key}"
+            if name in RANGES and value != FLAT:
+                yield from _doubt(name, value)
     loads = [*loads, *(scene.simulate.loads if scene.simulate is not None else [])]
-    stated: list[tuple[str, float | None]] = (
-        [("load_N", load) for load in {min(loads), max(loads)}] if loads else []
-    )
-    if elastic is not None:
-        stated += [
-            ("young_modulus_Pa", elastic.stated_modulus),
-            ("poisson_ratio", elastic.poisson_ratio),
-            ("work_of_adhesion_J_m2", elastic.work_of_adhesion),
-            ("thickness_m", elastic.thickness),
-        ]
-    stated += [] if camera is None else [("pixel_size_m", camera.pixel_size)]
-    indenter = None if indenter is None or np.isinf(indenter.radius) else indenter  # a flat is plausible
-    stated += [] if indenter is None else [("[indenter] radius_m", indenter.radius)]
-    table = asperities if asperities is not None and len(asperities) > 1 else None
-    if table is not None:
-        stated.append(("the median of radius_m of the asperities", float(table["radius_m"].median())))
-    for name, value in stated:
-        if value is not None:
-            yield from _doubt(name, value, *RANGES[name])
+    for load in {min(loads), max(loads)} if loads else ():
+        yield from _doubt("load_N", load)
     half_diagonal = np.inf
-    if table is not None:
-        height, radius = (float(table[name].abs().median()) for name in ("height_m", "radius_m"))
-        columns = "are columns swapped, or in different units?"
-        yield from _doubt("height_m over radius_m of the asperities", height / radius, 0.0, 1.0, columns)
-        spacing = mean_spacing(table)
-        if spacing > 0:
-            metres = "are x_m, y_m and radius_m in metres?"
-            name = "radius_m of the asperities over their distance"
-            yield from _doubt(name, radius / spacing, *RADIUS_OVER_SPACING, metres)
-        yield from _doubts_about_places(scene, table)
-        half_diagonal = float(np.hypot(*np.ptp(table[["x_m", "y_m"]].to_numpy(float), axis=0))) / 2
-    if loads and max(loads) > 0 and indenter is not None and elastic is not None and elastic.stated_modulus:
-        contact = float(
-            hertz.radius(max(loads), sphere_radius=indenter.radius, contact_modulus=elastic.contact_modulus)
-        )
+    if asperities is not None and len(asperities) > 1:
+        yield from _doubts_about_table(scene, asperities)
+        half_diagonal = float(np.hypot(*np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0))) / 2
+    elastic, indenter = scene.elastic, scene.indenter
+    if not loads or max(loads) <= 0 or elastic is None or elastic.stated_modulus is None or indenter is None:
+        return
+    if np.isfinite(indenter.radius):
+        body = {"sphere_radius": indenter.radius, "contact_modulus": elastic.contact_modulus}
+        contact = float(hertz.radius(max(loads), **body))
         hint = "is the load in mN or grams, a length in mm, the modulus in MPa?"
-        name = f"the smooth sphere's contact at {max(loads):g} N over"
-        yield from _doubt(f"{name} its radius", contact / indenter.radius, 0.0, MAX_CONTACT_OVER_RADIUS, hint)
-        wide = contact / half_diagonal
-        yield from _doubt(f"{name} half the diagonal of the sample", wide, 0.0, MAX_CONTACT_OVER_SAMPLE, hint)
+        for key, length in ((CONTACT_OVER_RADIUS, indenter.radius), (CONTACT_OVER_SAMPLE, half_diagonal)):
+            said = key.replace(" over", f" at {max(loads):g} N over")
+            yield from _doubt(key, contact / length, said=said, hint=hint)
 
 
-def _doubts_about_places(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]:
-    """Apex and camera outside the sample."""
+def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]:
+    """Columns and units of the asperities; apex and camera outside the sample."""
+    height, radius = (float(asperities[name].abs().median()) for name in ("height_m", "radius_m"))
+    yield from _doubt("the median of radius_m of the asperities", float(asperities["radius_m"].median()))
+    columns = "are columns swapped, or in different units?"
+    yield from _doubt("height_m over radius_m of the asperities", height / radius, hint=columns)
+    if spacing := mean_spacing(asperities):
+        metres = "are x_m, y_m and radius_m in metres?"
+        yield from _doubt("radius_m of the asperities over their distance", radius / spacing, hint=metres)
     points = asperities[["x_m", "y_m"]].to_numpy(float)
     low, high = points.min(axis=0), points.max(axis=0)
 
@@ -186,10 +173,11 @@ def _doubts_about_places(scene: Scene, asperities: pd.DataFrame) -> Iterator[str
     if scene.camera is not None and scene.camera.centre is not None:
         places["[camera] centre_m"] = scene.camera.centre
     for name, place in places.items():
-        units = [unit for unit, size in UNITS["m"].items() if outside(place, size) == 0]
-        hint = f"was it given in {units[0] if units else 'another unit, or with another sign'}?"
-        far = f"distance of {name} ({place[0]:g}, {place[1]:g}) from the asperities over their side"
-        yield from _doubt(far, outside(place), 0.0, MAX_APEX_DISTANCE, hint)
+        unit = next((unit for unit, size in UNITS["m"].items() if outside(place, size) == 0), "")
+        hint = f"was it given in {unit or 'another unit, or with another sign'}?"
+        said = f"distance of {name} ({place[0]:g}, {place[1]:g}) from the asperities over their side"
+        away = outside(place)
+        yield from _doubt("distance from the asperities over their side", away, said=said, hint=hint)
 
 
 def doubts_about_calibration(
@@ -197,17 +185,17 @@ def doubts_about_calibration(
 ) -> Iterator[str]:
     """Sentences about a JKR calibration: modulus (Pa), work of adhesion (J/m^2), contact over sphere."""
     hint = "are loads in N, and pixel_size_m and radius_m in metres?"
-    name = "the largest contact radius over that of the sphere"
-    yield from _doubt(name, contact_over_radius, 0.0, MAX_CONTACT_OVER_RADIUS, hint)
-    yield from _doubt("the fitted young_modulus", young_modulus, *RANGES["young_modulus_Pa"], hint)
+    said = "the largest contact radius over that of the sphere"
     adhesion = max(work_of_adhesion, 0.0)
-    yield from _doubt("the fitted work_of_adhesion", adhesion, *RANGES["work_of_adhesion_J_m2"], hint)
+    yield from _doubt(CONTACT_OVER_RADIUS, contact_over_radius, said=said, hint=hint)
+    yield from _doubt("young_modulus_Pa", young_modulus, said="the fitted young_modulus", hint=hint)
+    yield from _doubt("work_of_adhesion_J_m2", adhesion, said="the fitted work_of_adhesion", hint=hint)
 
 
-def doubts_about_forces(
-    *, slope: float, young_modulus: float, most: float = MAX_FORCES_OVER_LOAD
-) -> Iterator[str]:
+def doubts_about_forces(*, slope: float, young_modulus: float, scanned: bool = False) -> Iterator[str]:
     """A sentence about forces found with a modulus (Pa) that add up to ``slope`` times the load.
+
+    ``scanned`` says that it is the slope of the closest of many thresholds.
 
     Examples
     --------
@@ -215,9 +203,10 @@ def doubts_about_forces(
     []
     """
     hint = "are loads in N, the modulus in Pa, and pixel_size_m and the radii in metres?"
-    name = f"the sum of the local forces over the load, with young_modulus_Pa = {young_modulus:g},"
+    said = f"the sum of the local forces over the load, with young_modulus_Pa = {young_modulus:g},"
     if slope > 0:
-        yield from _doubt(name, slope, 1 / most, most, hint)
+        key = "forces over load of all thresholds" if scanned else "forces over load"
+        yield from _doubt(key, slope, said=said, hint=hint)
 
 
 def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> Iterator[str]:

@@ -197,12 +197,11 @@ def scene_level(scene: Scene, coupling: str) -> str:
 
 def _judgement(solution: InteractingSolution, border: str, more: Sequence[str]) -> dict[str, str]:
     """Status and message of the row, from what the solver says of its solution, and more to say."""
-    notes = [*solution.validity.messages(), *([border] if border else []), *more]
-    lost = "runs off the table" in border
-    if solution.status == CONVERGED and not solution.validity.planes_touch and not lost:
-        return {"status": Status.OK, "message": "; ".join(notes)}
-    unproven = [] if solution.status == CONVERGED else [solution.status]
-    return {"status": Status.APPROXIMATE, "message": "; ".join([*unproven, *notes])}
+    unproven = "" if solution.status == CONVERGED else solution.status
+    doubtful = unproven or solution.validity.planes_touch or "runs off the table" in border
+    said = [unproven, *solution.validity.messages(), border, *more]
+    status = Status.APPROXIMATE if doubtful else Status.OK
+    return {"status": status, "message": "; ".join(filter(None, said))}
 
 
 BORDER_SHARE = 2e-3
@@ -215,25 +214,26 @@ def surrounding_field(
     """The mean field around a table, if ``[asperities] surroundings`` asks for it."""
     if scene.asperities is None or scene.asperities.surroundings == "none":
         return None
-    if scene.effects.adhesion == "on":
-        raise InputError(
-            '[asperities] surroundings = "mean_field" bears a share of a load without adhesion; state '
-            '[effects] adhesion = "off", or leave it out'
-        )
     refused = _without_mean_field(scene, asperities)
+    if scene.effects.adhesion == "on":
+        refused = 'bears a share of a load without adhesion; state [effects] adhesion = "off"'
     if refused:
-        raise InputError(f'[asperities] surroundings = "mean_field" {refused}; leave it out')
+        raise InputError(f'[asperities] surroundings = "mean_field" {refused}, or leave it out')
     return _mean_field(scene, asperities, load, coupled=coupled) if load > 0 else None
 
 
 def _without_mean_field(scene: Scene, asperities: pd.DataFrame) -> str:
     """Why a table has no mean field; empty if it has."""
     if scene.indenter is None or not np.isfinite(scene.indenter.radius):
-        return "takes a lens of finite radius"
-    spans = np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0) if len(asperities) else np.zeros(2)
-    if len(asperities) < MIN_ASPERITIES_FOR_SIDES or not spans.min() > 0:
-        return f"needs at least {MIN_ASPERITIES_FOR_SIDES} asperities spread over a rectangle"
+        return "takes a lens of finite radius; state one"
+    if len(asperities) < MIN_ASPERITIES_FOR_SIDES or not _spans(asperities).min() > 0:
+        return f"needs at least {MIN_ASPERITIES_FOR_SIDES} asperities spread over a rectangle; take more"
     return ""
+
+
+def _spans(asperities: pd.DataFrame) -> NDArray[np.float64]:
+    """Sides in x and in y (m) of the box of the places."""
+    return np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0) if len(asperities) else np.zeros(2)
 
 
 def _mean_field(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool) -> MeanField:
@@ -298,7 +298,7 @@ def predict_average(
         Sections ``[indenter]``, ``[elastic]`` and ``[asperities]`` are needed.
     asperities : DataFrame or None
         Asperity table; what ``[asperities]`` does not state of density, radius and heights is derived from
-        it, the density with `pattern_sides`.
+        it, the density with `asperity_density`.
     load : float
         N, not negative.
     model : {"gw", "gt"}
@@ -403,47 +403,34 @@ def _mean_radius(section: Asperities, asperities: pd.DataFrame | None) -> float:
 def asperity_density(section: Asperities, asperities: pd.DataFrame | None) -> float:
     """Asperities per unit area (1/m^2): as the section states it, or those of the table on its rectangle.
 
+    The rectangle has the sides ``side_m`` where that is stated or the pattern generated, else those that the
+    caps of the table span.
+
     Raises
     ------
     InputError
-        If neither is there, or `pattern_sides` has no answer.
+        If neither is there, or the table has too few asperities to determine the sides, or contradicts
+        ``side_m``.
     """
     if section.density is not None:
         return section.density
     table = _table(asperities, "density_per_m2")
-    return len(table) / float(np.prod(pattern_sides(section, table)))
-
-
-def pattern_sides(section: Asperities, asperities: pd.DataFrame) -> tuple[float, float]:
-    """Sides of the rectangle that a table of asperities fills, along x and y (m).
-
-    That is ``side_m`` where it is stated or the pattern generated, else what the caps of the table span.
-
-    Raises
-    ------
-    InputError
-        If the table has too few asperities to determine the sides, or its span contradicts ``side_m``.
-    """
-    spans = [float(np.ptp(asperities[name])) if len(asperities) else 0.0 for name in ("x_m", "y_m")]
-    enough = len(asperities) >= MIN_ASPERITIES_FOR_SIDES
-    stated = section.generate is not None or "side" in section.model_fields_set
-    if not stated and not (enough and min(spans) > 0):
-        raise InputError(
-            f"{len(asperities)} asperities do not tell the area that they stand for; state side_m or "
-            "density_per_m2 in [asperities]"
-        )
-    sides = [0.0, 0.0]
-    if len(asperities):  # those of the caps, whatever is stated
-        sides = np.ptp(table_rectangle(Asperities(), asperities), axis=1).tolist()
-    if not stated:
-        return sides[0], sides[1]
-    missed = enough and max(sides) < section.side / SIDE_MISMATCH_RATIO
-    if max(spans) > SIDE_MISMATCH_RATIO * section.side or missed:
+    spans, many = _spans(table), len(table) >= MIN_ASPERITIES_FOR_SIDES
+    sides = np.ptp(table_rectangle(Asperities(), table), axis=1) if len(table) else spans
+    if section.generate is None and "side" not in section.model_fields_set:
+        if not (many and spans.min() > 0):
+            raise InputError(
+                f"{len(table)} asperities do not tell the area that they stand for; state side_m or "
+                "density_per_m2 in [asperities]"
+            )
+        return len(table) / float(np.prod(sides))
+    too_small = many and sides.max() < section.side / SIDE_MISMATCH_RATIO
+    if too_small or spans.max() > SIDE_MISMATCH_RATIO * section.side:
         raise InputError(
             f"[asperities] side_m is {section.side:g} m but the table spans {spans[0]:.3g} x "
             f"{spans[1]:.3g} m; correct it, leave it out, or state density_per_m2"
         )
-    return section.side, section.side
+    return len(table) / section.side**2
 
 
 def _height_law(section: Asperities, asperities: pd.DataFrame | None) -> HeightLaw:

@@ -14,6 +14,7 @@ from importlib import import_module
 import click
 
 from contactimg import __version__
+from contactimg.engine.processes import ending_cleanly
 from contactimg.errors import ContactimgError
 
 __all__ = ["main"]
@@ -98,7 +99,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     try:
         arguments = sys.argv[1:] if argv is None else list(argv)
-        result = commands.main(args=arguments, obj=arguments, prog_name="contactimg", standalone_mode=False)
+        with ending_cleanly():  # also if it is a signal that ends it
+            result = commands.main(
+                args=arguments, obj=arguments, prog_name="contactimg", standalone_mode=False
+            )
     except click.ClickException as error:
         error.show()
         return 2

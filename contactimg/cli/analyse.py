@@ -7,13 +7,12 @@ from typing import Annotated
 
 import click
 
+from contactimg import files, pipeline
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_results, progress, say
 
 
-@shared.command()
-@shared.no_plausibility
-@shared.cluster
+@shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
 def analyse(
     runs: Annotated[tuple[shared.ExistingFolder, ...], "RUN [RUN ...]"],
     *,
@@ -78,17 +77,9 @@ def analyse(
     smooth
         Output folder of `process` for a smooth lens; its shear stress is the one to compare with.
     """
-    from contactimg.files import PROVENANCE_FILE, main_tables
-    from contactimg.pipeline.analyse.analysis import (
-        AnalysisOptions,
-        analyse_places,
-        smooth_shear_stress,
-        write_analysis,
-    )
-    from contactimg.pipeline.analyse.places import count_solutions, differences, open_place, read_centre
     from contactimg.prediction import COMPARED_MODELS
 
-    settings = AnalysisOptions(
+    settings = pipeline.AnalysisOptions(
         annulus=annulus_mm * 1e-3,
         confidence=confidence,
         load_range=(load_min_N, inf if load_max_N is None else load_max_N),
@@ -101,22 +92,20 @@ def analyse(
         models=models,
     )
     if smooth is not None:
-        settings = replace(settings, smooth_stress=smooth_shear_stress(open_place(smooth), settings))
-    centre = None if calibration is None else read_centre(calibration)
-    places = [open_place(run, centre_px=centre) for run in runs]
-    inputs = [path for run in runs for path in (*main_tables([Path(run)]), Path(run) / PROVENANCE_FILE)]
-    with shared.results_in(
-        output,
-        runs[0],
-        inputs=[*inputs, *([] if calibration is None else [Path(calibration)])],
-        main_files=["results.csv"],
-        then="report" if len(runs) == 1 else "",
-    ) as out:
-        count = len(COMPARED_MODELS) * count_solutions(places) if models else 0
+        stress = pipeline.smooth_shear_stress(pipeline.open_place(smooth), settings)
+        settings = replace(settings, smooth_stress=stress)
+    centre = None if calibration is None else pipeline.read_centre(calibration)
+    places = [pipeline.open_place(run, centre_px=centre) for run in runs]
+    folders = [Path(run) for run in runs]
+    inputs = [path for one in folders for path in (*files.main_tables([one]), one / files.PROVENANCE_FILE)]
+    inputs += [] if calibration is None else [Path(calibration)]
+    then = "report" if len(runs) == 1 else ""
+    with shared.results_in(output, runs[0], None, inputs, main_files=["results.csv"], then=then) as out:
+        count = len(COMPARED_MODELS) * pipeline.count_solutions(places) if models else 0
         count += sum(len(place.frames) for place in places if place.asperities is not None)
         with progress("models and upper limits", count) as advance:
-            analysis = analyse_places(places, settings, workers=workers, advance=advance)
-        results = write_analysis(analysis, out.folder, smooth_stress=settings.smooth_stress)
-        out.record["notes"] = [*differences(places), *analysis.notes]
+            analysis = pipeline.analyse_places(places, settings, workers=workers, advance=advance)
+        results = pipeline.write_analysis(analysis, out.folder, smooth_stress=settings.smooth_stress)
+        out.record["notes"] = [*pipeline.differences(places), *analysis.notes]
         echo_results(results, title=", ".join(runs))
         say(*analysis.notes)

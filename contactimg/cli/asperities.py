@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
+from contactimg import files, tables
 from contactimg.cli import options as shared
 from contactimg.cli.printing import say
 from contactimg.errors import InputError
@@ -52,24 +53,20 @@ def asperities(
     depth
         How far down the sphere is fitted, as a share of the height of the summit.
     """
-    from contactimg.files import write_table
-    from contactimg.files.height_maps import read_height_map
-    from contactimg.files.tiff import METRES
     from contactimg.summits import SummitSearch, find_summits
-    from contactimg.tables import SUMMITS
 
     pixel = None if pixel_size_um is None else pixel_size_um * 1e-6
-    unit = None if height_unit is None else METRES[height_unit]
-    surface = read_height_map(map_file, pixel_size=pixel, height_unit=unit)
+    unit = None if height_unit is None else files.METRES[height_unit]
+    surface = files.read_height_map(map_file, pixel_size=pixel, height_unit=unit)
     found = find_summits(surface, SummitSearch(form=form, least_height=min_height_um * 1e-6, depth=depth))
     if found.table.empty:
         raise InputError(
             f"{map_file}: no summit found{_counted(found)}; see --form, --min-height-um, --depth"
         )
     file = Path(map_file)
-    with shared.results_in(output, file.parent, inputs=[file], main_files=[ASPERITIES_FILE]) as out:
+    with shared.results_in(output, file.parent, None, [file], main_files=[ASPERITIES_FILE]) as out:
         out.record |= {"left_out": found.left_out, "noise_m": found.noise, "warnings": found.warnings}
-        write_table(found.table, SUMMITS, out.folder / ASPERITIES_FILE)
+        files.write_table(found.table, tables.SUMMITS, out.folder / ASPERITIES_FILE)
         _echo(found)
     for warning in found.warnings:
         click.echo(f"contactimg: {warning}", err=True)

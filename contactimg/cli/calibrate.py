@@ -1,18 +1,20 @@
 """``contactimg calibrate``: modulus and adhesion, threshold, plateau, from folders of frames."""
 
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
+from contactimg import files, pipeline
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_first_run, progress, say
+from contactimg.cli.scenes import apply_calibration, results_of, scene_of_folder
 from contactimg.errors import InputError
+from contactimg.scene import Scene
 
 if TYPE_CHECKING:
     from contactimg.calibration.coverage_estimate import CoverageEstimate
-    from contactimg.files import Experiment
-    from contactimg.pipeline.calibrate.result import Calibrated
 
 ONE_OF_TWO = (
     "threshold and modulus cannot both be fitted to the same load curve, because slope 1 fixes only a "
@@ -20,16 +22,15 @@ ONE_OF_TWO = (
     "--threshold T)"
 )
 
-
-running = shared.together(
-    shared.frames,
-    shared.cluster,
+RUNNING = (
+    *shared.FRAMES,
+    shared.CLUSTER,
     shared.option("output", shared.Output),
     shared.option("workers", shared.Workers),
 )
 """Options that every calibration has, beside those of its signature."""
 
-modulus_options = shared.scene_options(
+MODULUS = (
     shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa"),
     shared.SceneOption("--young-modulus-std-MPa", "elastic", "young_modulus_std_Pa", default=""),
 )
@@ -55,8 +56,9 @@ def calibrate() -> None:
     """
 
 
-@shared.command(calibrate, "Young's modulus, work of adhesion and centre from a smooth contact.")
-@running
+@shared.command(
+    *RUNNING, group=calibrate, said="Young's modulus, work of adhesion and centre from a smooth contact."
+)
 def jkr(folder: shared.ExistingFolder, **common: Any) -> int:
     """Fit Young's modulus and the work of adhesion to frames of a smooth contact at three or more loads.
 
@@ -68,14 +70,12 @@ def jkr(folder: shared.ExistingFolder, **common: Any) -> int:
     Example:
       contactimg calibrate jkr sample_data/smooth_jkr -o jkr
     """
-    from contactimg.pipeline.calibrate.jkr import run_jkr
-
-    return _calibrate("jkr", folder, run_jkr, pulled=True, **common)
+    return _calibrate("jkr", folder, pipeline.run_jkr, pulled=True, **common)
 
 
-@shared.command(calibrate, "The threshold at which the local forces add up to the load.")
-@running
-@modulus_options
+@shared.command(
+    *RUNNING, *MODULUS, group=calibrate, said="The threshold at which the local forces add up to the load."
+)
 def threshold(folder: shared.ExistingFolder, *, stated: shared.Stated, jkr: Jkr = None, **common: Any) -> int:
     """Find the threshold at which the local forces of a sample of known modulus add up to the load.
 
@@ -87,24 +87,21 @@ def threshold(folder: shared.ExistingFolder, *, stated: shared.Stated, jkr: Jkr 
     Example:
       contactimg calibrate threshold sample_data/sa_plus --young-modulus-MPa 3 -o threshold
     """
-    from contactimg.files import read_calibration
-    from contactimg.pipeline.calibrate.thresholds import run_threshold
-
-    record = read_calibration(jkr) if jkr else {}
+    record = files.read_calibration(jkr) if jkr else {}
     return _calibrate(
         "threshold",
         folder,
-        run_threshold,
-        stated=_with_modulus(stated, jkr),
-        used={"jkr": record} if record else {},
-        other_frames=record if record.get("kind") == "modulus" else None,
+        pipeline.run_threshold,
+        stated=_with_modulus(stated, jkr, record),
+        used={"jkr": record},
+        other_frames=record if record.get("kind") == "modulus" else {},
         **common,
     )
 
 
-@shared.command(calibrate, "Young's modulus at which the local forces add up to the load.")
-@running
-@modulus_options
+@shared.command(
+    *RUNNING, *MODULUS, group=calibrate, said="Young's modulus at which the local forces add up to the load."
+)
 def modulus(
     folder: shared.ExistingFolder,
     *,
@@ -132,28 +129,27 @@ def modulus(
     threshold
         Threshold as a fraction of the contrast, from 0 to 1.
     """
-    from contactimg.files import read_calibration
-    from contactimg.pipeline.calibrate.thresholds import run_modulus
+    record = files.read_calibration(calibration) if calibration else {}
+    compared = files.read_calibration(jkr) if jkr else {}
 
-    record = read_calibration(calibration) if calibration else {}
+    def run(experiment: files.Experiment, **how: Any) -> pipeline.Calibrated:
+        fixed = _fixed_threshold(experiment.scene, record, threshold)
+        return pipeline.run_modulus(experiment, threshold=fixed, **how)
 
-    def run(experiment: "Experiment", **how: Any) -> "Calibrated":
-        return run_modulus(experiment, threshold=_fixed_threshold(experiment, record, threshold), **how)
-
-    used = {"jkr": read_calibration(jkr) if jkr else {}, "calibration": record, "threshold": threshold}
     return _calibrate(
         "modulus",
         folder,
         run,
-        stated=_with_modulus(stated, jkr),
-        used={name: value for name, value in used.items() if value not in ({}, None)},
-        other_frames=record if "threshold" in record.get("fitted", []) else None,
+        stated=_with_modulus(stated, jkr, compared),
+        used={"jkr": compared, "calibration": record, "threshold": threshold},
+        other_frames=record if "threshold" in record.get("fitted", []) else {},
         **common,
     )
 
 
-@shared.command(calibrate, "The range of thresholds over which the contact area hardly changes.")
-@running
+@shared.command(
+    *RUNNING, group=calibrate, said="The range of thresholds over which the contact area hardly changes."
+)
 def plateau(folder: shared.ExistingFolder, **common: Any) -> int:
     """Find the range of thresholds over which the total contact area hardly changes.
 
@@ -165,53 +161,44 @@ def plateau(folder: shared.ExistingFolder, **common: Any) -> int:
     Example:
       contactimg calibrate plateau sample_data/ra_plus
     """
-    from contactimg.pipeline.calibrate.thresholds import run_plateau
-
-    return _calibrate("plateau", folder, run_plateau, **common)
+    return _calibrate("plateau", folder, pipeline.run_plateau, **common)
 
 
 def _calibrate(
     kind: str,
     folder: str,
-    run: Callable[..., "Calibrated"],
+    run: Callable[..., "pipeline.Calibrated"],
     *,
     scene: str | None,
     stated: shared.Stated,
     output: str | None,
     workers: int | None,
     pulled: bool = False,
-    used: dict[str, Any] | None = None,
-    other_frames: Mapping[str, Any] | None = None,
+    used: Mapping[str, Any] = MappingProxyType({}),
+    other_frames: Mapping[str, Any] = MappingProxyType({}),
 ) -> int:
     """Run a calibration, write and print its result; return the exit code.
 
     ``used`` holds the earlier results that it builds on, for the provenance; the calibration ``other_frames``
     must not have used the same ones.
     """
-    from contactimg.cli.scenes import scene_of_folder
-    from contactimg.files import open_experiment, shares_frames
-    from contactimg.pipeline.calibrate.result import write_calibration
-
-    experiment = open_experiment(scene_of_folder(folder, stated, scene_file=scene), pulled=pulled)
+    experiment = files.open_experiment(scene_of_folder(folder, stated, scene_file=scene), pulled=pulled)
     echo_first_run()
+    options = {name: value for name, value in used.items() if value not in ({}, None)}
+    main_files = [files.CALIBRATION_FILE]
     with shared.results_in(
-        output,
-        folder,
-        scene=experiment.scene,
-        options=used or {},
-        inputs=experiment.inputs,
-        main_files=["calibration.json"],
+        output, folder, experiment.scene, experiment.inputs, options=options, main_files=main_files
     ) as out:
-        if other_frames and shares_frames(other_frames, out.record["inputs"]):
+        if other_frames and files.shares_frames(other_frames, out.record["inputs"]):
             raise InputError(ONE_OF_TWO)
         with progress("measuring frames", len(experiment.frames)) as advance:
             result = run(experiment, workers=workers, advance=advance)
-        write_calibration(result, out.folder, frames=out.record["inputs"])
+        pipeline.write_calibration(result, out.folder, frames=out.record["inputs"])
         _echo(result, title=f"{folder}, calibrate {kind}")
     return 1 if result.failed else 0
 
 
-def _echo(result: "Calibrated", *, title: str) -> None:
+def _echo(result: "pipeline.Calibrated", *, title: str) -> None:
     """Print each number with its uncertainty, and the notes."""
     from contactimg.report.units import display_unit
 
@@ -224,43 +211,37 @@ def _echo(result: "Calibrated", *, title: str) -> None:
     say(*(f"  {note}" for note in result.notes))
 
 
-def _with_modulus(stated: shared.Stated, jkr: str | None) -> shared.Stated:
+def _with_modulus(stated: shared.Stated, jkr: str | None, record: Mapping[str, Any]) -> shared.Stated:
     """The keys that options state, with the modulus of a calibration; a modulus brings its uncertainty."""
-    from contactimg.files import read_calibration
-
     elastic = stated.get("elastic", {})
     if jkr:
         if "young_modulus_Pa" in elastic:
             raise InputError("--jkr and --young-modulus-MPa both give the modulus; keep one of the two")
-        record = read_calibration(jkr)
         if "young_modulus" not in record:
             raise InputError(f"{jkr}: holds no young_modulus; give the calibration.json of `calibrate jkr`")
-        entry = record["young_modulus"]
-        elastic = {"young_modulus_Pa": entry["value"], "young_modulus_std_Pa": entry.get("std") or 0.0}
-    elif "young_modulus_Pa" in elastic:
-        elastic = {"young_modulus_std_Pa": 0.0} | elastic
-    elif elastic:
+        found: shared.Stated = {}
+        apply_calibration(found, {"young_modulus": record["young_modulus"]}, sets_method=False)
+        return stated | found
+    if "young_modulus_Pa" in elastic:
+        return stated | {"elastic": {"young_modulus_std_Pa": 0.0} | elastic}
+    if elastic:
         raise InputError("--young-modulus-std-MPa needs --young-modulus-MPa; give both")
-    return stated | {"elastic": elastic}
+    return stated
 
 
 def _fixed_threshold(
-    experiment: "Experiment", record: dict[str, Any], option: float | None
+    scene: Scene, record: Mapping[str, Any], option: float | None
 ) -> "CoverageEstimate | None":
     """The threshold of the calibration, the option or the scene; None for the method "disk"."""
     from contactimg.calibration.coverage_estimate import CoverageEstimate
 
-    if "threshold" in record and option is not None:
-        raise InputError("--calibration and --threshold both give the threshold; keep one of the two")
     if "threshold" in record:
-        value, std = record["threshold"]["value"], float(record["threshold"].get("std") or 0.0)
-        return CoverageEstimate.of_normal(value, std)
-    scene = experiment.scene
-    stated = scene.source.get("measure", {}).get("threshold")
-    if option is None and isinstance(stated, float | int) and scene.measure.method == "threshold":
-        option = float(stated)
-    if option is not None:
-        return CoverageEstimate(option, 0.0, option, option)
-    if scene.measure.method == "disk":
+        if option is not None:
+            raise InputError("--calibration and --threshold both give the threshold; keep one of the two")
+        return CoverageEstimate.of_normal(*results_of(record)["threshold"])
+    if option is None and scene.measure.method == "disk":
         return None
-    raise InputError(ONE_OF_TWO)
+    stated = option if option is not None else scene.source.get("measure", {}).get("threshold")
+    if not isinstance(stated, float | int):
+        raise InputError(ONE_OF_TWO)
+    return CoverageEstimate.of_normal(float(stated), 0.0)

@@ -5,14 +5,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
+from contactimg import files, plots, tables
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_table, say
+from contactimg.cli.scenes import scene_at
 from contactimg.errors import InputError
+from contactimg.scene import Scene, scene_from_dict
 
 if TYPE_CHECKING:
     from contactimg.design.laws import WantedLaw
     from contactimg.design.surface import DesignedSurface
-    from contactimg.scene import Scene
 
 ASPERITIES_FILE, LAW_FILE = "asperities.csv", "law.csv"
 
@@ -20,12 +22,11 @@ SHOWN_ROWS = 8
 """Loads between two printed rows. Chosen: five rows."""
 
 
-@shared.command()
-@shared.scene_options(
+@shared.command(
     shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa", default="the scene's"),
     shared.SceneOption("--poisson-ratio", "elastic", "poisson_ratio"),
+    shared.NO_PLAUSIBILITY,
 )
-@shared.no_plausibility
 def design(
     scene: shared.Existing | None = None,
     *,
@@ -99,12 +100,7 @@ def design(
     """
     import numpy as np
 
-    from contactimg.cli.scenes import scene_at
     from contactimg.design.surface import design_heights
-    from contactimg.files import write_figures, write_scene, write_table
-    from contactimg.plots import caption_of, plot_design
-    from contactimg.scene import scene_from_dict
-    from contactimg.tables import ASPERITIES, DESIGNED
 
     described, inputs = (scene_from_dict(stated), []) if scene is None else scene_at(scene, stated)
     elastic = described.need("elastic", "the design of a surface (or --young-modulus-MPa)")
@@ -125,12 +121,13 @@ def design(
     )
     inputs = [*inputs, *([Path(law)] if is_table else [])]
     main_files = [ASPERITIES_FILE, LAW_FILE, "scene.toml"]
-    with shared.results_in(output, ".", scene=described, inputs=inputs, main_files=main_files) as out:
+    with shared.results_in(output, ".", described, inputs, main_files=main_files) as out:
         out.record |= {"status": found.status, "residual": found.residual}
-        write_table(found.asperities, ASPERITIES, out.folder / ASPERITIES_FILE)
-        write_table(found.law, DESIGNED, out.folder / LAW_FILE)
-        write_scene(_designed_scene(described), out.folder / "scene.toml")
-        write_figures(plot_design(found.law), out.folder, "law", caption=caption_of("law"))
+        files.write_table(found.asperities, tables.ASPERITIES, out.folder / ASPERITIES_FILE)
+        files.write_table(found.law, tables.DESIGNED, out.folder / LAW_FILE)
+        files.write_scene(_designed_scene(described), out.folder / "scene.toml")
+        shown = plots.plot_design(found.law)
+        files.write_figures(shown, out.folder, "law", caption=plots.caption_of("law"))
         _echo(found, height_error_um)
     return int(found.residual > tolerance)
 
@@ -140,8 +137,6 @@ def _wanted(
 ) -> "WantedLaw":
     """The law that the options state."""
     from contactimg.design.laws import WantedLaw
-    from contactimg.files import read_table
-    from contactimg.tables import WANTED_LAW
 
     if Path(law).suffix != ".csv":
         if largest is None:
@@ -152,14 +147,14 @@ def _wanted(
             largest=largest,
             shear_strength=shear_strength,
         )
-    table = read_table(law, WANTED_LAW, required=("load_N",))
+    table = files.read_table(law, tables.WANTED_LAW, required=("load_N",))
     areas = table["area_m2"].notna().all()
     column = table["area_m2" if areas else "friction_N"].to_numpy(float)
     whole = WantedLaw(table["load_N"].to_numpy(float), column).over(1.0 if areas else shear_strength)
     return whole.between(least, largest)
 
 
-def _designed_scene(described: "Scene") -> dict[str, dict[str, object]]:
+def _designed_scene(described: Scene) -> dict[str, dict[str, object]]:
     """The scene of the designed surface under a flat plate."""
     elastic = described.source["elastic"]
     kept = {key: elastic[key] for key in ("young_modulus_Pa", "poisson_ratio") if key in elastic}
@@ -172,15 +167,16 @@ def _echo(found: "DesignedSurface", height_error_um: float) -> None:
     wanted = table["wanted_area_m2"]
     rows = [
         {
-            "load mN": f"{1e3 * row['load_N']:.4g}",
-            "contacts": str(row["n_contacts"]),
-            "wanted mm²": f"{1e6 * row['wanted_area_m2']:.4g}",
-            "designed mm²": f"{1e6 * row['coupled_area_m2']:.4g}",
+            "load mN": 1e3 * row["load_N"],
+            "contacts": row["n_contacts"],
+            "wanted mm²": 1e6 * row["wanted_area_m2"],
+            "designed mm²": 1e6 * row["coupled_area_m2"],
             "scatter": f"{100 * row['coupled_std_m2'] / row['coupled_area_m2']:.2g} %",
         }
         for row in table.iloc[::SHOWN_ROWS].to_dict("records")
     ]
-    echo_table("area against load", rows, left=0)
+    forms = dict.fromkeys(("load mN", "wanted mm²", "designed mm²"), ".4g")
+    echo_table("area against load", rows, left=0, forms=forms)
     heights, off = found.asperities["height_m"] * 1e6, (table["coupled_area_m2"] / wanted - 1).abs().max()
     say(
         f"{len(heights)} caps with heights from {heights.min():.1f} to {heights.max():.1f} µm: "

@@ -3,14 +3,18 @@
 import json
 import shlex
 import textwrap
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 
+from contactimg import files, tables
 from contactimg.cli import options as shared
 from contactimg.cli.printing import say
+from contactimg.cli.scenes import plausible
 from contactimg.errors import InputError
+from contactimg.scene import scene_from_dict, section_keys
 
 QUESTIONS = (
     shared.SceneOption("--pixel-size-um", "camera", "pixel_size_m", default=""),
@@ -32,9 +36,7 @@ SHOWN = {
 """Section -> the keys that most experiments need."""
 
 
-@shared.command()
-@shared.scene_options(*QUESTIONS, APEX)
-@shared.no_plausibility
+@shared.command(*QUESTIONS, APEX, shared.NO_PLAUSIBILITY)
 def init(
     folder: shared.ExistingFolder, *, stated: shared.Stated, no_input: bool = False, force: bool = False
 ) -> int:
@@ -58,83 +60,67 @@ def init(
     force
         Replace a scene.toml that is there.
     """
-    from contactimg.cli.scenes import plausible
-    from contactimg.files import SCENE_FILE, open_experiment, write_text
-    from contactimg.scene import scene_from_dict
-
-    path = Path(folder) / SCENE_FILE
+    path = Path(folder) / files.SCENE_FILE
     if path.exists() and not force:
         raise InputError(f"{path}: is there already; edit it, or replace it with --force")
     if not no_input:
         _ask_loads(Path(folder))
-    known, remarks = _recognise(Path(folder))
-    say("\n  ".join(remarks))
-    for question in QUESTIONS:  # of the apex there is none: the contacts show it better than a person does
-        keys = known.setdefault(question.section, {})
-        keys |= stated.get(question.section, {})
-        if question.key not in stated.get(question.section, {}) and not no_input:
-            keys[question.key] = _ask(question, keys.get(question.key))
-    for name, keys in known.items():
-        known[name] = {key: value for key, value in keys.items() if value not in (None, "", [])}
-    known = {name: keys for name, keys in known.items() if keys}
-    open_experiment(plausible(scene_from_dict(known, name="the answers", folder=folder)), pulled=True)
-    write_text(_template(known), path)
+    found = files.recognise_folder(folder)
+    say("\n  ".join(_remarks(folder, found)))
+    pixel_size = files.stated_pixel_size(found.frames[0].path)
+    known: shared.Stated = found.keys | ({"camera": {"pixel_size_m": pixel_size}} if pixel_size else {})
+    for section, keys in stated.items():
+        known[section] = known.get(section, {}) | keys
+    for question in () if no_input else QUESTIONS:  # the contacts show the apex better than a person does
+        if question.key not in stated.get(question.section, {}):
+            answer = _ask(question, known.get(question.section, {}).pop(question.key, None))
+            known.setdefault(question.section, {}).update({} if answer is None else {question.key: answer})
+    known = {section: keys for section, keys in known.items() if keys}
+    scene = scene_from_dict(known, name="the answers", folder=folder)
+    files.open_experiment(plausible(scene), pulled=True)
+    files.write_text(_template(known), path)
     say(f"wrote {path}; look at it, then run: contactimg process {shlex.quote(folder)}")
     return 0
 
 
 def _ask_loads(folder: Path) -> None:
     """Ask which column of a table is the load where several may be, and write that one to loads.csv."""
-    from contactimg.files import write_table
-    from contactimg.files.csv_tables import AmbiguousLoadsError, read_load_table
-    from contactimg.files.folder import recognise_folder
-    from contactimg.tables import LOADS
-
-    found = recognise_folder(folder)
+    found = files.recognise_folder(folder)
     for name in [] if found.loads else found.ignored:
         try:
-            read_load_table(folder / name)
-        except AmbiguousLoadsError as error:
+            files.read_load_table(folder / name)
+        except files.AmbiguousLoadsError as error:
             chosen = click.prompt(f"which column of {name} is the load", type=click.Choice(error.columns))
-            table, columns = read_load_table(folder / name, column=chosen)
-            write_table(table, LOADS, folder / "loads.csv")
+            table, columns = files.read_load_table(folder / name, column=chosen)
+            files.write_table(table, tables.LOADS, folder / "loads.csv")
             say(f"wrote {folder / 'loads.csv'}: {columns} of {name}")
             return
         except InputError:
             continue
 
 
-def _recognise(folder: Path) -> tuple[shared.Stated, list[str]]:
-    """Keys of a scene that names, tables and headers tell, and what to say of them; no pixels are read."""
-    from contactimg.files.folder import recognise_folder
-    from contactimg.files.tiff import stated_pixel_size
-
-    found = recognise_folder(folder)
+def _remarks(folder: str, found: "files.FolderFiles") -> Iterator[str]:
+    """What the files of a folder were taken for."""
     frames, reference, masks = found.frames, found.images["reference"], found.images["mask"]
-    known: shared.Stated = found.keys | {"camera": {"pixel_size_m": stated_pixel_size(frames[0].path)}}
     named = frames[0].name if len(frames) == 1 else f"{frames[0].name} ... {frames[-1].name}"
     loads = f"{found.loads} ({found.columns})" if found.columns else found.loads
-    remarks = [
-        f"{folder}: {len(frames)} frame{'s' * (len(frames) > 1)} ({named})",
-        f"reference: {', '.join(reference) or 'none; name the frame without contact in [images] reference'}",
-        f"loads: {loads or 'none; write loads.csv with the columns frame and load_N, load_mN or load_g'}",
-        f"asperities: {found.asperities or 'none; forces need their radii'}",
-    ]
+    yield f"{folder}: {len(frames)} frame{'s' * (len(frames) > 1)} ({named})"
+    yield f"reference: {', '.join(reference) or 'none; name the frame without contact in [images] reference'}"
+    yield f"loads: {loads or 'none; write loads.csv with the columns frame and load_N, load_mN or load_g'}"
+    yield f"asperities: {found.asperities or 'none; forces need their radii'}"
     for kind, said in (("dark", "dark frame"), ("flat", "flat field"), ("mask", "mask")):
         if found.images[kind]:
-            remarks.append(f"{said}: {', '.join(found.images[kind])}")
+            yield f"{said}: {', '.join(found.images[kind])}"
     if len(masks) > 1:
-        remarks.append("which mask belongs to which frame is for [images] mask to say")
+        yield "which mask belongs to which frame is for [images] mask to say"
     if found.unloaded and not reference:
-        remarks.append("loads has a frame of load 0: it may serve as the reference")
+        yield "loads has a frame of load 0: it may serve as the reference"
     if found.ignored:
-        remarks.append(f"not used: {', '.join(found.ignored)}")
-    return known, remarks
+        yield f"not used: {', '.join(found.ignored)}"
 
 
 def _ask(question: shared.SceneOption, found: float | None) -> Any:
     """The answer in SI units, what was found being the default; None for an empty one."""
-    from contactimg.scene import scene_from_dict
 
     def answer(typed: str) -> Any:
         if not typed.strip():
@@ -147,19 +133,17 @@ def _ask(question: shared.SceneOption, found: float | None) -> Any:
         return value
 
     text = question.meaning.split(";")[0].rstrip(".")
-    default = "" if found is None else f"{found / question.unit[2]:.6g}"
+    default = "" if found is None else f"{found / question.size:.6g}"
     try:
         return click.prompt(text, default=default, show_default=bool(default), value_proc=answer)
     except click.Abort as end:
         if isinstance(end.__context__, EOFError):
-            raise InputError(f"no answer to: {text}; give {question.flag}, or use --no-input") from None
+            raise InputError(f"no answer to: {text}; give {question.opts[0]}, or use --no-input") from None
         raise
 
 
 def _template(known: shared.Stated) -> str:
     """Text of a scene file: what is known, and as comments the other keys that most experiments need."""
-    from contactimg.scene import section_keys
-
     lines = [
         "# What this experiment is. Lines that begin with # are not read: take the # away where a value is",
         "# known, and before the name of its section.",

@@ -4,24 +4,23 @@ from typing import Annotated, Literal
 
 import click
 
+from contactimg import files, pipeline, tables
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, progress, say
+from contactimg.cli.scenes import scene_at
+from contactimg.scene import Effects
 from contactimg.timings import stage
+
+TOLERANCE = "--tolerance", "tolerance", "relative"
 
 # --- predict
 
 
-@shared.command()
-@shared.scene_options(
-    shared.SceneOption(
-        "--tolerance",
-        "tolerance",
-        "relative",
-        "Effects and coupling are the cheapest that meet it.",
-    )
+@shared.command(
+    shared.SceneOption(*TOLERANCE, "Effects and coupling are the cheapest that meet it."),
+    shared.NO_PLAUSIBILITY,
+    shared.CLUSTER,
 )
-@shared.no_plausibility
-@shared.cluster
 def predict(
     scene: shared.Existing,
     *,
@@ -63,11 +62,6 @@ def predict(
         Elastic coupling between the asperities. auto: as the plan of the effects decides. Any other level:
         the paper's model with this coupling; other effects only where the scene switches them on.
     """
-    from contactimg.cli.scenes import scene_at
-    from contactimg.files import RUN_TABLES
-    from contactimg.pipeline import predict as pipeline
-    from contactimg.tables import FAILED
-
     described, inputs = scene_at(scene, stated)
     touching = {}
     if touching_load:
@@ -75,9 +69,7 @@ def predict(
         loads = (*loads, *([planes_touch_at] if planes_touch_at > 0 else []))
         touching = {"touching_load_N": planes_touch_at}
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
-    with shared.results_in(
-        output, described.folder, scene=described, inputs=inputs, main_files=RUN_TABLES
-    ) as out:
+    with shared.results_in(output, described.folder, described, inputs, main_files=files.RUN_TABLES) as out:
         predictions = pipeline.predict_loads(
             described,
             loads,
@@ -92,15 +84,13 @@ def predict(
         echo_frames(frames, title=f"{scene}, model {model}{level}")
         planned = [one for one in predictions if one.plan is not None]
         say(*(pipeline.choice_sentence(one) for one in planned))
-    return int((frames["status"] == FAILED).any())
+    return int((frames["status"] == tables.FAILED).any())
 
 
 # --- simulate
 
 
-@shared.command()
-@shared.no_plausibility
-@shared.cluster
+@shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
 def simulate(
     scene: shared.Existing,
     *,
@@ -127,26 +117,22 @@ def simulate(
       contactimg simulate scene.toml -o frames
       contactimg process frames
     """
-    from contactimg.cli.scenes import scene_at
-    from contactimg.pipeline.inputs import need_asperities
-    from contactimg.pipeline.simulate import plan_simulation, write_simulation
     from contactimg.prediction import load_name
 
     described, inputs = scene_at(scene, {})
     smooth = described.asperities is None
-    asperities = None if smooth else need_asperities(described, "simulating frames")
+    asperities = None if smooth else pipeline.need_asperities(described, "simulating frames")
     count = 1 + len(described.need("simulate", "simulating frames").loads)
-    planned, plans = plan_simulation(described, asperities)
-    main_files = ["truth.csv", "scene.toml"]
+    planned, plans = pipeline.plan_simulation(described, asperities)
     with shared.results_in(
-        output, described.folder, scene=described, inputs=inputs, main_files=main_files
+        output, described.folder, described, inputs, main_files=["truth.csv", "scene.toml"]
     ) as out:
         out.record["plans"] = {load_name(plan.load): plan.record for plan in plans}
         out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in plans}
         switches = planned.effects.switches()
         out.record["effects"] = switches
         with progress("making frames", count) as advance:
-            write_simulation(planned, asperities, out.folder, workers=workers, advance=advance)
+            pipeline.write_simulation(planned, asperities, out.folder, workers=workers, advance=advance)
         shown, left_out = ([one for one, switch in switches.items() if switch == on] for on in ("on", "off"))
         sensor = {"shot_noise", "read_noise", "quantisation"} <= set(left_out)
         ideal = "; the frames are floating-point numbers without noise" if sensor else ""
@@ -158,12 +144,11 @@ def simulate(
 # --- effects
 
 
-@shared.command()
-@shared.scene_options(
-    shared.SceneOption("--tolerance", "tolerance", "relative"),
+@shared.command(
+    shared.SceneOption(*TOLERANCE),
     shared.SceneOption("--output", "tolerance", "output"),
+    shared.NO_PLAUSIBILITY,
 )
-@shared.no_plausibility
 def effects(
     scene: shared.Existing,
     *,
@@ -195,20 +180,14 @@ def effects(
     folder
         Folder for effects.csv; without it nothing is written.
     """
-    from contactimg.cli.scenes import scene_at
-    from contactimg.files import write_table
-    from contactimg.pipeline.predict import plan_effects
-    from contactimg.scene import Effects
-    from contactimg.tables import EFFECTS
-
     described, inputs = scene_at(scene, stated)
     if auto:
         described = described.model_copy(update={"effects": Effects()})
-    plan = plan_effects(described, load=load)
+    plan = pipeline.plan_effects(described, load=load)
     echo_plan(plan, title=f"{scene} at {plan.load:g} N: {plan.output} to {100 * plan.relative:g} %")
     if folder is not None:
-        with shared.results_in(folder, described.folder, scene=described, inputs=inputs) as out:
-            write_table(plan.table(), EFFECTS, out.folder / "effects.csv")
+        with shared.results_in(folder, described.folder, described, inputs) as out:
+            files.write_table(plan.table(), tables.EFFECTS, out.folder / "effects.csv")
 
 
 # --- tradeoff
@@ -216,13 +195,10 @@ def effects(
 Knob = Literal["image", "model"]
 
 
-@shared.command()
-@shared.scene_options(
-    shared.SceneOption(
-        "--tolerance", "tolerance", "relative", "The fastest setting that meets it is recommended."
-    )
+@shared.command(
+    shared.SceneOption(*TOLERANCE, "The fastest setting that meets it is recommended."),
+    shared.NO_PLAUSIBILITY,
 )
-@shared.no_plausibility
 def tradeoff(
     scene: shared.Existing,
     *,
@@ -251,23 +227,21 @@ def tradeoff(
     knobs
         Measure only this choice; repeat the option for more.  [default: all that apply to the scene]
     """
-    from contactimg.cli.scenes import scene_at
-    from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff, write_tradeoff
     from contactimg.tradeoff.measure import run_knobs
 
     described, inputs = scene_at(scene, stated)
-    chosen, left_out = prepare_tradeoff(described, load=load, knobs=knobs)
-    with shared.results_in(output, described.folder, scene=described, inputs=inputs) as out:
+    chosen, left_out = pipeline.prepare_tradeoff(described, load=load, knobs=knobs)
+    with shared.results_in(output, described.folder, described, inputs) as out:
         count = sum(len(knob.settings) for knob in chosen)
         with progress("measuring settings", count) as advance, stage("settings"):
             result = run_knobs(
                 chosen,
                 relative=described.tolerance.relative,
-                seconds=REPETITION_SECONDS,
+                seconds=pipeline.REPETITION_SECONDS,
                 left_out=left_out,
                 advance=advance,
             )
-        write_tradeoff(result, out.folder)
+        pipeline.write_tradeoff(result, out.folder)
         out.record["sentences"] = result.sentences
         echo_tradeoff(result.table)
         say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in left_out.items()))
@@ -302,14 +276,14 @@ def selftest() -> int:
             "case": row["case"],
             "answer": str(row["said"])[:LONGEST_SENTENCE],
             "": "" if row["passed"] else "FAILS",
-            "residual": f"{row['residual']:.1g}".replace("nan", ""),
-            "error": f"{row['error']:.2g}".replace("nan", ""),
-            "allowed": f"{row['allowed']:.2g}" if row["truth"] else "",
+            "residual": row["residual"],
+            "error": row["error"],
+            "allowed": row["allowed"] if row["truth"] else None,
             "truth": row["truth"],
         }
         for row in table.to_dict("records")
     ]
-    echo_table("hard cases", rows, left=3)
+    echo_table("hard cases", rows, left=3, forms={"residual": ".1g", "error": ".2g", "allowed": ".2g"})
     failed = int((~table["passed"]).sum())
     say(f"{len(table) - failed} of {len(table)} hold" + (f", {failed} do not" if failed else ""))
     return int(failed > 0)

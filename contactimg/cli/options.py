@@ -6,7 +6,6 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from types import UnionType
@@ -14,57 +13,56 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_
 
 import click
 
+from contactimg import files
 from contactimg.cli.printing import QUIET, echo_timings, say
+from contactimg.scene import section_keys
 from contactimg.timings import collect
 
 if TYPE_CHECKING:
-    from pydantic.fields import FieldInfo
-
-    from contactimg.files import OutputFolder
     from contactimg.scene import Scene
-
-Function = Callable[..., Any]
-Decorator = Callable[[Function], Function]
 
 DEFAULT_FOLDER = "contactimg_out"
 
-
-class Command(click.Command):
-    """A command that a signal to end stops as cleanly as Ctrl-C."""
-
-    def invoke(self, context: click.Context) -> Any:
-        """Run the command."""
-        from contactimg.engine.processes import ending_cleanly
-
-        with ending_cleanly():
-            return super().invoke(context)
+Stated = dict[str, dict[str, Any]]
+"""Section -> key -> value: what the options of a command state in place of the scene file."""
 
 
-def command(group: click.Group | None = None, said: str = "") -> Callable[[Function], Command]:
+def command(
+    *options: click.Parameter, group: click.Group | None = None, said: str = ""
+) -> Callable[[Callable[..., Any]], click.Command]:
     """Make a command of a function; ``said`` is what the help of its group says of it.
 
-    Each parameter that no other decorator makes an option of becomes one, a positional parameter an argument.
-    The signature gives name, type and default; beside the type stand, in ``Annotated``, bounds (a click
-    type), the flag where it is not the name, and a meaning that several commands share. Other meanings stand
-    under Parameters in the docstring; the rest of the docstring is the help of the command.
+    Each parameter becomes an option, a positional parameter an argument. The signature gives name, type and
+    default; beside the type stand, in ``Annotated``, bounds (a click type), the flag where it is not the
+    name, and a meaning that several commands share. Other meanings stand under Parameters in the docstring;
+    the rest of the docstring is the help of the command. Further ``options`` come as they are; what those
+    that stand for keys of the scene state is the parameter ``stated``.
     """
 
-    def declare(function: Function) -> Command:
+    def declare(function: Callable[..., Any]) -> click.Command:
         text, _, section = str(inspect.getdoc(function)).partition("\n\nParameters\n----------\n")
         meanings = dict(re.findall(r"^(\w+)\n((?:    .*\n?)+)", section, re.MULTILINE))
-        shared = quiet(verbose(timings(function))).__click_params__[::-1]  # type: ignore[attr-defined]
-        done = {"stated", *(param.name for param in shared)}
+        keys = [option for option in options if isinstance(option, SceneOption)]
         own = [
             _parameter(parameter, meanings.get(parameter.name, ""))
             for parameter in inspect.signature(function).parameters.values()
-            if parameter.name not in done and parameter.kind is not parameter.VAR_KEYWORD
+            if parameter.name not in {"stated", *(option.name for option in options)}
+            and parameter.kind is not parameter.VAR_KEYWORD
         ]
-        arguments = [param for param in own if isinstance(param, click.Argument)]
-        options = [param for param in own if isinstance(param, click.Option)]
-        made = Command(
+
+        @wraps(function)
+        def call(**values: Any) -> Any:
+            stated: Stated = {}
+            for option in keys:
+                value = values.pop(str(option.name))
+                if value not in (None, ()):
+                    stated.setdefault(option.section, {})[option.key] = option.in_scene(value)
+            return function(**values, **({"stated": stated} if keys else {}))
+
+        made = click.Command(
             function.__name__.replace("_", "-"),
-            callback=function,
-            params=[*arguments, *options, *shared],
+            callback=call,
+            params=sorted([*own, *options, *EVERYWHERE], key=lambda param: isinstance(param, click.Option)),
             help=text,
             short_help=said or None,
         )
@@ -111,28 +109,10 @@ def _parts(annotation: Any) -> tuple[Any, ...]:
     return (annotation,)
 
 
-def together(*decorators: Decorator) -> Decorator:
-    """Several decorators as one, in the order in which they would stand above a function."""
-
-    def decorate(function: Function) -> Function:
-        for decorator in reversed(decorators):
-            function = decorator(function)
-        return function
-
-    return decorate
-
-
-def option(name: str, annotation: Any, default: Any = None) -> Decorator:
+def option(name: str, annotation: Any, default: Any = None) -> click.Parameter:
     """An option as a parameter of a command would make it, for several commands."""
     kind = inspect.Parameter.KEYWORD_ONLY
-    made = _parameter(inspect.Parameter(name, kind, default=default, annotation=annotation), "")
-
-    def decorate(function: Function) -> Function:
-        # where click collects the options of a function
-        function.__dict__.setdefault("__click_params__", []).append(made)
-        return function
-
-    return decorate
+    return _parameter(inspect.Parameter(name, kind, default=default, annotation=annotation), "")
 
 
 # --- types and meanings of parameters that several commands share
@@ -161,62 +141,66 @@ Annulus = Annotated[float, "Width of the rings around the apex over which profil
 
 
 def _preparing(
-    flag: str, help_text: str, **more: Any
-) -> Callable[[Callable[[click.Context, Any], None]], Decorator]:
-    """An option that prepares the run of a command and is not handed to it, made of what it does."""
+    flag: str, meaning: str, act: Callable[[click.Context, Any], None], **how: Any
+) -> click.Option:
+    """An option that prepares the run of a command and is not handed to it."""
 
-    def declare(act: Callable[[click.Context, Any], None]) -> Decorator:
-        def callback(context: click.Context, _parameter: click.Parameter, value: Any) -> None:
-            if value:
-                act(context, value)
+    def prepare(context: click.Context, _parameter: click.Parameter, value: Any) -> None:
+        if value:
+            act(context, value)
 
-        settings = more or {"is_flag": True}
-        return click.option(flag, expose_value=False, callback=callback, help=help_text, **settings)
-
-    return declare
+    return click.Option(
+        [flag], help=meaning, callback=prepare, expose_value=False, **how or {"is_flag": True}
+    )
 
 
-@_preparing("--timings", "Print a table at the end: how long each stage took, in seconds.")
-def timings(context: click.Context, _value: Any) -> None:
-    """Time the stages."""
+def _print_timings(context: click.Context, _value: Any) -> None:
     times = context.with_resource(collect())
     context.call_on_close(lambda: echo_timings(times))
 
 
-@_preparing("--quiet", "Print nothing but warnings and errors: no tables, no progress bars.")
-def quiet(context: click.Context, _value: Any) -> None:
-    """Say nothing."""
-    context.meta[QUIET] = True
-
-
-@_preparing("--verbose", "Report each step on standard error.")
-def verbose(_context: click.Context, _value: Any) -> None:
-    """Say more."""
-    logging.getLogger("contactimg").setLevel(logging.INFO)
-
-
-@_preparing(
-    "--no-plausibility",
-    "Warn about values that physics makes doubtful (a length in mm, say) instead of refusing them.",
-)
-def no_plausibility(context: click.Context, _value: Any) -> None:
-    """Refuse no doubtful value."""
+def _refuse_no_doubt(context: click.Context, _value: Any) -> None:
     from contactimg.plausibility import doubts_as_warnings
 
     context.with_resource(doubts_as_warnings())
 
 
-@_preparing(
-    "--cluster",
-    "Work on the cluster of a dask.distributed scheduler, instead of --workers: its address, for example "
-    "tcp://host:8786, or its scheduler file.",
-    metavar="ADDRESS",
-)
-def cluster(context: click.Context, address: str) -> None:
-    """Let a cluster take the calls."""
+def _work_on_cluster(context: click.Context, address: str) -> None:
     from contactimg.engine.cluster import on_cluster
 
     context.with_resource(on_cluster(address))
+
+
+EVERYWHERE = (
+    _preparing(
+        "--quiet",
+        "Print nothing but warnings and errors: no tables, no progress bars.",
+        lambda context, _value: context.meta.update({QUIET: True}),
+    ),
+    _preparing(
+        "--verbose",
+        "Report each step on standard error.",
+        lambda _context, _value: logging.getLogger("contactimg").setLevel(logging.INFO),
+    ),
+    _preparing(
+        "--timings", "Print a table at the end: how long each stage took, in seconds.", _print_timings
+    ),
+)
+"""Options that every command has."""
+
+NO_PLAUSIBILITY = _preparing(
+    "--no-plausibility",
+    "Warn about values that physics makes doubtful (a length in mm, say) instead of refusing them.",
+    _refuse_no_doubt,
+)
+
+CLUSTER = _preparing(
+    "--cluster",
+    "Work on the cluster of a dask.distributed scheduler, instead of --workers: its address, for example "
+    "tcp://host:8786, or its scheduler file.",
+    _work_on_cluster,
+    metavar="ADDRESS",
+)
 
 
 # --- the results of a command
@@ -229,26 +213,18 @@ def command_line() -> str:
     return shlex.join(["contactimg", *typed]) if typed else context.command_path
 
 
-def options_given() -> dict[str, Any]:
-    """The options of the command that runs, without those that do not change its result."""
-    context = click.get_current_context()
-    names = {str(param.name) for param in context.command.params if isinstance(param, click.Option)}
-    names -= {"output", "folder", "workers"}
-    return {name: value for name, value in context.params.items() if name in names}
-
-
 @contextmanager
 def results_in(
     output: str | Path | None,
     parent: str | Path,
-    *,
     scene: "Scene | None" = None,
-    options: dict[str, Any] | None = None,
     inputs: Iterable[Path] = (),
+    *,
+    options: dict[str, Any] | None = None,
     main_files: Sequence[str] = (),
     keeps: Sequence[str] = (),
     then: str = "",
-) -> Iterator["OutputFolder"]:
+) -> Iterator["files.OutputFolder"]:
     """The output folder of the command that runs, with its provenance; written completely or not at all.
 
     Parameters
@@ -258,10 +234,10 @@ def results_in(
     parent : path-like
     scene : Scene or None
         What was computed or measured.
-    options : dict or None
-        What else the result depends on, if it is not the options of the command.
     inputs : iterable of Path
         The files that were read.
+    options : dict or None
+        What else the result depends on, if it is not the options of the command.
     main_files : sequence of str
         Files that the command certainly writes.
     keeps : sequence of str
@@ -269,12 +245,14 @@ def results_in(
     then : str
         The command that usually follows, for the run that is written or read.
     """
-    from contactimg.files import OutputFolder, provenance
-
-    options = options_given() if options is None else options
-    record = provenance(command=command_line(), scene=scene, options=options, inputs=inputs)
+    if options is None:
+        context = click.get_current_context()
+        names = {param.name for param in context.command.params if isinstance(param, click.Option)}
+        names -= {"output", "folder", "workers"}  # which do not change the result
+        options = {name: value for name, value in context.params.items() if name in names}
+    record = files.provenance(command=command_line(), scene=scene, options=options, inputs=inputs)
     target = Path(output or Path(parent) / DEFAULT_FOLDER)
-    with OutputFolder(target, record, main_files=main_files, keeps=keeps) as out:
+    with files.OutputFolder(target, record, main_files=main_files, keeps=keeps) as out:
         yield out
     command = f"; then: contactimg {then} {shlex.quote(str(target if then == 'overlay' else parent))}"
     say(f"results in {target}{command if then else ''}")
@@ -282,15 +260,11 @@ def results_in(
 
 # --- options that stand for keys of a scene
 
-Stated = dict[str, dict[str, Any]]
-"""Section -> key -> value: what the options of a command state in place of the scene file."""
-
 UNITS = {"um": ("m", "µm", 1e-6), "mm": ("m", "mm", 1e-3), "MPa": ("Pa", "MPa", 1e6)}
 """Unit at the end of an option -> that of the key, how it is printed, and its size."""
 
 
-@dataclass(frozen=True)
-class SceneOption:
+class SceneOption(click.Option):
     """An option that stands for a key of the scene: type, bounds, meaning and default are those of the key.
 
     Parameters
@@ -305,70 +279,38 @@ class SceneOption:
         What holds where the option is not given, if it is not the scene's value.
     """
 
-    flag: str
-    section: str
-    key: str
-    note: str = ""
-    default: str | None = None
-
-    @property
-    def name(self) -> str:
-        """Name of the parameter."""
-        return self.flag.removeprefix("--").replace("-", "_")
-
-    @property
-    def unit(self) -> tuple[str, str, float]:
-        """Unit of the key, the option's as it is printed, and its size."""
-        return UNITS.get(self.flag.rsplit("-", 1)[-1], ("", "", 1.0))
-
-    @property
-    def field(self) -> "FieldInfo":
-        """The key in the description of the scene."""
-        from contactimg.scene import section_keys
-
-        return section_keys(self.section)[self.key]
-
-    @property
-    def meaning(self) -> str:
-        """Description of the key, in the unit of the option."""
-        unit, printed, _ = self.unit
-        text = str(self.field.description)
-        return re.sub(rf", {unit}\b", f", {printed}", text) if unit else text
+    def __init__(self, flag: str, section: str, key: str, note: str = "", default: str | None = None) -> None:
+        self.section, self.key, field = section, key, section_keys(section)[key]
+        unit, printed, self.size = UNITS.get(flag.rsplit("-", 1)[-1], ("", "", 1.0))
+        self.meaning = str(field.description)
+        if unit:
+            self.meaning = re.sub(rf", {unit}\b", f", {printed}", self.meaning)
+        if default is None and field.default is not None and not field.is_required():
+            default = f"the scene's, else {field.default}"
+        kinds = _kinds(field.annotation)
+        words = [word for word in kinds if isinstance(word, str)]
+        super().__init__(
+            [flag, flag.removeprefix("--").replace("-", "_")],
+            type=number if float in kinds else click.Choice(words) if words else str,
+            multiple=key == "reference",
+            help=f"{self.meaning} {note}".strip() + (f"  [default: {default}]" if default else ""),
+        )
 
     def in_scene(self, value: Any) -> Any:
         """The value as the key holds it."""
         if isinstance(value, float):
-            return float(f"{value * self.unit[2]:.15g}")  # without the digits that the multiplication adds
-        if isinstance(value, str) and self.unit[0] and len(value.split()) > 1:
+            return float(f"{value * self.size:.15g}")  # without the digits that the multiplication adds
+        if isinstance(value, str) and self.size != 1 and len(value.split()) > 1:
             return [self.in_scene(float(word)) for word in value.split()]
         return list(value) if isinstance(value, tuple) else value
 
-    def decorate(self, function: Function) -> Function:
-        """Add the option to a command."""
-        default = self.default
-        if default is None and self.field.default is not None and not self.field.is_required():
-            default = f"the scene's, else {self.field.default}"
-        words = [word for word in _kinds(self.field.annotation) if isinstance(word, str)]
-        number = float in _kinds(self.field.annotation)
-        return click.option(
-            self.flag,
-            self.name,
-            type=_NumberOrWord() if number else click.Choice(words) if words else str,
-            multiple=self.key == "reference",
-            help=f"{self.meaning} {self.note}".strip() + (f"  [default: {default}]" if default else ""),
-        )(function)
 
-
-class _NumberOrWord(click.ParamType):
+def number(value: str) -> float | str:
     """A number; a word is left to the rules of the scene, whose sentence says what is allowed."""
-
-    name = "number"
-
-    def convert(self, value: Any, _param: click.Parameter | None, _ctx: click.Context | None) -> Any:
-        try:
-            return float(value)
-        except ValueError:
-            return value
+    try:
+        return float(value)
+    except ValueError:
+        return value
 
 
 def _kinds(annotation: Any) -> list[Any]:
@@ -380,37 +322,17 @@ def _kinds(annotation: Any) -> list[Any]:
     return [kind for part in get_args(annotation) for kind in _kinds(part)]
 
 
-def scene_options(*options: SceneOption) -> Decorator:
-    """Add options that stand for keys of the scene; the command gets those that are given as ``stated``."""
-
-    def decorate(function: Function) -> Function:
-        @wraps(function)
-        def call(**values: Any) -> Any:
-            stated: Stated = values.pop("stated", {})
-            for option in options:
-                value = values.pop(option.name)
-                if value not in (None, ()):
-                    stated.setdefault(option.section, {})[option.key] = option.in_scene(value)
-            return function(stated=stated, **values)
-
-        return together(*(option.decorate for option in options))(call)
-
-    return decorate
-
-
-frames = together(
-    click.option(
-        "--scene",
+FRAMES = (
+    click.Option(
+        ["--scene"],
         type=click.Path(exists=True, dir_okay=False),
         help="Scene file to use instead of scene.toml in FOLDER.",
     ),
-    scene_options(
-        SceneOption("--reference", "images", "reference", "Can be repeated."),
-        SceneOption("--frames", "images", "frames", 'A glob stands in quotes: "frame_*.tif".'),
-        SceneOption("--loads", "images", "loads"),
-        SceneOption("--pixel-size-um", "camera", "pixel_size_m"),
-        SceneOption("--polarity", "images", "polarity"),
-    ),
-    no_plausibility,
+    SceneOption("--reference", "images", "reference", "Can be repeated."),
+    SceneOption("--frames", "images", "frames", 'A glob stands in quotes: "frame_*.tif".'),
+    SceneOption("--loads", "images", "loads"),
+    SceneOption("--pixel-size-um", "camera", "pixel_size_m"),
+    SceneOption("--polarity", "images", "polarity"),
+    NO_PLAUSIBILITY,
 )
 """Options that say what the frames are, in place of keys of a scene file."""

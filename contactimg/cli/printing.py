@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import floor, isnan, log10
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 
     from contactimg.effects.plan import Plan
 
-Cells = Mapping[str, str]
-"""Heading -> what stands in one row below it."""
+Cells = Mapping[Any, Any]
+"""Heading -> what stands in one row below it; nothing for a number that is missing."""
 
 QUIET = "contactimg.quiet"
 """Where the context of a command holds that it is quiet."""
@@ -74,7 +75,8 @@ def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, in
     """
     from contactimg.tables.statuses import CURES
 
-    echo_table(title, [_frame_cells(row) for row in frames.to_dict("records")], left=2)
+    rows = [_frame_cells(row) for row in frames.to_dict("records")]
+    echo_table(title, rows, left=2, forms={"load mN": "g", "forces/load": ".3f"})
     _echo_messages(frames)
     say(*(f'"{status}": {CURES[status]}' for status in CURES if (frames["status"] == status).any()))
     total = sum((statuses or {}).values())
@@ -109,28 +111,22 @@ def _echo_messages(frames: "pd.DataFrame") -> None:
 
 
 def _frame_cells(row: Mapping[Hashable, Any]) -> Cells:
-    ratio = row["force_sum_N"] / row["load_N"] if row["load_N"] > 0 else float("nan")
     return {
         "frame": row["frame"],
         "status": row["status"],
-        "load mN": _number(1e3 * row["load_N"]),
-        "contacts": str(row["n_contacts"]) if isinstance(row["n_contacts"], int) else "",
+        "load mN": 1e3 * row["load_N"],
+        "contacts": row["n_contacts"],
         "area mm²": _with_std(1e6 * row["area_m2"], 1e6 * row["area_std_m2"]),
         "forces mN": _with_std(1e3 * row["force_sum_N"], 1e3 * row["force_sum_std_N"]),
-        "forces/load": _number(ratio, "{:.3f}"),
+        "forces/load": row["force_sum_N"] / row["load_N"] if row["load_N"] > 0 else None,
     }
 
 
 def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
     """Print the scores, one line per frame and model."""
     counts, ratios = ("measured", "predicted", "matched"), ("precision", "recall", "f1")
-    rows = [
-        {name: row[name] for name in ("frame", "model")}
-        | {name: str(row[f"n_{name}"]) for name in counts}
-        | {name: _number(row[name], "{:.3f}") for name in ratios}
-        for row in scores.to_dict("records")
-    ]
-    echo_table(title, rows, left=2)
+    shown = scores.rename(columns=lambda name: name.removeprefix("n_"))[["frame", "model", *counts, *ratios]]
+    echo_table(title, shown.to_dict("records"), left=2, forms=dict.fromkeys(ratios, ".3f"))
 
 
 def echo_results(results: "pd.DataFrame", *, title: str) -> None:
@@ -145,18 +141,14 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
     table = table[~table["quantity"].str.endswith(VARIANTS)]
     if table.empty:
         return
-    own, *models = dict.fromkeys(table["model"])
-    rows = []
+    own, rows = table["model"].iloc[0], []
     for quantity, part in table.groupby("quantity", sort=False):
-        by_model = {row["model"]: row for row in part.to_dict("records")}
-        row = by_model.get(own, {"low": float("nan")})
-        interval = "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}"
-        values = {
-            m: _brief(by_model[m]["value"], by_model[m]["std"]) if m in by_model else ""
-            for m in (own, *models)
-        }
-        found = {"quantity": str(quantity), own: values.pop(own), "interval": interval}
-        rows.append(found | values | {"unit": part["unit"].iloc[0]})
+        found = dict.fromkeys(table["model"], "")
+        found |= zip(part["model"], map(_brief, part["value"], part["std"]), strict=True)
+        ends = part.loc[part["model"] == own, ["low", "high"]].dropna().to_numpy(float)
+        interval = "".join(f"{low:.4g} ... {high:.4g}" for low, high in ends)
+        head = {"quantity": str(quantity), own: found.pop(own), "interval": interval}
+        rows.append(head | found | {"unit": part["unit"].iloc[0]})
     echo_table(title, rows, left=1)
 
 
@@ -188,13 +180,13 @@ def echo_tradeoff(table: "pd.DataFrame") -> None:
                 {
                     "setting": ("* " if row["pareto"] == 1 else "  ") + row["setting"],
                     "": row["message"] if isnan(row["error"]) else other,
-                    "error": "" if isnan(row["error"]) else error_text(row["error"]),
-                    "time": "" if isnan(row["time_s"]) else time_text(row["time_s"]),
-                    "ratio": _number(row["time_ratio"], "{:.3g}"),
+                    "error": None if isnan(row["error"]) else error_text(row["error"]),
+                    "time": None if isnan(row["time_s"]) else time_text(row["time_s"]),
+                    "ratio": row["time_ratio"],
                 }
             )
         output = {"all": "worst output"}.get(part["output"].iloc[0], part["output"].iloc[0])
-        echo_table(f"{knob}: error of the {output} against {usual}", rows, left=2)
+        echo_table(f"{knob}: error of the {output} against {usual}", rows, left=2, forms={"ratio": ".3g"})
 
 
 def echo_timings(timings: Timings) -> None:
@@ -202,44 +194,49 @@ def echo_timings(timings: Timings) -> None:
     stages = timings.rows()
     total = sum(seconds for _, _, seconds in stages)
     rows = [
-        {
-            "stage": name,
-            "calls": str(calls) if calls else "",
-            "s": f"{seconds:.3f}",
-            "share": f"{seconds / total:.1%}",
-        }
+        {"stage": name, "calls": calls or None, "s": seconds, "share": seconds / total}
         for name, calls, seconds in [*stages, ("total", 0, total)]
     ]
-    echo_table("where the time went", rows, left=1, stderr=True)
+    echo_table("where the time went", rows, left=1, forms={"s": ".3f", "share": ".1%"}, stderr=True)
 
 
-def echo_table(title: str, rows: Sequence[Cells], *, left: int, stderr: bool = False) -> None:
-    """Print a table without its empty columns; the first ``left`` columns are text, the others numbers."""
+def echo_table(
+    title: str,
+    rows: Sequence[Cells],
+    *,
+    left: int,
+    forms: Mapping[str, str] = MappingProxyType({}),
+    stderr: bool = False,
+) -> None:
+    """Print a table without its empty columns; the first ``left`` columns are text, the others numbers.
+
+    ``forms`` says how the numbers below a heading are written.
+    """
     if is_quiet() and not stderr:
         return
+    import pandas as pd
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
+    cells = [
+        {head: "" if pd.isna(value) else format(value, forms.get(head, "")) for head, value in row.items()}
+        for row in rows
+    ]
     table = Table(
         title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
     )
-    heads = list(rows[0]) if rows else []
-    filled = [head for head in heads if any(row[head] for row in rows)]
+    heads = list(cells[0]) if cells else []
+    filled = [head for head in heads if any(row[head] for row in cells)]
     for head in filled:
         is_text = heads.index(head) < left
         table.add_column(head, justify="left" if is_text else "right", overflow="fold")
-    for row in rows:
+    for row in cells:
         table.add_row(*(row[head] for head in filled))
     console = Console(highlight=False, markup=False, stderr=stderr)
     if not console.is_terminal:
         console.width = max(console.width, WIDTH_OF_FILES)
     console.print(table)
-
-
-def _number(value: float, form: str = "{:g}") -> str:
-    """A number, or nothing for NaN."""
-    return "" if isnan(value) else form.format(value)
 
 
 def _brief(value: float, std: float) -> str:

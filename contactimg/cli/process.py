@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
+from contactimg import files, pipeline, plots, tables
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_first_run, echo_frames, echo_table, progress, say
+from contactimg.cli.scenes import describe_use, refuse_idle, scene_of_folder
 from contactimg.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from contactimg.files import TableFormat
 
+METHOD = shared.SceneOption("--method", "measure", "method")
+THRESHOLD = shared.SceneOption("--threshold", "measure", "threshold")
 
 MOST_SHOWN = 1000
 """Frames of a run that are printed. Chosen: more than anybody reads there."""
@@ -23,14 +26,13 @@ JOINED_FOLDER = "combined"
 """Inside the output folder of several folders: their tables as one."""
 
 
-@shared.command()
-@shared.frames
-@shared.scene_options(
-    shared.SceneOption("--method", "measure", "method"),
+@shared.command(
+    *shared.FRAMES,
+    METHOD,
     shared.SceneOption("--shape", "measure", "shape"),
-    shared.SceneOption("--threshold", "measure", "threshold"),
+    THRESHOLD,
+    shared.CLUSTER,
 )
-@shared.cluster
 def process(
     folders: Annotated[tuple[shared.Existing, ...], "FOLDER..."],
     *,
@@ -72,43 +74,39 @@ def process(
     table_format
         Format of the tables. parquet: smaller and faster for long series; needs pyarrow.
     """
-    from contactimg import files
-    from contactimg.cli.scenes import describe_use, scene_of_folder
-    from contactimg.pipeline.measured_series import write_run
-    from contactimg.pipeline.pictures import draw_overlays
-    from contactimg.pipeline.series import measure_parts
     from contactimg.plausibility import doubts_about_run, warn_of
     from contactimg.pose.apex import STATED
-    from contactimg.tables import NO_RESULT, Status
+
+    record = files.read_calibration(calibration) if calibration else {}
 
     def measure(folder: str, output: str | Path | None) -> int:
         """Measure the frames of one folder; return the exit code."""
-        described = scene_of_folder(folder, stated, scene_file=scene, calibration=calibration)
+        described = scene_of_folder(folder, stated, scene_file=scene, calibration=record)
+        refuse_idle(record, str(calibration), method=described.measure.method)
         files.require_format(table_format)
         experiment = files.open_experiment(described)
-        used, acts = {}, ""
-        if calibration is not None:
-            record = files.read_calibration(calibration)
-            acts = describe_use(record, method=described.measure.method)
-            used = {"calibration": {"file": calibration, "record": record, "acts": acts}}
+        acts = describe_use(record, method=described.measure.method)
+        used = {"calibration": {"file": calibration, "record": record, "acts": acts}} if record else {}
         echo_first_run()
+        predictable = described.elastic and described.indenter and described.asperities
         with shared.results_in(
             output,
             folder,
-            scene=described,
+            described,
+            experiment.inputs,
             options=used,
-            inputs=experiment.inputs,
             main_files=files.RUN_TABLES,
-            then="overlay" if described.elastic and described.indenter and described.asperities else "",
+            then="overlay" if predictable else "",
         ) as out:
             count = len(experiment.frames)
             with progress("measuring frames", count) as advance:
-                series = measure_parts(experiment, workers=workers, advance=advance, store=out.part_store())
-            frames, facts = write_run(series, out.folder, table_format)
+                store = out.part_store()
+                series = pipeline.measure_parts(experiment, workers=workers, advance=advance, store=store)
+            frames, facts = pipeline.write_run(series, out.folder, table_format)
             if pictures:
                 overlays = out.folder / "overlays"
                 with progress("drawing overlays", count) as advance:
-                    draw_overlays(series, experiment, overlays, workers=workers, advance=advance)
+                    pipeline.draw_overlays(series, experiment, overlays, workers=workers, advance=advance)
             counts = {str(action): int(n) for action, n in experiment.edits["action"].value_counts().items()}
             out.record |= facts | ({"edits": counts} if counts else {})
             title = f"{folder}, method {described.measure.method}"
@@ -119,7 +117,7 @@ def process(
             say(acts and f"calibration {calibration}: {acts}", apex, law, film)
         doubted = warn_of(doubts_about_run(series.scene, frames, series.shown), folder)
         statuses = set(frames["status"])
-        return int(doubted or Status.FAILED in statuses or statuses <= NO_RESULT)
+        return int(doubted or tables.FAILED in statuses or statuses <= tables.NO_RESULT)
 
     if len(folders) == 1:
         return measure(folders[0], output)
@@ -129,11 +127,9 @@ def process(
 
 
 def _process_several(
-    folders: tuple[str, ...], target: Path, measure: Callable[..., int], *, table_format: "TableFormat"
+    folders: tuple[str, ...], target: Path, measure: Callable[..., int], *, table_format: "files.TableFormat"
 ) -> int:
     """Measure several folders and join their tables; return the exit code."""
-    from contactimg.pipeline.measured_series import write_joined_tables
-
     names, codes, code = _distinct_names(folders), dict[str, int](), 0
     for folder, name in zip(folders, names, strict=True):
         try:
@@ -143,7 +139,7 @@ def _process_several(
             click.echo(f"contactimg: {folder} is left out: {error}", err=True)
     if not codes:
         raise InputError("none of the folders could be measured")
-    write_joined_tables(
+    pipeline.write_joined_tables(
         {name: target / name for name in codes},
         target / JOINED_FOLDER,
         command=shared.command_line(),
@@ -187,12 +183,7 @@ def _film_sentence(frames: "pd.DataFrame", films: dict[str, dict[str, Any]]) -> 
 # --- check
 
 
-@shared.command()
-@shared.frames
-@shared.scene_options(
-    shared.SceneOption("--method", "measure", "method"),
-    shared.SceneOption("--threshold", "measure", "threshold"),
-)
+@shared.command(*shared.FRAMES, METHOD, THRESHOLD)
 def check(
     folder: shared.ExistingFolder,
     *,
@@ -222,43 +213,22 @@ def check(
     seed
         Of the random radii and places.
     """
-    from contactimg.cli.scenes import scene_of_folder
-    from contactimg.files import open_experiment, write_figures, write_table
-    from contactimg.pipeline.check import check_experiment
-    from contactimg.plots import caption_of
-    from contactimg.plots.check import plot_check
-    from contactimg.tables import CHECK, DRAWN
-
-    experiment = open_experiment(scene_of_folder(folder, stated, scene_file=scene))
+    experiment = files.open_experiment(scene_of_folder(folder, stated, scene_file=scene))
     echo_first_run()
-    with shared.results_in(
-        output,
-        folder,
-        scene=experiment.scene,
-        inputs=experiment.inputs,
-        main_files=["check.csv", "drawn.csv"],
-    ) as out:
+    main_files = ["check.csv", "drawn.csv"]
+    with shared.results_in(output, folder, experiment.scene, experiment.inputs, main_files=main_files) as out:
         with progress("checking frames", len(experiment.frames)) as advance:
-            result = check_experiment(experiment, seed=seed, workers=workers, advance=advance)
-        write_table(result.classes, CHECK, out.folder / "check.csv")
-        write_table(result.drawn, DRAWN, out.folder / "drawn.csv")
-        write_figures(
-            plot_check(result.drawn, result.classes), out.folder, "check", caption=caption_of("check")
-        )
+            result = pipeline.check_experiment(experiment, seed=seed, workers=workers, advance=advance)
+        files.write_table(result.classes, tables.CHECK, out.folder / "check.csv")
+        files.write_table(result.drawn, tables.DRAWN, out.folder / "drawn.csv")
+        shown = plots.plot_check(result.drawn, result.classes)
+        files.write_figures(shown, out.folder, "check", caption=plots.caption_of("check"))
         out.record["sentence"] = result.sentence
-        columns = {
-            "low_px": ":.2f",
-            "high_px": ":.2f",
-            "drawn": "",
-            "completeness": ":.0%",
-            "bias_px": ":+.3f",
-        }
-        columns |= {"rms_px": ":.3f", "within_1_std": ":.0%", "within_2_std": ":.0%"}
-        rows = [
-            {name: f"{{{form}}}".format(row[name]) for name, form in columns.items()}
-            for row in result.classes.to_dict("records")
-        ]
-        echo_table(f"{folder}, contacts drawn", rows, left=0)
+        forms = {"low_px": ".2f", "high_px": ".2f", "drawn": "", "completeness": ".0%", "bias_px": "+.3f"}
+        forms |= {"rms_px": ".3f", "within_1_std": ".0%", "within_2_std": ".0%"}
+        echo_table(
+            f"{folder}, contacts drawn", result.classes[[*forms]].to_dict("records"), left=0, forms=forms
+        )
         say(result.sentence)
         say(*(f"{row.frame}: not checked, {row.message}" for row in result.failed.itertuples()))
     return 1 if len(result.failed) else 0

@@ -5,12 +5,14 @@ from typing import Annotated, Literal
 
 import click
 
+from contactimg import files, pipeline
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_scores, progress, say
+from contactimg.cli.scenes import plausible
+from contactimg.errors import InputError
 
 
-@shared.command()
-@shared.no_plausibility
+@shared.command(shared.NO_PLAUSIBILITY)
 def overlay(
     run: shared.ExistingFolder,
     *,
@@ -40,40 +42,31 @@ def overlay(
         Smallest contact radius that counts, in pixels: smaller predicted contacts need not be found on the
         frame.
     """
-    from contactimg.cli.scenes import plausible
-    from contactimg.files import main_tables, open_experiment, read_run
-    from contactimg.pipeline.inputs import need_asperities
-    from contactimg.pipeline.measured_series import shown_apex
-    from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
     from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 
-    measured = read_run(run)
-    measured.need_pose()
-    experiment = open_experiment(plausible(measured.scene))
-    asperities = need_asperities(measured.scene, "predicting contacts")
+    measured = files.read_run(run)
+    pose = measured.need_pose()
+    experiment = files.open_experiment(plausible(measured.scene))
+    asperities = pipeline.need_asperities(measured.scene, "predicting contacts")
     count = len(measured.frames)
-    with shared.results_in(
-        output,
-        run,
-        scene=measured.scene,
-        inputs=[*main_tables([Path(run)]), *experiment.inputs],
-        main_files=["scores.csv", "matches.csv"],
-        then="analyse",
-    ) as out:
+    inputs = [*files.main_tables([Path(run)]), *experiment.inputs]
+    main_files = ["scores.csv", "matches.csv"]
+    with shared.results_in(output, run, measured.scene, inputs, main_files=main_files, then="analyse") as out:
         with progress("predicting contacts", count) as advance:
-            comparison = compare_run(measured, asperities, min_radius_px=min_radius_px, advance=advance)
+            comparison = pipeline.compare_run(
+                measured, asperities, min_radius_px=min_radius_px, advance=advance
+            )
         counts = comparison.scores[comparison.scores["model"] == "coupled"]
-        shown = shown_apex(
-            measured.contacts, measured.frames, measured.scene, measured.need_pose(), asperities
-        )
+        shown = pipeline.shown_apex(measured.contacts, measured.frames, measured.scene, pose, asperities)
         numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
         spacing = mean_spacing(asperities)
         settle(doubts_about_match(measured.scene, **numbers, shown=shown, spacing=spacing), run)
-        write_comparison(comparison, out.folder)
+        pipeline.write_comparison(comparison, out.folder)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
+        overlays = out.folder / "overlays"
         with progress("drawing overlays", count) as advance:
-            draw_comparison(
-                comparison, measured, experiment, out.folder / "overlays", workers=workers, advance=advance
+            pipeline.draw_comparison(
+                comparison, measured, experiment, overlays, workers=workers, advance=advance
             )
         echo_scores(comparison.scores, title=f"{run}: measured against predicted contacts")
         say(*(f"{frame}: {plan.sentence()}" for frame, plan in comparison.plans.items()))
@@ -112,12 +105,11 @@ def report(
     max_pictures
         Largest number of frames to show; of a longer series, evenly spaced ones.
     """
-    from contactimg.files import remove_leftovers, write_text
     from contactimg.report import build_report
 
-    target = Path(output) if output is not None else Path(run) / "report.html"
-    remove_leftovers(target)
-    write_text(build_report(run, others=others, max_pictures=max_pictures), target)
+    target = Path(output or Path(run) / "report.html")
+    files.remove_leftovers(target)
+    files.write_text(build_report(run, others=others, max_pictures=max_pictures), target)
     say(f"report in {target}")
 
 
@@ -156,7 +148,6 @@ def review(
     from contextlib import closing
     from threading import Thread
 
-    from contactimg.errors import InputError
     from contactimg.review import ReviewServer, Session
 
     with closing(Session(Path(run), workers=workers)) as session:
@@ -177,8 +168,7 @@ def review(
     return 0
 
 
-@shared.command()
-@shared.no_plausibility
+@shared.command(shared.NO_PLAUSIBILITY)
 def export(
     run: shared.ExistingFolder,
     *,
@@ -214,32 +204,22 @@ def export(
     units
         Lengths and areas of the workbook; forces are in mN, with m in N.
     """
-    from contactimg.files import main_tables, read_run
-    from contactimg.pipeline.export import export_run
-
     chosen = {"fiji": fiji, "napari": napari, "labels": labels, "xlsx": xlsx}
     formats = tuple(name for name, on in chosen.items() if on) or tuple(chosen)
     others = ["contacts.xlsx" if name == "xlsx" else name for name in chosen if name not in formats]
-    source = read_run(run)
-    tables = main_tables([source.folder])
+    source = files.read_run(run)
+    tables = files.main_tables([source.folder])
+    target = output or Path(run) / "export"
     main_files = ["contacts.xlsx"] if "xlsx" in formats else []
     with (
-        shared.results_in(
-            output or Path(run) / "export",
-            run,
-            scene=source.scene,
-            inputs=tables,
-            main_files=main_files,
-            keeps=others,
-        ) as out,
+        shared.results_in(target, run, source.scene, tables, main_files=main_files, keeps=others) as out,
         progress("exporting frames", len(source.frames)) as advance,
     ):
-        export_run(source, out.folder, formats=formats, units=units, advance=advance)
+        pipeline.export_run(source, out.folder, formats=formats, units=units, advance=advance)
     return 0
 
 
-@shared.command()
-@shared.no_plausibility
+@shared.command(shared.NO_PLAUSIBILITY)
 def import_rois(
     run: shared.ExistingFolder,
     file: shared.ExistingFile,
@@ -273,16 +253,13 @@ def import_rois(
 
     import pandas as pd
 
-    from contactimg.files import edits_file, read_edits, read_run, write_edits
-    from contactimg.pipeline.export import edits_from_regions
-
-    source = read_run(run)
+    source = files.read_run(run)
     time = datetime.now(UTC).isoformat(timespec="seconds")
-    edits = edits_from_regions(source, Path(file), frame=frame, author=author, time=time)
-    target = Path(output) if output is not None else edits_file(source.scene, source.folder)
+    edits = pipeline.edits_from_regions(source, Path(file), frame=frame, author=author, time=time)
+    target = Path(output or files.edits_file(source.scene, source.folder))
     if len(edits):
-        present = [read_edits(target)] if target.is_file() else []
-        write_edits(pd.concat([*present, edits], ignore_index=True), target)
+        present = [files.read_edits(target)] if target.is_file() else []
+        files.write_edits(pd.concat([*present, edits], ignore_index=True), target)
     counts = edits["action"].value_counts()
     told = ", ".join(f"{counts.get(action, 0)} {action}" for action in ("exclude", "add"))
     say(f"{told} in {target}; run `contactimg process` again" if len(edits) else "nothing was changed")

@@ -3,21 +3,13 @@
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
+from contactimg import files
 from contactimg.cli.options import Stated
 from contactimg.cli.printing import say
 from contactimg.errors import InputError
-from contactimg.files import (
-    SCENE_FILE,
-    named_file,
-    read_calibration,
-    read_scene,
-    read_scene_asperities,
-    read_scene_loads,
-)
-from contactimg.files.folder import recognise_folder
-from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene, scene_from_dict
 
 FILES = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask", "edits")] + [
@@ -27,7 +19,11 @@ FILES = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask
 
 
 def scene_of_folder(
-    folder: str | Path, stated: Stated, *, scene_file: str | None = None, calibration: str | None = None
+    folder: str | Path,
+    stated: Stated,
+    *,
+    scene_file: str | None = None,
+    calibration: Mapping[str, Any] = MappingProxyType({}),
 ) -> Scene:
     """The scene of a folder of frames.
 
@@ -39,7 +35,7 @@ def scene_of_folder(
         Keys that replace those of the scene; files are relative to the working directory or the folder.
     scene_file : path-like or None
         Instead of the scene file in the folder; files that are missing in the folder are those beside it.
-    calibration : path-like or None
+    calibration : mapping
         From `contactimg calibrate`; its results replace keys of the scene file.
 
     Raises
@@ -51,19 +47,16 @@ def scene_of_folder(
     if folder.is_file():
         raise InputError(f"{folder} is a file; give the folder that holds the frames")
     if scene_file is not None:
-        read = read_scene(scene_file)
+        read = files.read_scene(scene_file)
         data = _placed(_copied(read), folder, first=folder, other=Path(read.folder))
-    elif (folder / SCENE_FILE).exists():
-        data = _copied(read_scene(folder))
+    elif (folder / files.SCENE_FILE).exists():
+        data = _copied(files.read_scene(folder))
     else:
-        found = recognise_folder(folder)
+        found = files.recognise_folder(folder)
         data = found.keys
         if found.ignored:
             say(f"{folder}: not used: {', '.join(found.ignored)}")
-    if calibration is not None:
-        record, method = read_calibration(calibration), stated.get("measure", {}).get("method")
-        apply_calibration(data, record, sets_method=method is None)
-        refuse_idle(data, record, calibration, method)
+    apply_calibration(data, calibration, sets_method="method" not in stated.get("measure", {}))
     given = {section: dict(keys) for section, keys in stated.items()}
     return _plausible(data, _placed(given, folder, first=Path(), other=folder), folder)
 
@@ -73,12 +66,12 @@ def scene_at(path: str | Path, stated: Stated) -> tuple[Scene, list[Path]]:
 
     ``path`` is a scene file, or the folder that holds one.
     """
-    read, path = read_scene(path), Path(path)
+    read, path = files.read_scene(path), Path(path)
     scene = _plausible(_copied(read), stated, read.folder)
-    files = [path / SCENE_FILE if path.is_dir() else path]
+    inputs = [path / files.SCENE_FILE if path.is_dir() else path]
     if scene.asperities is not None and scene.asperities.file is not None:
-        files.append(Path(scene.folder) / scene.asperities.file)
-    return scene, files
+        inputs.append(Path(scene.folder) / scene.asperities.file)
+    return scene, inputs
 
 
 def plausible(scene: Scene) -> Scene:
@@ -89,10 +82,12 @@ def plausible(scene: Scene) -> Scene:
     InputError
         For a value that is probably a slip (`contactimg.plausibility`), without ``--no-plausibility``.
     """
+    from contactimg.plausibility import doubts_about_scene, settle
+
     asperities, loads = None, list[float]()
     with suppress(InputError):  # a file that cannot be read: the command itself says so
-        asperities = read_scene_asperities(scene)
-        loads = read_scene_loads(scene)
+        asperities = files.read_scene_asperities(scene)
+        loads = files.read_scene_loads(scene)
     settle(doubts_about_scene(scene, asperities, loads), str(Path(scene.folder)))
     return scene
 
@@ -130,10 +125,31 @@ def _placed(data: Stated, folder: Path, *, first: Path, other: Path) -> Stated:
 def _has(folder: Path, name: str) -> bool:
     """Whether a name or a glob leads to files from the folder."""
     relative = not Path(name).is_absolute()
-    return named_file(name, folder).exists() or (relative and any(folder.glob(name)))
+    return files.named_file(name, folder).exists() or (relative and any(folder.glob(name)))
 
 
 # --- what a calibration acts on
+
+
+KEYS = {
+    "young_modulus": ("elastic", "young_modulus_Pa", "young_modulus_std_Pa"),
+    "threshold": ("measure", "threshold", "threshold_std"),
+    "edge_shift": ("measure", "edge_shift_px", "edge_shift_std_px"),
+}
+"""Result of a calibration -> section, and key of its value and of its standard uncertainty."""
+
+ACTS_ON = {"threshold": "threshold", "edge_shift": "disk"}
+"""Result of a calibration -> the only method that it acts on."""
+
+
+def results_of(record: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Name -> value and standard uncertainty of what a calibration found.
+
+    A threshold holds at the modulus that it was found with, which is among them.
+    """
+    entries = {"young_modulus": record.get("fixed", {}).get("young_modulus"), **record}
+    found = {name: entry for name in KEYS if (entry := entries.get(name))}
+    return {name: (entry["value"], float(entry.get("std") or 0.0)) for name, entry in found.items()}
 
 
 def apply_calibration(data: Stated, record: Mapping[str, Any], *, sets_method: bool) -> None:
@@ -155,25 +171,17 @@ def apply_calibration(data: Stated, record: Mapping[str, Any], *, sets_method: b
     >>> data["elastic"]
     {'young_modulus_Pa': 2900000.0, 'young_modulus_std_Pa': 10000.0}
     """
-    # a threshold holds at the modulus it was found with
-    modulus = _modulus(record)
-    if modulus is not None:
-        data.setdefault("elastic", {})["young_modulus_Pa"] = modulus["value"]
-        data["elastic"]["young_modulus_std_Pa"] = modulus.get("std") or 0.0
-    measure = data.setdefault("measure", {}) if {"threshold", "edge_shift"} & set(record) else {}
+    for name, numbers in results_of(record).items():
+        section, *keys = KEYS[name]
+        data.setdefault(section, {}).update(zip(keys, numbers, strict=True))
     if "threshold" in record:
-        measure["threshold"] = record["threshold"]["value"]
-        measure["threshold_std"] = record["threshold"].get("std") or 0.0
-        correlation = record.get("correlation", {}).get("threshold, young_modulus")
-        measure["threshold_modulus_correlation"] = correlation or 0.0
+        correlation = record.get("correlation", {}).get("threshold, young_modulus") or 0.0
+        data["measure"]["threshold_modulus_correlation"] = correlation
         if sets_method:
-            measure.setdefault("method", "threshold")
-    if "edge_shift" in record:
-        measure["edge_shift_px"] = record["edge_shift"]["value"]
-        measure["edge_shift_std_px"] = record["edge_shift"].get("std") or 0.0
+            data["measure"].setdefault("method", "threshold")
 
 
-def refuse_idle(data: Stated, record: Mapping[str, Any], path: str, method: str | None) -> None:
+def refuse_idle(record: Mapping[str, Any], path: str, *, method: str) -> None:
     """Refuse a calibration of the threshold where disks are fitted: it would change nothing.
 
     Raises
@@ -181,8 +189,7 @@ def refuse_idle(data: Stated, record: Mapping[str, Any], path: str, method: str 
     InputError
         If it can act on nothing.
     """
-    chosen = method or data.get("measure", {}).get("method", "disk")
-    if record.get("kind") in ("threshold", "plateau") and chosen == "disk":
+    if record.get("kind") in ("threshold", "plateau") and method == "disk":
         raise InputError(
             f'{path}: a threshold acts on the method "threshold" only, and the method here is "disk"; take '
             "--method threshold, or a calibration of the modulus"
@@ -200,18 +207,12 @@ def describe_use(record: Mapping[str, Any], *, method: str) -> str:
     >>> describe_use(record, method="disk")
     'modulus 3 +- 0 MPa on the forces; threshold 0.45 +- 0.01 on nothing: the method is disk'
     """
-    parts, modulus = [], _modulus(record)
-    if modulus is not None:
-        value, std = modulus["value"] * 1e-6, (modulus.get("std") or 0.0) * 1e-6
-        parts.append(f"modulus {value:.4g} +- {std:.2g} MPa on the forces")
-    for name, unit, acts_on in (("threshold", "", "threshold"), ("edge_shift", " px", "disk")):
-        if name in record:
-            value, std = record[name]["value"], record[name].get("std") or 0.0
-            where = "on all radii" if method == acts_on else f"on nothing: the method is {method}"
-            parts.append(f"{name.replace('_', ' ')} {value:.3g} +- {std:.2g}{unit} {where}")
+    parts = []
+    for name, (value, std) in results_of(record).items():
+        factor, unit = {"young_modulus": (1e-6, " MPa"), "edge_shift": (1.0, " px")}.get(name, (1.0, ""))
+        acts_on = "the forces" if name == "young_modulus" else "all radii"
+        if name in ACTS_ON and ACTS_ON[name] != method:
+            acts_on = f"nothing: the method is {method}"
+        said = name.removeprefix("young_").replace("_", " ")
+        parts.append(f"{said} {value * factor:.4g} +- {std * factor:.2g}{unit} on {acts_on}")
     return "; ".join(parts)
-
-
-def _modulus(record: Mapping[str, Any]) -> Any:
-    """The modulus that a calibration found, or was made at."""
-    return record.get("young_modulus") or record.get("fixed", {}).get("young_modulus")

@@ -6,7 +6,9 @@ from .calibrations import CALIBRATION_FILE as CALIBRATION_FILE
 from .calibrations import read_calibration as read_calibration
 from .calibrations import shares_frames as shares_frames
 from .corrections import EVERY_FRAME as EVERY_FRAME
+from .csv_tables import AmbiguousLoadsError as AmbiguousLoadsError
 from .csv_tables import read_asperities as read_asperities
+from .csv_tables import read_load_table as read_load_table
 from .csv_tables import read_loads as read_loads
 from .csv_tables import read_table as read_table
 from .csv_tables import write_table as write_table
@@ -30,6 +32,9 @@ from .figures import figure_bytes as figure_bytes
 from .figures import write_figure as write_figure
 from .figures import write_figures as write_figures
 from .figures import write_palette_image as write_palette_image
+from .folder import FolderFiles as FolderFiles
+from .folder import recognise_folder as recognise_folder
+from .height_maps import read_height_map as read_height_map
 from .output import PROVENANCE_FILE as PROVENANCE_FILE
 from .output import OutputFolder as OutputFolder
 from .output import finish_commit as finish_commit
@@ -51,4 +56,6 @@ from .sources import FrameSeries as FrameSeries
 from .sources import FrameSource as FrameSource
 from .sources import list_frames as list_frames
 from .sources import read_frames as read_frames
+from .tiff import METRES as METRES
+from .tiff import stated_pixel_size as stated_pixel_size
 from .tiff import write_frame as write_frame

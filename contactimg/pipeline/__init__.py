@@ -9,3 +9,7 @@ frames), `calibrate` (the paper's calibrations), `check` (contacts drawn into th
 `overlay` (measured against predicted contacts), `analyse` (several runs together), `tradeoff` (accuracy
 against computing time), `export` (a run for other programs).
 """
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -7,6 +7,7 @@ from .calibration import plot_plateau as plot_plateau
 from .calibration import plot_slopes as plot_slopes
 from .captions import CAPTIONS as CAPTIONS
 from .captions import caption_of as caption_of
+from .check import plot_check as plot_check
 from .curves import plot_pressure_law as plot_pressure_law
 from .curves import plot_profile as plot_profile
 from .curves import plot_topography as plot_topography
@@ -14,7 +15,6 @@ from .design import plot_design as plot_design
 from .images import plot_circles as plot_circles
 from .images import plot_image as plot_image
 from .laws import plot_area as plot_area
-from .laws import plot_area_residuals as plot_area_residuals
 from .laws import plot_areas as plot_areas
 from .laws import plot_friction as plot_friction
 from .overlay import COUPLED as COUPLED

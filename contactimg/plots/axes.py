@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
@@ -30,7 +29,7 @@ LINEAR_DECADES = 0.25
 
 def new_axes(*, size: tuple[float, float] = FIGURE_INCHES) -> Axes:
     """Axes on a new figure outside of pyplot, ``size`` in inches."""
-    return _new_figure(size).add_subplot()
+    return new_figure(size).add_subplot()
 
 
 def axes_with_panel(ax: Axes | None) -> tuple[Axes, Axes | None]:
@@ -38,15 +37,15 @@ def axes_with_panel(ax: Axes | None) -> tuple[Axes, Axes | None]:
     if ax is not None:
         return ax, None
     width, height = FIGURE_INCHES
-    figure = _new_figure((width, height + PANEL_INCHES))
+    figure = new_figure((width, height + PANEL_INCHES))
     top, below = figure.subplots(2, 1, sharex=True, height_ratios=(height - 0.6, PANEL_INCHES))
     top.tick_params(labelbottom=False)
     below.margins(y=RESIDUAL_MARGIN)
     return top, below
 
 
-def _new_figure(size: tuple[float, float]) -> Figure:
-    """A figure that is laid out when it is drawn."""
+def new_figure(size: tuple[float, float]) -> Figure:
+    """A figure outside of pyplot that is laid out when it is drawn, ``size`` in inches."""
     figure = Figure(figsize=size, dpi=FIGURE_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -69,7 +68,7 @@ def add_legend(ax: Axes, *, above: bool, columns: int = 1, **options: Any) -> No
         figure.set_figheight(figure.get_figheight() + LEGEND_ROW_INCHES * rows)
 
 
-def bar_lengths(std: pd.Series, unit: float) -> NDArray[np.float64]:
+def bar_lengths(std: pd.Series, unit: float = 1.0) -> NDArray[np.float64]:
     """Lengths of error bars; zero where the uncertainty is not known."""
     return np.nan_to_num(std.to_numpy(float), nan=0.0) * unit
 
@@ -80,15 +79,10 @@ def scale_by_decades(ax: Axes, *, axes: str = "xy") -> Axes:
         ax.set(**{f"{name}scale": "log"})
         low, high = getattr(ax, f"get_{name}lim")()
         axis = getattr(ax, f"{name}axis")
-        label_plainly(axis, float(np.log10(high / low)))
+        axis.set_major_locator(_decade_locator(float(np.log10(high / low))))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     return ax
-
-
-def label_plainly(axis: Axis, decades: float) -> None:
-    """Write plain numbers on a logarithmic axis of this length."""
-    axis.set_major_locator(_decade_locator(decades))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _decade_locator(decades: float) -> LogLocator | MaxNLocator:

@@ -168,20 +168,20 @@ def plot_forces(
     ax, below = axes_with_panel(ax)
     load, forces = 1e3 * np.asarray(load, float), 1e3 * np.asarray(forces, float)
     ends = np.array([0.0, 1.05 * float(np.max(load, initial=0.0))])
-    equal: dict[str, Any] = {"color": "0.8", "linewidth": 4}  # wide and pale: seen under the fitted line
-    ax.plot(ends, ends, label="\n".join(["sum equals load", *fitted]), **equal)
-    if slope is not None:
-        label = f"slope {number_with_interval(slope)}"
-        ax.plot(ends, slope.value * ends, "--", color=LAW, linewidth=1.2, label=label)
-    marks: dict[str, Any] = {"color": POINTS, "markersize": MARKER_SIZE}
-    ax.plot(load, forces, "o", label="measured", **marks)
-    ax.set(ylabel="sum of the local forces (mN)")
+    for panel, less in ((ax, 0.0), (below, 1.0)):  # the sum, and the sum minus the load
+        if panel is None:
+            continue
+        label = "\n".join(["sum equals load", *fitted])
+        panel.plot(
+            ends, (1 - less) * ends, color="0.8", linewidth=4, label=label
+        )  # seen under the fitted line
+        if slope is not None:
+            label = f"slope {number_with_interval(slope)}"
+            panel.plot(ends, (slope.value - less) * ends, "--", color=LAW, linewidth=1.2, label=label)
+        panel.plot(load, forces - less * load, "o", color=POINTS, markersize=MARKER_SIZE, label="measured")
+    ax.set_ylabel("sum of the local forces (mN)")
     ax.legend(fontsize="small")
     if below is not None:
-        below.axhline(0.0, **equal)
-        below.plot(load, forces - load, "o", **marks)
-        if slope is not None:
-            below.plot(ends, (slope.value - 1) * ends, "--", color=LAW, linewidth=1.2)
         below.set_ylabel("sum minus\nload (mN)")
     (ax if below is None else below).set_xlabel("load P (mN)")
     return ax

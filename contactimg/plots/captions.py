@@ -20,8 +20,6 @@ CAPTIONS = {
     f"and a line joins the frames of one contact at one normal load. {NO_BARS}",
     "strip": "The largest contact under increasing tangential load, about the place where it is in the first "
     "picture; all pictures have the same grey levels. They have no error bars.",
-    "topography": "Height of the asperities against their radius of curvature, with the line of a common "
-    f"contact angle where the data support one. {BARS} of height and radius.",
     "jkr": "Contact radius of the smooth contact against load, with the fitted JKR law. The lower panel "
     f"shows the measured minus the fitted load. {NO_BARS}",
     "slope_threshold": "Slope of the sum of the local forces against the load, for each threshold. The "

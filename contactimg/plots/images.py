@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from contactimg.plots.axes import new_axes
 from contactimg.plots.overlay import MEASURED
 
+Column = NDArray | pd.Series
+
 
 def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None = None) -> Axes:
     """Show an image in grey between its 0.5 and 99.8 % quantiles, with pixel centres at integers.
@@ -39,13 +41,7 @@ def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None =
 
 
 def plot_circles(
-    x: NDArray | pd.Series,
-    y: NDArray | pd.Series,
-    radius: NDArray | pd.Series,
-    *,
-    ax: Axes,
-    color: str = MEASURED,
-    **style: Any,
+    x: Column, y: Column, radius: Column, *, ax: Axes, color: str = MEASURED, **style: Any
 ) -> EllipseCollection:
     """Draw outlines of circles in data units.
 
@@ -58,17 +54,9 @@ def plot_circles(
     **style
         Of the outlines: ``label``, ``linewidth``, ``linestyle``.
     """
-    places, sizes = np.column_stack([x, y]).astype(float), 2 * np.asarray(radius, float)
-    circles = EllipseCollection(
-        sizes,
-        sizes,
-        np.zeros_like(sizes),
-        units="xy",
-        offsets=places,
-        offset_transform=ax.transData,
-        facecolors="none",
-        edgecolors=color,
-        **style,
-    )
+    style |= {"offsets": np.column_stack([x, y]).astype(float), "offset_transform": ax.transData}
+    style |= {"units": "xy", "facecolors": "none", "edgecolors": color}
+    sizes = 2 * np.asarray(radius, float)
+    circles = EllipseCollection(sizes, sizes, np.zeros_like(sizes), **style)
     ax.add_collection(circles, autolim=False)
     return circles

@@ -11,7 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from contactimg.plots.axes import new_axes, scale_by_decades
+from contactimg.plots.axes import new_axes, new_figure, scale_by_decades
 from contactimg.plots.images import plot_image
 
 STRIP_INCHES, MOST_IN_A_ROW = 1.1, 6
@@ -70,9 +70,7 @@ def plot_strip(pictures: Sequence[tuple[str, NDArray]]) -> Axes:
     """
     columns = min(len(pictures), MOST_IN_A_ROW)
     rows = -(-len(pictures) // columns)
-    first = new_axes(size=(STRIP_INCHES * columns, (STRIP_INCHES + 0.2) * rows))
-    figure = first.figure
-    first.remove()
+    figure = new_figure((STRIP_INCHES * columns, (STRIP_INCHES + 0.2) * rows))
     every = figure.subplots(rows, columns, squeeze=False).ravel()
     low = min(float(np.nanmin(pixels)) for _, pixels in pictures)
     high = max(float(np.nanmax(pixels)) for _, pixels in pictures)

@@ -5,13 +5,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter
 
-from contactimg.plots.axes import FIGURE_DPI, new_axes
+from contactimg.plots.axes import new_axes, new_figure, scale_by_decades
 from contactimg.tradeoff.knobs import KNOBS
 from contactimg.tradeoff.measure import cheapest, front_of, knob_sentence
 
@@ -26,7 +24,6 @@ PANEL_INCHES = (4.6, 3.4)  # width and height of a panel with its key
 LABEL_FONT = 8.3  # pt, 6 pt on a page of 170 mm
 LABEL_CHARACTERS, SENTENCE_CHARACTERS = 20, 60  # in a line of the key and of a title
 NUMBER_PT = 4.0  # from a point to its number
-SHORTEST_DECADES = 0.8  # of the time axis, whose labels then stand at 1, 2 and 5
 
 
 def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | None = None) -> Axes:
@@ -78,16 +75,8 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     if key:
         beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
         ax.legend(handles=key, fontsize=LABEL_FONT, **beside)
-    if len(x):
-        ends = np.log10([x.min(), x.max()])
-        half = 0.6 * max(float(np.ptp(ends)), SHORTEST_DECADES)
-        ax.margins(y=0.15)
-        ax.set_xlim(*10.0 ** (ends.mean() + np.array([-half, half])))
-        if half < SHORTEST_DECADES:
-            ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            ax.xaxis.set_major_formatter("{x:g}")
-    ax.xaxis.set_minor_formatter(NullFormatter())
-    return ax
+    ax.margins(x=0.1, y=0.15)
+    return scale_by_decades(ax, axes="x")
 
 
 def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes:
@@ -107,16 +96,12 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
     """
     groups = [part for _, part in table.groupby("knob", sort=False)]
     width, height = PANEL_INCHES
-    figure = Figure(figsize=(width * len(groups), height), layout="constrained", dpi=FIGURE_DPI)
-    FigureCanvasAgg(figure)
+    figure = new_figure((width * len(groups), height))
     panels = list(figure.subplots(1, len(groups), squeeze=False).ravel())
+    entries: dict[str, Artist] = {}
     for ax, part in zip(panels, groups, strict=True):
-        plot_knob(part, relative=relative, ax=ax)
-    entries = {
-        label: handle
-        for ax in panels[: len(groups)]
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
-    }
+        handles, labels = plot_knob(part, relative=relative, ax=ax).get_legend_handles_labels()
+        entries |= zip([str(label) for label in labels], handles, strict=True)
     figure.legend(
         entries.values(),
         entries.keys(),

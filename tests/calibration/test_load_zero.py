@@ -179,5 +179,5 @@ def test_a_threshold_is_refused_where_it_cannot_act_and_brings_its_modulus_where
     apply_calibration(data, record, sets_method=True)
     assert data["elastic"]["young_modulus_Pa"] == 2.85e6
     with pytest.raises(InputError, match='acts on the method "threshold" only'):
-        refuse_idle(data, record, "calibration.json", None)
-    refuse_idle(data, record, "calibration.json", "threshold")
+        refuse_idle(record, "calibration.json", method="disk")
+    refuse_idle(record, "calibration.json", method="threshold")

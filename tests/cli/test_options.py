@@ -8,14 +8,13 @@ import pytest
 from click.testing import CliRunner
 
 from contactimg.cli import commands
-from contactimg.cli.options import Count, NonNegative, SceneOption, command, scene_options
+from contactimg.cli.options import Count, NonNegative, SceneOption, command
 from contactimg.scene import section_keys
 
 SEEN = {}
 
 
-@command()
-@scene_options(SceneOption("--lens-radius-mm", "indenter", "radius_m"))
+@command(SceneOption("--lens-radius-mm", "indenter", "radius_m"))
 def draw_lines(
     name: str,
     others: Annotated[tuple[str, ...], "OTHER..."] = (),

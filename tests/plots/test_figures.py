@@ -60,7 +60,7 @@ def test_forces_show_the_fitted_slope_and_what_is_left():
     load = np.array([0.1, 0.2])
     ax = plot_forces(load, 1.1 * load, slope=CoverageEstimate(1.1, 0.01, 1.08, 1.12))
     assert "slope 1.100 (1.080 to 1.120)" in texts(ax)
-    assert ax.figure.axes[1].lines[1].get_ydata().tolist() == pytest.approx([10, 20])
+    assert ax.figure.axes[1].lines[-1].get_ydata().tolist() == pytest.approx([10, 20])
 
 
 def test_jkr_has_its_residuals_below_and_marks_what_is_not_used():

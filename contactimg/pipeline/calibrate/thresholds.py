@@ -25,7 +25,7 @@ from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.measured_series import find_pose, local_law, locate_frames, with_forces
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.series import measure_parts
-from contactimg.plausibility import MAX_SCANNED_FORCES_OVER_LOAD, doubts_about_forces, settle
+from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
 from contactimg.plots.numbers import number_with_interval, plain_number
 from contactimg.scene import Scene
@@ -250,8 +250,7 @@ def run_threshold(
     slopes = [load_slope(row, load, **errors) for row in series.forces]
     values, stds = (np.array([getattr(slope, name) for slope in slopes]) for name in ("value", "std"))
     closest = float(values[np.argmin(np.abs(np.log(np.maximum(values, np.finfo(float).tiny))))])
-    most = MAX_SCANNED_FORCES_OVER_LOAD
-    settle(doubts_about_forces(slope=closest, young_modulus=modulus.value, most=most), "the calibration")
+    settle(doubts_about_forces(slope=closest, young_modulus=modulus.value, scanned=True), "the calibration")
     found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
     if scene.measure.method == "disk":
         notes.append(
