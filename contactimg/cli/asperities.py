@@ -53,8 +53,8 @@ def asperities(
         How far down the sphere is fitted, as a share of the height of the summit.
     """
     from contactimg.files import write_table
+    from contactimg.files.decoders import METRES
     from contactimg.files.height_maps import read_height_map
-    from contactimg.files.tiff import METRES
     from contactimg.summits import SummitSearch, find_summits
     from contactimg.tables import SUMMITS
 

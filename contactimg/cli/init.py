@@ -86,8 +86,8 @@ def init(
 def _ask_loads(folder: Path) -> None:
     """Ask which column of a table is the load where several may be, and write that one to loads.csv."""
     from contactimg.files import write_table
-    from contactimg.files.csv_tables import AmbiguousLoadsError, read_load_table
-    from contactimg.files.folder import recognise_folder
+    from contactimg.files.experiment import recognise_folder
+    from contactimg.files.tables import AmbiguousLoadsError, read_load_table
     from contactimg.tables import LOADS
 
     found = recognise_folder(folder)
@@ -106,8 +106,8 @@ def _ask_loads(folder: Path) -> None:
 
 def _recognise(folder: Path) -> tuple[shared.Stated, list[str]]:
     """Keys of a scene that names, tables and headers tell, and what to say of them; no pixels are read."""
-    from contactimg.files.folder import recognise_folder
-    from contactimg.files.tiff import stated_pixel_size
+    from contactimg.files.decoders import stated_pixel_size
+    from contactimg.files.experiment import recognise_folder
 
     found = recognise_folder(folder)
     frames, reference, masks = found.frames, found.images["reference"], found.images["mask"]

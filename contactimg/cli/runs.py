@@ -112,11 +112,10 @@ def report(
     max_pictures
         Largest number of frames to show; of a longer series, evenly spaced ones.
     """
-    from contactimg.files import remove_leftovers, write_text
+    from contactimg.files import write_text
     from contactimg.report import build_report
 
     target = Path(output) if output is not None else Path(run) / "report.html"
-    remove_leftovers(target)
     write_text(build_report(run, others=others, max_pictures=max_pictures), target)
     say(f"report in {target}")
 
@@ -271,9 +270,7 @@ def import_rois(
     """
     from datetime import UTC, datetime
 
-    import pandas as pd
-
-    from contactimg.files import edits_file, read_edits, read_run, write_edits
+    from contactimg.files import EditsFile, edits_file, read_run
     from contactimg.pipeline.export import edits_from_regions
 
     source = read_run(run)
@@ -281,8 +278,7 @@ def import_rois(
     edits = edits_from_regions(source, Path(file), frame=frame, author=author, time=time)
     target = Path(output) if output is not None else edits_file(source.scene, source.folder)
     if len(edits):
-        present = [read_edits(target)] if target.is_file() else []
-        write_edits(pd.concat([*present, edits], ignore_index=True), target)
+        EditsFile(target).insert(edits)
     counts = edits["action"].value_counts()
     told = ", ".join(f"{counts.get(action, 0)} {action}" for action in ("exclude", "add"))
     say(f"{told} in {target}; run `contactimg process` again" if len(edits) else "nothing was changed")

@@ -16,7 +16,7 @@ from contactimg.files import (
     read_scene_asperities,
     read_scene_loads,
 )
-from contactimg.files.folder import recognise_folder
+from contactimg.files.experiment import recognise_folder
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene, scene_from_dict
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contactimg import Flag, InputError
-from contactimg.files import csv_tables, read_asperities, read_loads, read_table, write_table
+from contactimg.files import read_asperities, read_loads, read_table, tables, write_table
 from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS
 
 SCHEMAS = [ASPERITIES, CONTACTS, FRAMES]  # between them every kind of column
@@ -85,7 +85,7 @@ def test_asperities(tmp_path):
 
 
 def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(csv_tables, "_BLOCK_ROWS", 7)
+    monkeypatch.setattr(tables, "_BLOCK_ROWS", 7)
     lines = [f"f{k}.tif,{k / 7!r}" for k in range(50)]
     loads = loads_of(tmp_path, "frame,load_N\n" + "\n".join(lines))
     assert loads["load_N"].tolist() == [k / 7 for k in range(50)]
