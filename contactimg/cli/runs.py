@@ -108,7 +108,6 @@ def report(
     from contactimg.report import build_report
 
     target = Path(output or Path(run) / "report.html")
-    files.remove_leftovers(target)
     files.write_text(build_report(run, others=others, max_pictures=max_pictures), target)
     say(f"report in {target}")
 
@@ -251,15 +250,12 @@ def import_rois(
     """
     from datetime import UTC, datetime
 
-    import pandas as pd
-
     source = files.read_run(run)
     time = datetime.now(UTC).isoformat(timespec="seconds")
     edits = pipeline.edits_from_regions(source, Path(file), frame=frame, author=author, time=time)
     target = Path(output or files.edits_file(source.scene, source.folder))
     if len(edits):
-        present = [files.read_edits(target)] if target.is_file() else []
-        files.write_edits(pd.concat([*present, edits], ignore_index=True), target)
+        files.EditsFile(target).insert(edits)
     counts = edits["action"].value_counts()
     told = ", ".join(f"{counts.get(action, 0)} {action}" for action in ("exclude", "add"))
     say(f"{told} in {target}; run `contactimg process` again" if len(edits) else "nothing was changed")

@@ -5,13 +5,13 @@ import pickle
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, wait
+from concurrent.futures import CancelledError, Future, wait
 from contextlib import contextmanager
 from functools import lru_cache, partial
 from itertools import islice
 from multiprocessing import parent_process
 from pathlib import Path
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Any, TypeVar
 
 import cloudpickle
@@ -46,14 +46,10 @@ MOST_FAILURES = 8
 """Calls in a row, each of which ended its process alone, after which no other is made. Chosen: then it is not
 the calls, and each failure costs seconds, in which processes start."""
 
-_THREADS = (
-    "BLIS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
+LOOK_EVERY_SECONDS = 2.0
+"""While a result is awaited: how often it is asked whether there is still a worker. Chosen by hand."""
+
+_THREADED = ("BLIS", "MKL", "NUMBA", "OMP", "OPENBLAS", "VECLIB")
 
 
 def in_parallel(
@@ -94,10 +90,10 @@ def in_parallel(
     """
     cluster, items = cluster_in_use(), iter(arguments)
     if cluster is not None:
-        return _shared(cluster.holding, cluster.processes(), function, items, lost)
+        return _shared(cluster, function, items, lost)
     processes = _processes(workers)
     if workers is not None and processes > 1:
-        return _shared(partial(_local, processes), processes, function, items, lost)
+        return _shared(_Processes(processes), function, items, lost)
     return _begun_alone(function, items, count, processes, lost)
 
 
@@ -125,52 +121,50 @@ def _begun_alone(
         yield result
         # the first call may have loaded compiled functions, so that its time is not that of the others
         if done > 1 and saved > (HANDING_SECONDS if workers_wait() else START_SECONDS):
-            yield from _shared(partial(_local, processes), processes, function, items, lost)
+            yield from _shared(_Processes(processes), function, items, lost)
             return
 
 
 def _shared(
-    pool_of: Callable[[Callable[..., Any]], Any],
-    processes: int,
+    workers: Any,
     function: Callable[..., Result],
     items: Iterator[tuple[Any, ...]],
     lost: Callable[..., Result] | None,
 ) -> Iterator[Result]:
-    """Results from a pool; where stages are timed, those of its processes are as well."""
+    """Results from workers; where stages are timed, those of their processes are as well."""
     if not is_collecting():
-        return _in_order(pool_of, function, items, lost)
-    lost_in_time = None if lost is None else partial(collect_call, lost)
-    return gather(
-        _in_order(pool_of, partial(collect_call, function), items, lost_in_time), processes=processes
-    )
+        return _in_order(workers, function, items, lost)
+    timed_lost = None if lost is None else partial(collect_call, lost)
+    results = _in_order(workers, partial(collect_call, function), items, timed_lost)
+    return gather(results, processes=workers.processes())
 
 
 def _in_order(
-    pool_of: Callable[[Callable[..., Any]], Any],
+    workers: Any,
     function: Callable[..., Result],
     items: Iterator[tuple[Any, ...]],
     lost: Callable[..., Result] | None,
 ) -> Iterator[Result]:
-    """Results of a pool in order.
+    """Results of workers (`_Processes` or a `contactimg.engine.cluster.Cluster`) in order.
 
-    A caller that is slower than the processes holds them up: no more results than the pool has room for wait
-    in memory. If the caller stops, the calls that still run are dropped.
+    A caller that is slower than they are holds them up: no more than `AHEAD` results for each process wait in
+    memory. If the caller stops, the calls that still run are dropped.
     """
-    calls, failures = deque[tuple[tuple[Any, ...], Any]](), 0
-    with pool_of(function) as pool:
+    calls, failures = deque[tuple[tuple[Any, ...], Future[Result]]](), 0
+    with workers.holding(function) as submit:
         try:
             while True:
-                for item in islice(items, max(pool.room() - len(calls), 0)):
-                    calls.append((item, pool.submit(item)))
+                for item in islice(items, max(AHEAD * workers.processes() - len(calls), 0)):
+                    calls.append((item, submit(item)))
                 if not calls:
                     return
                 item, future = calls[0]
                 try:
                     try:
-                        result = pool.result(future)
+                        result = _result(workers, future)
                     except WorkerEndedError:  # by any call under way: this one is made again alone
-                        pool.settle([other for _, other in calls])
-                        result = pool.result(pool.submit(item))
+                        _settle(workers, [other for _, other in calls])
+                        result = _result(workers, submit(item))
                     failures = 0
                 except WorkerEndedError as error:
                     failures += 1
@@ -184,73 +178,75 @@ def _in_order(
                 yield result
         finally:
             if calls:
-                pool.drop()
+                workers.drop()
 
 
-class _LocalPool:
-    """Processes of this machine that take calls of one function, started anew when one of them was ended."""
+def _settle(workers: Any, futures: list[Future[Any]]) -> None:
+    """Wait until calls have ended, in whatever way, as long as there are workers."""
+    seen = monotonic()
+    while wait(futures, LOOK_EVERY_SECONDS).not_done:
+        seen = workers.seen(seen)
 
-    def __init__(self, file: str, processes: int) -> None:
-        self._file, self._processes = file, processes
-        self._executor = self._started()
 
-    def _started(self) -> Any:
+def _result(workers: Any, future: Future[Result]) -> Result:
+    """The result of a call when it is there; its error in the words of the workers."""
+    _settle(workers, [future])
+    error = CancelledError() if future.cancelled() else future.exception()
+    if error is not None:
+        raise workers.named(error) from None
+    return future.result()
+
+
+class _Processes:
+    """Processes of this machine that take calls, started anew when one of them was ended."""
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+
+    def processes(self) -> int:
+        return self._count
+
+    def _executor(self) -> Any:
+        threads = str(max(1, cpu_count() // self._count))
+        names = [f"{library}_NUM_THREADS" for library in _THREADED]
         executor = get_reusable_executor(
-            max_workers=self._processes,
+            max_workers=self._count,
             timeout=IDLE_SECONDS,
             initializer=live_with_parent,
             initargs=(os.getpid(),),
-            env={
-                name: os.environ.get(name, str(max(1, cpu_count() // self._processes))) for name in _THREADS
-            },
+            env={name: os.environ.get(name, threads) for name in names},
         )
         keep_workers(executor)
         return executor
 
-    def room(self) -> int:
-        """Calls that may be under way."""
-        return AHEAD * self._processes
+    @contextmanager
+    def holding(self, function: Callable[..., Result]) -> Iterator[Callable[..., Future[Result]]]:
+        """Processes for calls of a function, which each reads once from a file: it may hold images.
 
-    def submit(self, item: tuple[Any, ...]) -> Any:
-        """Make a call."""
+        The file is deleted when this process ends, whatever ends it.
+        """
+        handle, name = tempfile.mkstemp(prefix="contactimg_", suffix=".pickle")
+        resource_tracker.register(name, "file")
         try:
-            return self._executor.submit(_call, self._file, *item)
-        except BrokenProcessPool:
-            self._executor = self._started()
-            return self._executor.submit(_call, self._file, *item)
+            with os.fdopen(handle, "wb") as file:
+                cloudpickle.dump(function, file, protocol=pickle.HIGHEST_PROTOCOL)
+            yield lambda item: self._executor().submit(_call, name, *item)
+        finally:
+            resource_tracker.maybe_unlink(name, "file")
 
-    def result(self, future: Future[Any]) -> Any:
-        """The result of a call when it is there; `WorkerEndedError` if its worker was ended."""
-        try:
-            return future.result()
-        except BrokenProcessPool:
-            raise WorkerEndedError(
+    def seen(self, last: float) -> float:
+        """Nothing is to be looked for: a process of this machine that has gone ends its calls."""
+        return last
+
+    def named(self, error: BaseException) -> BaseException:
+        if isinstance(error, BrokenProcessPool):
+            return WorkerEndedError(
                 "ended its process, in the end with no other beside it, perhaps because memory ran out"
-            ) from None
-
-    def settle(self, futures: list[Future[Any]]) -> None:
-        """Wait until calls have ended, in whatever way."""
-        wait(futures)
+            )
+        return error
 
     def drop(self) -> None:
-        """End the calls that are under way, with their processes."""
         end_workers()
-
-
-@contextmanager
-def _local(processes: int, function: Callable[..., Any]) -> Iterator[_LocalPool]:
-    """Processes for calls of a function, which each reads once from a file: it may hold images.
-
-    The file is deleted when this process ends, whatever ends it.
-    """
-    handle, name = tempfile.mkstemp(prefix="contactimg_", suffix=".pickle")
-    resource_tracker.register(name, "file")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            cloudpickle.dump(function, file, protocol=pickle.HIGHEST_PROTOCOL)
-        yield _LocalPool(name, processes)
-    finally:
-        resource_tracker.maybe_unlink(name, "file")
 
 
 def _call(file: str, *arguments: Any) -> Any:

@@ -8,7 +8,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
 from contextlib import chdir, contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
@@ -20,7 +20,7 @@ from uuid import uuid4
 from contactimg.errors import ContactimgError, InputError, finite_number
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
 
 LIBRARIES = ("numpy", "scipy", "numba", "pandas", "opencv-python-headless", "scikit-image", "finufft")
 """Libraries that compute numbers."""
@@ -33,14 +33,9 @@ system."""
 PATIENCE_VARIABLE = "CONTACTIMG_CLUSTER_WAIT_S"
 """Environment variable with the patience in seconds."""
 
-CALLS_PER_PROCESS = 4
-"""Calls that are handed out at a time, per process of the cluster. Chosen: no process waits while the results
-of a slow call before them are awaited; sensitivity not measured."""
-
 SENDING_TRIES = 3
 """Times that a function is sent while workers are being ended. Chosen by hand; changes no result."""
 
-_LOOK_EVERY_SECONDS = 2.0  # whether there is still a worker
 _CLOSE_SECONDS = 5.0  # chosen: a connection that cannot be closed in this time is left to the system
 
 _one_at_a_time = threading.Lock()
@@ -121,11 +116,11 @@ class Cluster:
 
     def processes(self) -> int:
         """Threads of all workers now; one at least."""
-        with self.failures_named():
+        with self._failures_named():
             return max(1, sum(self.client.nthreads().values()))
 
     @contextmanager
-    def holding(self, function: Callable[..., Any]) -> Iterator["_ClusterPool"]:
+    def holding(self, function: Callable[..., Any]) -> Iterator[Callable[..., Future]]:
         """The workers with a function, those that come later as well.
 
         A function that calls depend on as on a result is lost with the only worker that has it: distributed
@@ -136,16 +131,23 @@ class Cluster:
         class CommonTask(WorkerPlugin):
             task = function, str(Path.cwd()), installation()
 
-        name = f"contactimg-{uuid4().hex}"
-        with self.failures_named():
-            for _ in range(SENDING_TRIES - 1):
-                with suppress(OSError):  # a worker was ended just then
+        name, executor = f"contactimg-{uuid4().hex}", self.client.get_executor(pure=False)
+
+        def submit(item: tuple[Any, ...]) -> Future:
+            with self._failures_named(), warnings.catch_warnings():
+                warnings.filterwarnings("ignore", message="Sending large graph", category=UserWarning)
+                return executor.submit(_call, name, item)
+
+        with self._failures_named():
+            for tries_left in reversed(range(SENDING_TRIES)):
+                try:
                     self.client.register_plugin(CommonTask(), name=name)
                     break
-            else:
-                self.client.register_plugin(CommonTask(), name=name)
+                except OSError:  # a worker was ended just then
+                    if not tries_left:
+                        raise
         try:
-            yield _ClusterPool(self, name)
+            yield submit
         finally:
             scheduler: Any = self.client.scheduler
             with suppress(Exception):  # it may have gone
@@ -153,73 +155,52 @@ class Cluster:
                     scheduler.unregister_worker_plugin, name=name, callback_timeout=_CLOSE_SECONDS
                 )
 
+    def seen(self, last: float) -> float:
+        """When there was a worker: now, or else the ``last`` time, unless that is too long ago."""
+        limit = patience()
+        with self._failures_named():
+            if self.client.nthreads():
+                return time.monotonic()
+        if time.monotonic() - last > limit:
+            raise ClusterError(
+                f"the cluster at {self.place} has had no worker for {limit:g} s; start workers "
+                f"and the same command again, or set {PATIENCE_VARIABLE} to wait longer"
+            )
+        return last
+
+    def named(self, error: BaseException) -> BaseException:
+        """The error of a call, or what it says about the cluster."""
+        from distributed import KilledWorker
+
+        if isinstance(error, CancelledError):  # its scheduler has gone
+            return self._gone(error)
+        if isinstance(error, KilledWorker):
+            return WorkerEndedError(
+                "ended every worker of the cluster that tried it, in the end alone, perhaps because memory "
+                "ran out there"
+            )
+        if isinstance(error, ModuleNotFoundError):
+            return ClusterError(f"a worker of the cluster has {error}; install contactimg there")
+        return error
+
+    def drop(self) -> None:
+        """Nothing to do: the scheduler forgets what is left with the connection."""
+
+    def _gone(self, error: BaseException) -> ClusterError:
+        return ClusterError(
+            f"the cluster at {self.place} cannot go on ({type(error).__name__}: {error}); if its "
+            "scheduler has gone, start it and the same command again"
+        )
+
     @contextmanager
-    def failures_named(self) -> Iterator[None]:
+    def _failures_named(self) -> Iterator[None]:
         """Turn the errors of a connection into a sentence."""
         from distributed.client import ClosedClientError
 
         try:
             yield
-        except ContactimgError:
-            raise
         except (CancelledError, ClosedClientError, OSError, RuntimeError) as error:
-            raise ClusterError(
-                f"the cluster at {self.place} cannot go on ({type(error).__name__}: {error}); if its "
-                "scheduler has gone, start it and the same command again"
-            ) from None
-
-
-class _ClusterPool:
-    """The workers of a cluster that have a function; see `contactimg.engine.calls._LocalPool`."""
-
-    def __init__(self, cluster: Cluster, name: str) -> None:
-        self._cluster, self._name = cluster, name
-
-    def room(self) -> int:
-        return CALLS_PER_PROCESS * self._cluster.processes()
-
-    def submit(self, item: tuple[Any, ...]) -> "Future":
-        with self._cluster.failures_named(), warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Sending large graph", category=UserWarning)
-            return self._cluster.client.submit(_call, self._name, item, pure=False)
-
-    def result(self, future: "Future") -> Any:
-        from distributed import KilledWorker
-
-        with self._cluster.failures_named():
-            error = self._error_of(future)
-            if error is None:
-                return future.result()
-        if isinstance(error, KilledWorker):
-            raise WorkerEndedError(
-                "ended every worker of the cluster that tried it, in the end alone, perhaps because memory "
-                "ran out there"
-            )
-        if isinstance(error, ModuleNotFoundError):
-            raise ClusterError(f"a worker of the cluster has {error}; install contactimg there")
-        raise error
-
-    def settle(self, futures: list["Future"]) -> None:
-        with self._cluster.failures_named():
-            for future in futures:
-                self._error_of(future)
-
-    def drop(self) -> None:
-        """Nothing to do: the scheduler forgets calls whose futures are gone."""
-
-    def _error_of(self, future: "Future") -> Exception | None:
-        """The error of a future, or None, when it is there; waits as long as there are workers."""
-        limit, seen = patience(), time.monotonic()
-        while True:
-            with suppress(TimeoutError):
-                return future.exception(timeout=_LOOK_EVERY_SECONDS)
-            if self._cluster.client.nthreads():
-                seen = time.monotonic()
-            elif time.monotonic() - seen > limit:
-                raise ClusterError(
-                    f"the cluster at {self._cluster.place} has had no worker for {limit:g} s; start workers "
-                    f"and the same command again, or set {PATIENCE_VARIABLE} to wait longer"
-                )
+            raise self._gone(error) from None
 
 
 def cluster_in_use() -> Cluster | None:

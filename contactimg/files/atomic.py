@@ -3,8 +3,6 @@
 import json
 import math
 import os
-import re
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +16,7 @@ from contactimg.timings import stage
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path in the same folder; it replaces ``path`` if the block ends without an error.
+    """Yield a hidden path in the same folder; it replaces ``path`` if the block ends without an error.
 
     Parameters
     ----------
@@ -30,6 +28,10 @@ def replacing(path: str | Path) -> Iterator[Path]:
     InputError
         If the file cannot be written, with the system's reason.
 
+    Notes
+    -----
+    The hidden path has one name, so that what a killed process leaves is overwritten by the next one.
+
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
@@ -40,17 +42,10 @@ def replacing(path: str | Path) -> Iterator[Path]:
     'whole'
     """
     path = Path(path)
+    part = path.with_name(f".{path.name}.part")
     try:
-        handle, name = tempfile.mkstemp(
-            prefix=f".{path.name}.{os.getpid()}.", suffix=".part", dir=path.parent
-        )
-        os.close(handle)
-        part = Path(name)
         try:
             yield part
-            mask = os.umask(0)  # which mkstemp ignores
-            os.umask(mask)
-            part.chmod(0o666 & ~mask)
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
@@ -58,30 +53,12 @@ def replacing(path: str | Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
-def remove_leftovers(path: str | Path) -> None:
-    """Delete temporary files of `replacing` for this path whose process was killed."""
-    path = Path(path)
-    if not path.parent.is_dir():
-        return
-    pattern = re.compile(re.escape(f".{path.name}.") + r"(\d+)\.[^.]+\.part")
-    with os.scandir(path.parent) as entries:
-        found = [(entry.path, match) for entry in entries if (match := pattern.fullmatch(entry.name))]
-    for name, match in found:
-        if not _is_running(int(match[1])):
-            Path(name).unlink(missing_ok=True)
-
-
-def _is_running(process: int) -> bool:
-    """Whether a process with this number exists; taken to be so where it cannot be asked (Windows)."""
-    if os.name != "posix":
-        return True
+def read_bytes(path: str | Path) -> bytes:
+    """The content of a file, or an `InputError` with the system's reason."""
     try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        return True
-    return True
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
 
 
 @stage("writing")

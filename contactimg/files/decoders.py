@@ -1,28 +1,35 @@
-"""Rules of every decoder (the largest image, one grey level per pixel), and those of images that are no TIFF.
+"""Pixels of one image of a file: TIFF, stills, Norpix sequences and videos; and TIFF written losslessly.
 
-What a header claims is checked before memory is taken.
-
-Stills hold one image each and are recognised by their first bytes. Norpix sequences (``.seq``, StreamPix) are
-uncompressed and monochrome. Videos are read with OpenCV.
+What a header claims is checked before memory is taken. Stills hold one image each and are recognised by their
+first bytes. Norpix sequences (``.seq``, StreamPix) are uncompressed and monochrome. Videos are read with
+OpenCV.
 """
 
 import io
+import logging
+import math
 import os
 import struct
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import cv2
 import imagecodecs
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from contactimg.errors import InputError
+from contactimg.files.atomic import replacing
+from contactimg.frame import Frame
+from contactimg.timings import stage
 
 MAX_PIXELS = 200_000_000
 """Largest image in pixels: 1.6 GB in double precision, twelve times a camera of 16 megapixels. Chosen: it
@@ -30,10 +37,6 @@ stops headers that lie and decompression bombs; the environment variable `MAX_PI
 
 MAX_PIXELS_VARIABLE = "CONTACTIMG_MAX_PIXELS"
 """Environment variable with the largest number of pixels of an image."""
-
-
-class ImageTooLargeError(ValueError):
-    """An image beyond the limit."""
 
 
 def max_pixels() -> int:
@@ -68,12 +71,12 @@ def check_size(columns: int, rows: int, samples: int = 1) -> None:
 
     Raises
     ------
-    ImageTooLargeError
+    ValueError
         With the size and how to raise the limit.
     """
     pixels, most = int(columns) * int(rows) * max(1, int(samples) // 4), max_pixels()
     if pixels > most:
-        raise ImageTooLargeError(
+        raise ValueError(
             f"its header says {int(columns)} x {int(rows)} pixels, more than {most}; "
             f"if that is right, set {MAX_PIXELS_VARIABLE}"
         )
@@ -99,10 +102,6 @@ _EXACT = {
 }
 
 
-class UnsupportedPixelsError(ValueError):
-    """Pixels that cannot be converted to grey levels."""
-
-
 class Pixels(NamedTuple):
     """The result of a decoder: grey (rows, columns) or colour (rows, columns, 3), and the full scale."""
 
@@ -126,7 +125,7 @@ def to_grey(array: NDArray) -> NDArray:
 
     Raises
     ------
-    UnsupportedPixelsError
+    ValueError
         If the dtype or the number of channels has no grey level.
 
     Examples
@@ -135,12 +134,12 @@ def to_grey(array: NDArray) -> NDArray:
     array([[200., 200.]], dtype=float32)
     """
     if str(array.dtype) not in _EXACT:
-        raise UnsupportedPixelsError(f"pixels of type {array.dtype} are not supported")
+        raise ValueError(f"pixels of type {array.dtype} are not supported")
     exact = np.dtype(_EXACT[str(array.dtype)])
     if array.ndim == 2:
         return np.ascontiguousarray(array, dtype=exact)
     if array.ndim != 3 or array.shape[2] != 3:
-        raise UnsupportedPixelsError(f"an image of shape {array.shape} is neither grey nor red-green-blue")
+        raise ValueError(f"an image of shape {array.shape} is neither grey nor red-green-blue")
     wide = np.float64 if exact.itemsize > 4 else np.float32
     return np.ascontiguousarray(array @ LUMA, dtype=wide)
 
@@ -179,7 +178,7 @@ def _decode_other(data: bytes) -> NDArray:
         with Image.open(io.BytesIO(data), formats=("JPEG", "BMP")) as image:
             check_size(*image.size)
             if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
-                raise UnsupportedPixelsError(f"colours of type {image.mode} are not supported")
+                raise ValueError(f"colours of type {image.mode} are not supported")
             return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGB"))
     except UnidentifiedImageError:
         raise ValueError("the content is not that of a PNG, JPEG or BMP image") from None
@@ -243,11 +242,9 @@ def _read_layout(path: Path) -> _Layout:
 def _check_kind(kind: int, bits: int, compression: int) -> None:
     """Raise unless the images are monochrome, 8 or 16 bits, uncompressed."""
     if compression != 0:
-        raise UnsupportedPixelsError(
-            "compressed Norpix sequences are not supported; export it uncompressed or as TIFF"
-        )
+        raise ValueError("compressed Norpix sequences are not supported; export it uncompressed or as TIFF")
     if kind != _MONOCHROME or bits not in (8, 16):
-        raise UnsupportedPixelsError(
+        raise ValueError(
             "only monochrome Norpix sequences of 8 or 16 bits are supported, "
             f"got image format {kind} of {bits} bits"
         )
@@ -303,3 +300,286 @@ def _quiet() -> Iterator[None]:
         finally:
             os.dup2(stderr, 2)
             os.close(stderr)
+
+
+# --- TIFF pages of any bit depth, byte order, compression and photometric type
+
+_MAX_SAMPLE_VALUE = 281  # TIFF 6.0, section 8
+_SMALLEST_PAGE = 18  # bytes of a page header with one tag (TIFF 6.0, section 2)
+_PHOTOMETRIC = tifffile.PHOTOMETRIC
+_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # little and big endian, classic and BigTIFF
+_complaints: ContextVar[list[str] | None] = ContextVar("complaints", default=None)
+
+
+def _collect(record: logging.LogRecord) -> bool:
+    """Filter of the logger of tifffile: inside `_opened` records are collected instead of printed."""
+    complaints = _complaints.get()
+    if complaints is None:
+        return True
+    complaints.append(record.getMessage())
+    return False
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[tifffile.TiffFile, list[str]]]:
+    """The open file, and the messages that tifffile logs in this thread."""
+    with path.open("rb") as file:
+        if file.read(4) not in _SIGNATURES:
+            raise ValueError("the content is not that of a TIFF image")
+    logging.getLogger("tifffile").addFilter(_collect)  # adding it again changes nothing
+    complaints: list[str] = []
+    token = _complaints.set(complaints)
+    try:
+        with tifffile.TiffFile(path) as tif:
+            yield tif, complaints
+    except (tifffile.TiffFileError, struct.error) as error:
+        raise ValueError(f"the file is truncated or damaged: {error}") from None
+    finally:
+        _complaints.reset(token)
+
+
+def list_tiff(path: Path) -> list[int]:
+    """Numbers of the pages that are images, not thumbnails or masks.
+
+    If the chain of pages is broken or a ring, one more number stands for the lost pages.
+    """
+    with _opened(path) as (tif, complaints):
+        count = max(_undivided(tif), _planes(tif))
+        if count > 1:
+            return list(range(count))
+        most = tif.filehandle.size // _SMALLEST_PAGE + 1  # more only if the chain of pages is a ring
+        numbered = enumerate(islice(_pages(tif), most + 1))
+        pages = [k for k, page in numbered if k == most or not (page.is_reduced or page.is_mask)]
+        lost = any("TiffPages" in complaint for complaint in complaints)
+        return [*pages, len(tif.pages)] if lost and most not in pages else pages
+
+
+def read_tiff(path: Path, index: int) -> Pixels:
+    """Pixels of page number ``index``, from 0, of a TIFF file."""
+    with _opened(path) as (tif, _):
+        if _undivided(tif) > 1:
+            _check_page_size(_pages(tif)[0])
+            return _interpret(_pages(tif)[0], _read_undivided(tif, index))
+        divided = _planes(tif) > 1
+        number = 0 if divided else index
+        if number > tif.filehandle.size // _SMALLEST_PAGE or not _has_page(tif, number):
+            raise ValueError(f"the file is truncated or damaged after page {number - 1}")
+        page = _pages(tif)[number]
+        _check_page_size(page)
+        _check_complete(page, tif.filehandle.size)
+        array = page.asarray()
+        if divided:
+            return _interpret(page, array[index])
+        return _interpret(page, np.moveaxis(array, 0, -1) if page.axes == "SYX" else array)
+
+
+def _pages(tif: tifffile.TiffFile) -> Sequence[tifffile.TiffPage]:
+    """The pages, each with all its tags."""
+    return cast("Sequence[tifffile.TiffPage]", tif.pages)
+
+
+def _has_page(tif: tifffile.TiffFile, index: int) -> bool:
+    """True if the chain of pages contains this one; later pages are not read."""
+    try:
+        return tif.pages[index] is not None
+    except IndexError:
+        return False
+
+
+def _planes(tif: tifffile.TiffFile) -> int:
+    """Grey images of a stack whose writer took three or four for the planes of a colour image; else 1.
+
+    tifffile, and with it imageio and scikit-image, writes an array of shape (3, rows, columns) in this way;
+    colours that other programs store by planes have no description of an array.
+    """
+    page = _pages(tif)[0]
+    taken = page.photometric == _PHOTOMETRIC.RGB and page.axes == "SYX" and tif.is_shaped
+    return page.samplesperpixel if taken and not _has_page(tif, 1) else 1
+
+
+def _undivided(tif: tifffile.TiffFile) -> int:
+    """Images of a stack that has one page header for all (ImageJ beyond 4 GB); else 1."""
+    if not tif.is_imagej or not tif.pages[0].is_contiguous or _has_page(tif, 1):
+        return 1
+    stated, page = int((tif.imagej_metadata or {}).get("images", 1)), tif.pages[0]
+    # one number beyond the end of the file stands for all that are lost
+    return min(stated, max(tif.filehandle.size // max(page.nbytes, 1), 1) + 1)
+
+
+def _read_undivided(tif: tifffile.TiffFile, index: int) -> NDArray:
+    """Image number ``index`` of such a stack: the images follow each other without a gap."""
+    page, file = _pages(tif)[0], tif.filehandle
+    start = page.dataoffsets[0] + index * page.nbytes
+    if start + page.nbytes > file.size:
+        raise ValueError(f"the file is truncated: {start + page.nbytes - file.size} bytes are missing")
+    file.seek(start)
+    return file.read_array(cast("np.dtype", page.dtype).newbyteorder(tif.byteorder), page.size).reshape(
+        page.shape
+    )
+
+
+def _check_page_size(page: tifffile.TiffPage) -> None:
+    """Raise if the page, or a tile of it, is beyond the limit."""
+    samples = max(page.samplesperpixel, 1) * max(page.imagedepth, 1)
+    check_size(page.imagewidth, page.imagelength, samples)
+    if page.is_tiled:
+        check_size(page.tilewidth, page.tilelength, max(page.samplesperpixel, 1) * max(page.tiledepth, 1))
+
+
+def _check_complete(page: tifffile.TiffPage, size: int) -> None:
+    """Raise if a strip or tile of the page lies beyond the end of the file or was never written."""
+    segments = list(zip(page.dataoffsets, page.databytecounts, strict=True))
+    if not segments or any(count == 0 for _, count in segments):
+        raise ValueError("the file is damaged: part of the image has no data")
+    missing = max(offset + count for offset, count in segments) - size
+    if missing > 0:
+        raise ValueError(f"the file is truncated: {missing} bytes are missing")
+
+
+def _interpret(page: tifffile.TiffPage, array: NDArray) -> Pixels:
+    """Grey or red-green-blue, according to the photometric tag of the page."""
+    if array.ndim > 2 and "S" not in page.axes:
+        raise ValueError(f"an image with axes {page.axes} is not a plane of pixels")
+    bits = _bits(page)
+    full_scale = float(2**bits - 1) if array.dtype.kind in "bu" else None
+    if page.photometric == _PHOTOMETRIC.PALETTE:
+        return Pixels(_apply_palette(cast("NDArray", page.colormap), array), 255.0)
+    array = _strip_alpha(page, array)
+    if array.dtype == bool:
+        array, full_scale = array.astype(np.uint8) * np.uint8(255), 255.0
+    if page.photometric == _PHOTOMETRIC.MINISWHITE:
+        if full_scale is None:
+            raise ValueError(f"inverted grey levels of type {array.dtype} are not supported")
+        array = array.dtype.type(full_scale) - array
+    return Pixels(array.astype(array.dtype.newbyteorder("="), copy=False), _sensor_scale(page, full_scale))
+
+
+def _strip_alpha(page: tifffile.TiffPage, array: NDArray) -> NDArray:
+    """Grey or red-green-blue without transparency; any other set of channels has no grey level."""
+    jpeg = tifffile.COMPRESSION.JPEG, tifffile.COMPRESSION.OJPEG  # its decoder makes red, green and blue
+    grey = page.photometric in (_PHOTOMETRIC.MINISBLACK, _PHOTOMETRIC.MINISWHITE)
+    decoded = page.photometric == _PHOTOMETRIC.YCBCR and page.compression in jpeg
+    if not (grey or decoded or page.photometric == _PHOTOMETRIC.RGB):
+        name = getattr(page.photometric, "name", page.photometric)
+        raise ValueError(f"pixels of photometric type {name} are not supported")
+    if array.ndim == 2:
+        return array
+    channels = 1 if grey else 3
+    extra = array.shape[-1] - channels
+    alpha = tifffile.EXTRASAMPLE.ASSOCALPHA, tifffile.EXTRASAMPLE.UNASSALPHA
+    transparent = bool(page.extrasamples) and page.extrasamples[-1] in alpha
+    if extra < 0 or extra > 1 or (grey and extra == 1 and not transparent):
+        raise ValueError(f"{array.shape[-1]} channels are neither grey nor red-green-blue")
+    return array[..., 0] if grey else array[..., :3]
+
+
+def _bits(page: tifffile.TiffPage) -> int:
+    """Bits per sample; the tag may list one number per channel."""
+    return int(np.max(page.bitspersample))
+
+
+def _apply_palette(colormap: NDArray, array: NDArray) -> NDArray:
+    """Red-green-blue, 0 to 255, of palette indices; writers scale 8-bit colours by 257, 256 or 1."""
+    wide = 257.0 if (colormap & 0xFF).any() else 256.0
+    scale = wide if colormap.max() > 255 else 1.0
+    return np.moveaxis(colormap[:, array].astype(np.float32) / np.float32(scale), 0, -1)
+
+
+def _sensor_scale(page: tifffile.TiffPage, full_scale: float | None) -> float | None:
+    """Full scale: MaxSampleValue if it is that of an n-bit camera, else that of the stored bits."""
+    tag = page.tags.get(_MAX_SAMPLE_VALUE)
+    if full_scale is None or tag is None:
+        return full_scale
+    stated = int(np.max(tag.value))
+    plausible = {2**bits - 1 for bits in range(8, _bits(page))}
+    return float(stated) if stated in plausible else full_scale
+
+
+@stage("writing")
+def write_frame(frame: Frame, path: Path) -> None:
+    """Write a frame as a losslessly compressed TIFF (deflate) that keeps dtype and full scale.
+
+    Parameters
+    ----------
+    frame : Frame
+        Pixels and full scale; the name is not stored.
+    path : Path
+        The file, written completely or not at all.
+
+    Notes
+    -----
+    The full scale of integers (4095 for 12 bits in 16) is stored as MaxSampleValue, which the reader uses.
+    The same frame always gives the same bytes.
+    """
+    scale, integer = frame.full_scale, frame.image.dtype.kind == "u"
+    tags = [(_MAX_SAMPLE_VALUE, "H", 1, int(scale), True)] if integer and scale is not None else []
+    with replacing(path) as part:
+        tifffile.imwrite(
+            part,
+            frame.image,
+            photometric="minisblack",
+            compression="zlib",
+            predictor=True,
+            metadata=None,
+            software=False,
+            extratags=tags,
+        )
+
+
+# --- the pixel size that a header states
+
+METRES = {
+    "m": 1.0,
+    "mm": 1e-3,
+    "millimeter": 1e-3,
+    "um": 1e-6,
+    "µm": 1e-6,  # micro sign
+    "μm": 1e-6,  # Greek mu
+    "\\u00b5m": 1e-6,  # how ImageJ escapes the micro sign
+    "micron": 1e-6,
+    "microns": 1e-6,
+    "micrometer": 1e-6,
+    "nm": 1e-9,
+}
+
+
+def stated_pixel_size(path: str | Path) -> float | None:
+    """Pixel size in m that a TIFF file of ImageJ or OME states; None where none or an unknown unit is stated.
+
+    The resolution of plain TIFF files is ignored: it is that of a print (72 or 300 dots per inch).
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "frame.tif"
+    ...     pixels = np.zeros((8, 8), np.uint8)
+    ...     tifffile.imwrite(path, pixels, imagej=True, resolution=(0.125, 0.125), metadata={"unit": "um"})
+    ...     stated_pixel_size(path)
+    8e-06
+    """
+    if Path(path).suffix.lower() not in (".tif", ".tiff"):
+        return None
+    with suppress(Exception), tifffile.TiffFile(path) as tif:  # a damaged header states nothing
+        size = _of_ome(tif) if tif.is_ome else _of_imagej(tif)
+        if size is not None and math.isfinite(size) and size > 0:
+            return size
+    return None
+
+
+def _of_imagej(tif: tifffile.TiffFile) -> float | None:
+    """Pixels per unit stand in the resolution, the unit in the description."""
+    unit = (tif.imagej_metadata or {}).get("unit", "")
+    tag = tif.pages.first.tags.get("XResolution")
+    if tag is None or str(unit).lower() not in METRES:
+        return None
+    pixels, units = tag.value
+    return METRES[str(unit).lower()] / (pixels / units)
+
+
+def _of_ome(tif: tifffile.TiffFile) -> float | None:
+    """PhysicalSizeX of the first image, in µm unless its unit says otherwise."""
+    image = tifffile.xml2dict(tif.ome_metadata or "")["OME"]["Image"]
+    pixels = (image[0] if isinstance(image, list) else image)["Pixels"]
+    return float(pixels["PhysicalSizeX"]) * METRES[str(pixels.get("PhysicalSizeXUnit", "µm"))]

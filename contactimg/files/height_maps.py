@@ -8,8 +8,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files.decoders import check_size
-from contactimg.files.tiff import stated_pixel_size
+from contactimg.files.decoders import check_size, stated_pixel_size
 from contactimg.summits import HeightMap
 
 Values = NDArray[np.float64]

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import overload
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files import tiff
 from contactimg.files.decoders import (
     Pixels,
     list_norpix,
+    list_tiff,
     list_video,
     read_norpix,
     read_still,
+    read_tiff,
     read_video,
     to_grey,
 )
@@ -31,7 +32,7 @@ _Decoder = tuple[Callable[[Path], Sequence[int]], Callable[[Path, int], Pixels]]
 """Numbers of the images of a file, and the pixels of one of them."""
 
 _DECODERS: dict[str, _Decoder] = {
-    **dict.fromkeys((".tif", ".tiff"), (tiff.list_images, tiff.read_image)),
+    **dict.fromkeys((".tif", ".tiff"), (list_tiff, read_tiff)),
     **dict.fromkeys((".png", ".bmp", ".jpg", ".jpeg"), (lambda _: range(1), read_still)),
     ".seq": (list_norpix, read_norpix),
     **dict.fromkeys((".avi", ".mp4", ".mov", ".mkv", ".wmv", ".mpg", ".mpeg"), (list_video, read_video)),

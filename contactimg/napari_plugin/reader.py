@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.files import FrameSource, Run, main_tables, read_run
-from contactimg.files.layers import napari_shapes
+from contactimg.files.exports import napari_shapes
 from contactimg.pipeline.export import REJECTED_COLOUR, contact_colour, frame_sources
 from contactimg.tables import CONTACTS, flag_names
 from contactimg.tables.outlines import contact_outlines

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.files import read_run
-from contactimg.files.edits import EditsFile
-from contactimg.files.imagej import Region, polygon_region
+from contactimg.files.corrections import EditsFile
+from contactimg.files.exports import Region, polygon_region
 from contactimg.napari_plugin.reader import FRAMES_KEY, RUN_KEY, FrameContacts, contacts_by_frame
 from contactimg.pipeline.export import edits_between, region_name
 from contactimg.tables import EDITS

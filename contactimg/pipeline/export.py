@@ -10,8 +10,16 @@ import pandas as pd
 
 from contactimg.errors import InputError
 from contactimg.files import FrameSource, Run, open_experiment
-from contactimg.files.imagej import Region, read_regions, region_of, write_overlay_tiff, write_regions
-from contactimg.files.layers import write_labels, write_napari_points, write_napari_shapes
+from contactimg.files.exports import (
+    Region,
+    read_regions,
+    region_of,
+    write_labels,
+    write_napari_points,
+    write_napari_shapes,
+    write_overlay_tiff,
+    write_regions,
+)
 from contactimg.files.workbook import write_workbook
 from contactimg.pipeline.pictures import file_stem
 from contactimg.tables import CONTACTS, EDITS, FRAMES, OUTLINES, REJECTED, Flag

@@ -491,7 +491,7 @@ def write_joined_tables(
     with OutputFolder(target, record, main_files=[f"all_frames.{table_format}"]) as out:
         for schema in (CONTACTS, FRAMES):
             parts = [getattr(run, schema.name).assign(run=name) for name, run in tables.items()]
-            columns = {"run": ("str", "name of the folder of frames")} | dict(schema.columns)
-            joined = Schema(f"all_{schema.name}", columns, schema.description)
+            named = {"run": ("str", "name of the folder of frames")} | schema.columns
+            joined = Schema(f"all_{schema.name}", schema.description, **named)
             with TableWriter(joined, out.folder, table_format) as table:
                 table.add(pd.concat(parts, ignore_index=True))

@@ -197,7 +197,7 @@ def write_simulation(
     write_table(table, LOADS.filled(table), folder / "loads.csv")
     write_table(pd.concat(truth, ignore_index=True), CONTACTS, folder / "truth.csv")
     if asperities is not None:
-        write_table(asperities, ASPERITIES.filled(asperities), folder / "asperities.csv")
+        write_table(asperities, ASPERITIES, folder / "asperities.csv")
     write_scene(_measured_scene(scene), folder / SCENE_FILE)
 
 

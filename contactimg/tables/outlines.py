@@ -16,6 +16,9 @@ from contactimg.tables.flags import Flag
 Line = NDArray[np.float64]
 """Closed line, shape (k, 2): x and y of its points, px; the last is the first again."""
 
+RIM_POINTS = 180
+"""Corners of the polygon for an ellipse. Theory: its area is smaller by 2 pi^2/(3 n^2) = 0.02 %."""
+
 
 @dataclass(frozen=True, eq=False)
 class Outline:
@@ -44,7 +47,13 @@ class Outline:
 
     @property
     def polygon(self) -> Line:
-        """One closed line about a free shape without its holes: each is joined to the rim by a cut."""
+        """One closed line about the contact without its holes: each is joined to the rim by a cut."""
+        if not self.lines:
+            turn = 2 * np.pi * np.arange(RIM_POINTS + 1) / RIM_POINTS
+            along = np.array([np.cos(self.angle), np.sin(self.angle)])
+            rim = np.outer(self.semi_major * np.cos(turn), along)
+            rim += np.outer(self.semi_minor * np.sin(turn), [-along[1], along[0]])
+            return rim + np.array([self.x, self.y])
         outer = self.lines[0]
         for hole in self.lines[1:]:
             outer = _joined(outer, hole)

@@ -11,7 +11,7 @@ from small_series import copy_of
 
 from contactimg.cli import main
 from contactimg.files import open_experiment, read_scene
-from contactimg.files.tiff import stated_pixel_size
+from contactimg.files.decoders import stated_pixel_size
 
 FLAT_GREY = np.full((40, 50), 80, np.uint8)
 

@@ -11,7 +11,7 @@ from contact_frames import Optics, match, render, scatter
 from contactimg import Frame, InputError, measure_series, open_experiment, scene_from_dict
 from contactimg.files import write_frame
 from contactimg.files.corrections import PixelCorrections
-from contactimg.files.imagej import Region, polygon_region, write_regions
+from contactimg.files.exports import Region, polygon_region, write_regions
 from contactimg.files.sources import FrameSource
 from contactimg.tables import Reason
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from contactimg.files.imagej import (
+from contactimg.files.exports import (
     Region,
     polygon_region,
     read_regions,

@@ -6,7 +6,7 @@ import pytest
 
 from contactimg.errors import InputError
 from contactimg.files import open_experiment, read_loads
-from contactimg.files.folder import recognise_folder
+from contactimg.files.experiment import recognise_folder
 from contactimg.scene import scene_from_dict
 
 GRAM = 9.80665e-3  # N that a gram weighs
@@ -64,6 +64,16 @@ def test_a_table_without_a_unit_offers_the_names_and_shows_the_columns(tmp_path)
     (tmp_path / "k.csv").write_text("Bild;Kraft oben [mN];Kraft unten [mN]\n1;2;3\n")
     with pytest.raises(InputError, match="2 columns may be the load"):
         read_loads(tmp_path / "k.csv")
+
+
+def test_a_cell_that_is_no_number_is_named_by_its_line(tmp_path):
+    (tmp_path / "k.txt").write_text("rig 2\n\nBild\tKraft [mN]\na.tif\tNaN\nb.tif\t1,5\n")
+    loads = read_loads(tmp_path / "k.txt")["load_N"]
+    assert np.isnan(loads[0])
+    assert loads[1] == 0.0015
+    (tmp_path / "k.txt").write_text("rig 2\n\nBild\tKraft [mN]\na.tif\t1,5\nb.tif\tx\n")
+    with pytest.raises(InputError, match="line 5, column load_N must be a number, got 'x'"):
+        read_loads(tmp_path / "k.txt")
 
 
 def test_files_of_a_folder_are_told_by_name_and_content(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from contactimg.cli import main
 from contactimg.errors import InputError
-from contactimg.files import TableWriter, read_run, read_run_table, run_tables
+from contactimg.files import TableWriter, read_run, read_run_table, tables
 from contactimg.tables import CONTACTS
 
 pytest.importorskip("pyarrow")
@@ -78,7 +78,7 @@ def test_without_pyarrow_the_command_says_so_before_any_work(runs, tmp_path, mon
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(run_tables.importlib, "import_module", missing)
+    monkeypatch.setattr(tables.importlib, "import_module", missing)
     assert main(["process", str(runs / "frames"), "-o", str(tmp_path / "out"), "--format", "parquet"]) == 2
     assert "pip install 'contactimg[parquet]'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

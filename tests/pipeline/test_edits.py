@@ -9,7 +9,7 @@ from contact_frames import Optics, render
 
 from contactimg import Flag, Frame, InputError, measure_series, scene_from_dict
 from contactimg.cli import main
-from contactimg.files import write_edits, write_frame
+from contactimg.files import write_frame, write_table
 from contactimg.tables import EDITS, Reason
 
 ALONE, LARGE, SMALL = (80.3, 70.6, 9.0), (180.2, 80.4, 9.5), (195.1, 83.0, 7.5)  # the last two overlap
@@ -30,7 +30,7 @@ def measure(folder, *rows, method="disk"):
     """The run with these edits: dicts without the frame."""
     images = {"reference": "reference.tif"}
     if rows:
-        write_edits(EDITS.conform(pd.DataFrame([{"frame": "*"} | row for row in rows])), folder / "e.csv")
+        write_table(pd.DataFrame([{"frame": "*"} | row for row in rows]), EDITS, folder / "e.csv")
         images["edits"] = "e.csv"
     sections = {"camera": {"pixel_size_m": 1e-6}, "images": images, "measure": {"method": method}}
     return measure_series(scene_from_dict(sections, folder=str(folder)))
@@ -145,7 +145,7 @@ def test_a_row_that_says_too_little_gets_one_sentence(folder, row, sentence):
 
 def test_the_command_applies_edits_of_the_folder_and_counts_them(folder, tmp_path):
     edits = EDITS.conform(pd.DataFrame([{"frame": "frame_1.tif"} | at("exclude", ALONE)]))
-    write_edits(edits, folder / "edits.csv")
+    write_table(edits, EDITS, folder / "edits.csv")
     command = ["process", str(folder), "--pixel-size-um", "1", "--no-pictures", "--quiet", "--workers", "1"]
     try:
         assert main([*command, "-o", str(tmp_path / "a")]) == 0

@@ -7,7 +7,7 @@ from helpers.small_series import TINY, write_small_series
 
 from contactimg.errors import InputError
 from contactimg.files import read_frames
-from contactimg.files.csv_tables import read_loads
+from contactimg.files.tables import read_loads
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
 from contactimg.shear.deform import shear_contacts

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -94,7 +94,7 @@ class Sheared:
         if self.followed.empty:
             return
         several = (self.followed["place"] != "").any()
-        schema = FOLLOWED if several else replace(FOLLOWED, later={})
+        schema = FOLLOWED if several else FOLLOWED.and_later()
         write_table(self.followed[list(schema.columns)], schema, folder / "asperities.csv")
         if self.laws:
             figures = {"sheared_areas": plot_sheared_areas(self.followed)}

@@ -1,44 +1,46 @@
-"""Read and write CSV tables; errors name file, row and column, and numbers keep every digit.
+"""Read and write tables: CSV, as laboratories write it too, and those of a run as CSV or Parquet.
 
-`read_table` reads what a schema describes. Loads are read as laboratories write them too (`read_load_table`):
-text of any encoding with a preamble, units in brackets, any language.
+`read_table` reads what a schema describes; errors name file, row and column, and numbers keep every digit.
+Loads are read as laboratories write them (`read_load_table`): text of any encoding with a preamble, units in
+brackets, any language. The tables of a run are written a few frames at a time.
 """
 
 import csv
+import importlib
 import io
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, Self, get_args
 
+import numpy as np
 import pandas as pd
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import replacing
+from contactimg.files.atomic import read_bytes, replacing
 from contactimg.surfaces import check_asperities
-from contactimg.tables import ASPERITIES, LOADS, Flag, Schema, flag_names
+from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, Flag, Schema, flag_names
 from contactimg.timings import stage
 
 STANDARD_GRAVITY = 9.80665
 """Newtons that one kilogram weighs; by definition."""
 
+PER_NEWTON = {"N": 1.0, "mN": 1e3, "uN": 1e6, "µN": 1e6, "μN": 1e6}
+PER_NEWTON |= {"kg": 1 / STANDARD_GRAVITY, "g": 1e3 / STANDARD_GRAVITY, "mg": 1e6 / STANDARD_GRAVITY}
+"""Unit of a load or of a weight -> how many of it are one newton."""
+
+_PER_METRE = {"mm": 1e3, "um": 1e6, "µm": 1e6, "μm": 1e6, "nm": 1e9}
+_UNITS = {  # ending in another unit -> ending in the schema, how many make one of it
+    **{f"_{unit}": ("_N", count) for unit, count in PER_NEWTON.items()},
+    **{f"_{unit}": ("_m", count) for unit, count in _PER_METRE.items()},
+    **{f"_{unit}_s": ("_m_s", count) for unit, count in _PER_METRE.items()},
+}
 _BLOCK_ROWS = 50_000  # converted at once; chosen for memory: text takes about twenty times that of numbers
 _SEPARATORS = (",", ";", "\t")
 _LARGEST_COUNT = 2**63 - 1  # of an int64
-_UNITS = {  # ending in another unit -> ending in the schema, how many make one of it
-    "_mm": ("_m", 1e3),
-    "_um": ("_m", 1e6),
-    "_µm": ("_m", 1e6),
-    "_μm": ("_m", 1e6),
-    "_nm": ("_m", 1e9),
-    "_mN": ("_N", 1e3),
-    "_uN": ("_N", 1e6),
-    "_g": ("_N", 1e3 / STANDARD_GRAVITY),
-    "_mm_s": ("_m_s", 1e3),
-    "_um_s": ("_m_s", 1e6),
-}
 _SHOWN_CHARACTERS = 60  # of a cell or header in a message
 
 MAX_ASPERITY_HEIGHT = 0.01
@@ -85,40 +87,50 @@ def read_table(
     """
     separator, rows = _csv_rows(path)
     header = [name.strip() for name in next(rows, (1, []))[1]]
-    columns = _columns(path, header, schema, schema.first if required is None else required)
-    blocks = [schema.empty()]
+    needed = schema.first if required is None else required
+    places, comma = _places(path, header, schema, needed), separator != ","
+    return _converted(path, rows, places, schema, required or (), infinite=infinite, decimal_comma=comma)
+
+
+def _converted(
+    path: str | Path,
+    rows: Iterable[tuple[int, list[str]]],
+    places: Mapping[str, tuple[int, float]],
+    schema: Schema,
+    required: Collection[str] = (),
+    *,
+    infinite: bool = False,
+    decimal_comma: bool = True,
+) -> pd.DataFrame:
+    """The table of rows of text, each with the number of its line.
+
+    ``places``: column of the schema -> its place in a row, and the divisor of its numbers. `InputError` with
+    line and column of the first cell that is not valid.
+    """
+    blocks, rows = [schema.empty()], iter(rows)
     while block := list(islice(rows, _BLOCK_ROWS)):
-        for line, row in block:
-            if len(row) != len(header):
-                raise InputError(
-                    f"{path}: line {line} has {len(row)} cells, but the header has {len(header)} columns"
-                )
-        values: dict[str, list[object]] = {name: [] for name in columns}
-        for name, (place, divisor) in columns.items():
+        values: dict[str, list[object]] = {name: [] for name in places}
+        for name, (place, divisor) in places.items():
             kind = "flags" if name == "flags" else schema.columns[name][0]
-            must, found = name in (required or ()), values[name]
-            comma = separator != "," and kind != "str"
             for line, row in block:
                 cell = row[place]
                 try:
-                    if must and not cell.strip():
+                    if name in required and not cell.strip():
                         raise ValueError("must have a value")
-                    value = _parsed(cell.replace(",", ".") if comma else cell, kind, infinite=infinite)
+                    text = cell.replace(",", ".") if decimal_comma and kind != "str" else cell
+                    value = _parsed(text, kind, infinite=infinite)
                 except ValueError as error:
                     got = cell[:_SHOWN_CHARACTERS]
                     raise InputError(f"{path}: line {line}, column {name} {error}, got {got!r}") from None
                 # 300 / 1e3 is 0.3, and 300 * 1e-3 need not be
-                found.append(value if divisor == 1 else value / divisor)
+                values[name].append(value if divisor == 1 else value / divisor)
         blocks.append(schema.conform(pd.DataFrame(values)))
     return pd.concat([block for block in blocks if len(block)] or blocks, ignore_index=True)
 
 
 def _text(path: str | Path) -> str:
     """Text of a file in UTF-8 or UTF-16; other bytes are kept, since they occur in names of files."""
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    data = read_bytes(path)
     wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
     return data.decode("utf-16" if wide else "utf-8-sig", errors="replace" if wide else "surrogateescape")
 
@@ -132,8 +144,18 @@ def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
     def rows() -> Iterator[tuple[int, list[str]]]:
+        width = 0
         try:
-            yield from ((lines.line_num, row) for row in lines if any(cell.strip() for cell in row))
+            for row in lines:
+                if not any(cell.strip() for cell in row):
+                    continue
+                width = width or len(row)
+                if len(row) != width:
+                    raise InputError(
+                        f"{path}: line {lines.line_num} has {len(row)} cells, but the header has {width} "
+                        "columns"
+                    )
+                yield lines.line_num, row
         except csv.Error as error:
             raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
 
@@ -153,22 +175,14 @@ def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
     return separator, pd.DataFrame(cells, columns=[name.strip() for name in header], dtype="str")
 
 
-def _columns(
+def _places(
     path: str | Path, header: list[str], schema: Schema, needed: Collection[str]
 ) -> dict[str, tuple[int, float]]:
-    """Column of the schema -> its place in a file, and the divisor of its numbers where the unit is another.
+    """Where the columns of a schema stand, and the divisors of their numbers, for `_converted`.
 
     A repeated, misspelt (capitals) or missing one is an error.
     """
-    found = list[tuple[str, float]]()
-    for name in header:
-        units = (
-            (name.removesuffix(ending) + si, size)
-            for ending, (si, size) in _UNITS.items()
-            if name.endswith(ending)
-        )
-        other = (one for one in units if name not in schema.columns and one[0] in schema.columns)
-        found.append(next(other, (name, 1.0)))
+    found = [_in_schema(name, schema) for name in header]
     names = [name for name, _ in found]
     spelled = {name.lower(): name for name in schema.columns}
     for name in needed:
@@ -184,6 +198,15 @@ def _columns(
         if name in schema.columns and names.count(name) > 1:
             raise InputError(f"{path}: column {name} occurs {names.count(name)} times; keep one")
     return {name: (k, size) for k, (name, size) in enumerate(found) if name in schema.columns}
+
+
+def _in_schema(name: str, schema: Schema) -> tuple[str, float]:
+    """Name of a column as the schema has it, and how many of the unit in the header are one of the schema."""
+    if name not in schema.columns:
+        for ending, (si, count) in _UNITS.items():
+            if name.endswith(ending) and name.removesuffix(ending) + si in schema.columns:
+                return name.removesuffix(ending) + si, count
+    return name, 1.0
 
 
 def _parsed(cell: str, kind: str, *, infinite: bool = False) -> Any:
@@ -203,21 +226,21 @@ def _parsed(cell: str, kind: str, *, infinite: bool = False) -> Any:
         return sum(Flag[name].value for name in names)
     if not cell.strip():
         return math.nan if kind == "float64" else pd.NA
-    if kind != "float64" and re.fullmatch(r"\s*[+-]?\d{1,30}\s*", cell):
-        value: float = int(cell)
-    else:
-        try:
-            value = float(cell.replace("_", "?"))  # Python would take 1_000
-        except ValueError:
-            raise ValueError("must be a number") from None
-        if math.isnan(value) or (math.isinf(value) and not (infinite and kind == "float64")):
-            raise ValueError("must be a finite number")
+    if kind != "float64" and cell.isdecimal() and len(cell) < 19:  # the usual case, below the largest count
+        return int(cell)
+    number = float if kind == "float64" else Decimal  # which holds all whole numbers exactly
+    try:
+        value: Any = number(cell.replace("_", "?"))  # Python would take 1_000
+    except (ValueError, InvalidOperation):
+        raise ValueError("must be a number") from None
+    if math.isnan(value) or (math.isinf(value) and not (infinite and kind == "float64")):
+        raise ValueError("must be a finite number")
     if kind == "float64":
         return value
-    if value % 1:
-        raise ValueError("must be a whole number")
     if not -_LARGEST_COUNT - 1 <= value <= _LARGEST_COUNT:
         raise ValueError(f"must be a whole number of at most {_LARGEST_COUNT}")
+    if value % 1:
+        raise ValueError("must be a whole number")
     return int(value)
 
 
@@ -270,14 +293,12 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
     Parameters
     ----------
     path : str or Path
-        CSV with columns ``x_m, y_m, height_m, radius_m``, and those of `contactimg.tables.ASPERITIES` that
-        may be missing or empty; others are ignored.
+        CSV with columns ``x_m, y_m, height_m, radius_m``; others are ignored.
 
     Returns
     -------
     DataFrame
-        Columns of `contactimg.tables.ASPERITIES`, without the optional ones that are empty; at least one
-        row.
+        Columns of `contactimg.tables.ASPERITIES`; at least one row.
 
     Raises
     ------
@@ -299,7 +320,7 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
             f"{MAX_ASPERITY_HEIGHT:g}, got {float(table['height_m'].loc[high[0]])!r}; is it in another unit?"
         )
     _check_unique(path, table, ["x_m", "y_m"])
-    return table[list(ASPERITIES.filled(table).columns)]
+    return table
 
 
 def _check_unique(path: str | Path, table: pd.DataFrame, columns: list[str]) -> None:
@@ -353,19 +374,7 @@ def text_of_rows(table: pd.DataFrame, schema: Schema) -> str:
 
 # --- loads as laboratories write them
 
-NEWTONS = {
-    "N": 1.0,
-    "mN": 1e-3,
-    "uN": 1e-6,
-    "µN": 1e-6,
-    "μN": 1e-6,
-    "kg": STANDARD_GRAVITY,
-    "g": 1e-3 * STANDARD_GRAVITY,
-    "mg": 1e-6 * STANDARD_GRAVITY,
-}
-"""Unit of a load or of a weight -> N."""
-
-_UNIT = re.compile(rf"[\[(_/]\s*({'|'.join(NEWTONS)})f?\s*[\])]?$")
+_UNIT = re.compile(rf"[\[(_/]\s*({'|'.join(PER_NEWTON)})f?\s*[\])]?$")
 _FRICTION = re.compile(r"reib|fric|frott|tang|later|shear|scher|quer|attrito|roz")
 _FRAME = re.compile(
     r"frame|bild|im[aá]g|img|datei|file|fichier|foto|photo|^(nr|no|num|nummer|number|index|#)\.?$"
@@ -418,61 +427,226 @@ def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame
         text = text.encode("utf-8", errors="surrogateescape").decode("cp1252", errors="replace")
     for separator in ("\t", ";", ",", None):  # None: any white space
         lines = [[cell.strip().strip('"') for cell in line.split(separator)] for line in text.split("\n")]
-        for number, header in enumerate(lines):
-            rows = _rows_below(lines[number + 1 :], len(header)) if len(header) > 1 else []
-            if rows:
-                shown = shown or ", ".join(filter(None, header))
-                loads = [name for name in header if _is_load(name) and column in ("", name)]
-                if loads:
-                    columns = dict(zip(header, zip(*rows, strict=True), strict=True))
-                    return _load_rows(path, columns, loads)
+        for number, header in enumerate(lines, start=1):
+            rows = _rows_below(lines, number, len(header)) if len(header) > 1 else []
+            if not rows:
+                continue
+            shown = shown or ", ".join(filter(None, header))
+            loads = [name for name in header if _is_load(name) and column in ("", name)]
+            if len(loads) > 1:
+                several = ", ".join(map(repr, loads))
+                raise AmbiguousLoadsError(
+                    f"{path}: {len(loads)} columns may be the load ({several}); rename the others", loads
+                )
+            if loads:
+                return _load_rows(path, header, rows, loads[0])
     raise InputError(
         f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
         + (f"; the columns are {shown}" if shown else "")
     )
 
 
+def _unit_of(name: str) -> str:
+    """Unit of force or weight at the end of a header; empty without one."""
+    unit = _UNIT.search(name)
+    return unit[1] if unit else ""
+
+
 def _is_load(name: str) -> bool:
     """Whether a header names a normal load: a unit of force or weight, and no friction."""
-    return _UNIT.search(name) is not None and _FRICTION.search(name.lower()) is None
+    return bool(_unit_of(name)) and _FRICTION.search(name.lower()) is None
 
 
-def _rows_below(lines: list[list[str]], width: int) -> list[list[str]]:
-    """The rows of a table up to the first line of another width; a missing last cell is empty."""
+def _rows_below(lines: list[list[str]], number: int, width: int) -> list[tuple[int, list[str]]]:
+    """The rows of a table below its header, line ``number``, up to the first line of another width.
+
+    A missing last cell is empty, and so is a number that the instrument did not know (NaN).
+    """
     rows = []
-    for cells in filter(any, lines):
+    for line, cells in enumerate(lines[number:], start=number + 1):
+        if not any(cells):
+            continue
         if not width - 1 <= len(cells) <= width:
             break
-        rows.append(cells + [""] * (width - len(cells)))
+        known = ["" if cell.lower() == "nan" else cell for cell in cells]
+        rows.append((line, known + [""] * (width - len(cells))))
     return rows
 
 
 def _load_rows(
-    path: str | Path, columns: Mapping[str, Sequence[str]], loads: list[str]
+    path: str | Path, header: list[str], rows: list[tuple[int, list[str]]], load: str
 ) -> tuple[pd.DataFrame, str]:
-    """The loads from the cells of each column, and the names of the columns that were taken."""
-    if len(loads) > 1:
-        several = ", ".join(map(repr, loads))
-        raise AmbiguousLoadsError(
-            f"{path}: {len(loads)} columns may be the load ({several}); rename the others", loads
-        )
-    frames = [name for name in columns if _FRAME.search(name.lower()) and name not in loads]
-    frictions = [name for name in columns if _UNIT.search(name) and _FRICTION.search(name.lower())]
-    table, said = dict[str, Sequence[object]](), list[str]()
-    for what, target, names in (("loads", "load_N", loads), ("friction", "friction_N", frictions)):
-        for name in names[:1]:
-            newtons = NEWTONS[_UNIT.search(name)[1]]  # type: ignore[index]
-            table[target] = [_number(path, cell) * newtons for cell in columns[name]]
-            said.append(f"{what} from {name!r}")
-    numbers = [f"#{k + 1}" for k in range(len(columns[loads[0]]))]
-    table["frame"] = columns[frames[0]] if frames else numbers
-    said.append(f"frames from {frames[0]!r}" if frames else "one row a frame in their order")
-    return LOADS.conform(pd.DataFrame(table)), ", ".join(said)
+    """The loads from a column, and the names of the columns that were taken: their headers made ours."""
+    frame = next((name for name in header if _FRAME.search(name.lower()) and name != load), None)
+    friction = next((name for name in header if _unit_of(name) and not _is_load(name)), None)
+    ours, said = {load: f"load_{_unit_of(load)}"}, [f"loads from {load!r}"]
+    if friction is not None:
+        ours[friction] = f"friction_{_unit_of(friction)}"
+        said.append(f"friction from {friction!r}")
+    if frame is not None:
+        ours[frame] = "frame"
+    said.append("one row a frame in their order" if frame is None else f"frames from {frame!r}")
+    places = _places(path, [ours.get(name, "") for name in header], LOADS, ("load_N",))
+    table = _converted(path, rows, places, LOADS)
+    if frame is None:
+        table["frame"] = [f"#{k + 1}" for k in range(len(rows))]
+    return table, ", ".join(said)
 
 
-def _number(path: str | Path, cell: str) -> float:
-    """A number with a decimal point or comma; NaN of an empty cell."""
+# --- the tables of a run
+
+TableFormat = Literal["csv", "parquet"]
+"""How the tables of a run are written. Parquet, for runs whose CSV files would be large, needs pyarrow."""
+
+FORMATS: tuple[str, ...] = get_args(TableFormat)
+
+
+@stage("writing")
+def encoded_rows(table: pd.DataFrame, schema: Schema, table_format: TableFormat) -> str | pd.DataFrame:
+    """Rows of a table as a file has them: made in any process, written in one by a `TableWriter`.
+
+    Text of CSV, or columns for Parquet; `InputError` if they do not fit the schema.
+    """
+    return text_of_rows(table, schema) if table_format == "csv" else schema.conform(table)
+
+
+class TableWriter:
+    """A table of a run to which rows are added.
+
+    Parameters
+    ----------
+    schema : Schema
+    folder : Path
+        A folder that only counts when all of its files are complete (`contactimg.files.OutputFolder`).
+    table_format : {"csv", "parquet"}
+        Of Parquet, each addition is a row group.
+
+    Attributes
+    ----------
+    empty : bool
+        Whether no row was written.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+
+    def __init__(self, schema: Schema, folder: Path, table_format: TableFormat = "csv") -> None:
+        self.schema, self.empty, self._format = schema, True, table_format
+        self.path = folder / f"{schema.name}.{table_format}"
+        self._file: Any = None
+        try:
+            if table_format == "csv":
+                self._file = self.path.open("w", encoding="utf-8", errors="surrogateescape", newline="")
+                self._file.write(",".join(schema.columns) + "\n")
+            else:
+                self._arrow, parquet = _pyarrow()
+                kinds = {"str": self._arrow.string(), "float64": self._arrow.float64()}
+                whole = self._arrow.int64()
+                columns = [(name, kinds.get(kind, whole)) for name, (kind, _) in schema.columns.items()]
+                self._columns = self._arrow.schema(columns)
+                self._file = parquet.ParquetWriter(self.path, self._columns)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written ({error.strerror or error})") from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._file.close()
+
+    def add(self, table: pd.DataFrame) -> None:
+        """Add the rows of a table."""
+        self.append(encoded_rows(table, self.schema, self._format))
+
+    @stage("writing")
+    def append(self, rows: str | pd.DataFrame) -> None:
+        """Add rows that were encoded for this table and its format."""
+        try:
+            if self._format == "csv":
+                self._file.write(rows)
+                self._file.flush()
+            else:
+                table = self._arrow.Table.from_pandas(rows, schema=self._columns, preserve_index=False)
+                self._file.write_table(table)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"{self.path}: cannot be written ({reason})") from None
+        self.empty &= not len(rows)
+
+
+def table_file(folder: Path, schema: Schema) -> Path:
+    """The file of a table of a run: the CSV file unless there is only the other one."""
+    first, *others = (folder / f"{schema.name}.{ending}" for ending in FORMATS)
+    return next((path for path in others if path.is_file() and not first.is_file()), first)
+
+
+def main_tables(folders: Iterable[Path]) -> list[Path]:
+    """The tables of runs that other results are derived from."""
+    return [table_file(Path(folder), schema) for folder in folders for schema in (CONTACTS, FRAMES)]
+
+
+def read_run_table(
+    folder: Path, schema: Schema, *, infinite: bool = False, optional: bool = False
+) -> pd.DataFrame:
+    """Read a table of a run.
+
+    Parameters
+    ----------
+    folder : Path
+    schema : Schema
+        Columns that a later version added may be missing in the file, others in it are ignored.
+    infinite : bool
+        Whether infinite numbers are accepted.
+    optional : bool
+        Whether a table that is not there is empty.
+
+    Raises
+    ------
+    InputError
+        With the file, and where possible the line and column of what is not valid.
+    """
+    path = table_file(folder, schema)
+    if optional and not path.is_file():
+        return schema.empty()
+    if path.suffix == ".csv":
+        return read_table(path, schema, infinite=infinite)
+    arrow, parquet = _pyarrow()
     try:
-        return float(cell.replace(",", ".")) if cell else math.nan
-    except ValueError:
-        raise InputError(f"{path}: a load must be a number, got {cell!r}") from None
+        with path.open("rb") as file:
+            table = parquet.read_table(file).to_pandas()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except arrow.ArrowException as error:
+        raise InputError(f"{path}: is not a Parquet file ({str(error)[:100]}); repeat the run") from None
+    for name in schema.first:
+        if name not in table:
+            raise InputError(f"{path}: column {name} is missing; repeat the run")
+    try:
+        found = schema.conform(table[[name for name in schema.columns if name in table]])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    numbers = found.select_dtypes("float64")
+    beyond = numbers.columns[np.isinf(numbers.to_numpy()).any(axis=0)]
+    if len(beyond) and not infinite:
+        raise InputError(f"{path}: column {beyond[0]} must hold finite numbers")
+    texts = [name for name, (dtype, _) in schema.columns.items() if dtype == "str"]
+    found[texts] = found[texts].fillna("")
+    return found
+
+
+def require_format(table_format: TableFormat) -> None:
+    """Raise an `InputError` if tables cannot be written in this format, before any work is done."""
+    if table_format == "parquet":
+        _pyarrow()
+
+
+def _pyarrow() -> tuple[Any, Any]:
+    """The modules of pyarrow, or an `InputError` that says how to get them."""
+    try:
+        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        raise InputError(
+            "Parquet tables need pyarrow, which is not installed; pip install 'contactimg[parquet]'"
+        ) from None
