@@ -13,7 +13,7 @@ import pandas as pd
 from contactimg.errors import FrameError, InputError
 from contactimg.files import EVERY_FRAME, Experiment, PartStore, Run, edit_points, open_experiment
 from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
-from contactimg.imaging.fit.pooling import FEWEST_SCORES, gain_of_pooling, pool_edges, pool_optics
+from contactimg.imaging.fit.pooling import FEWEST_SCORES, pool_edges, pool_optics
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.background import (
     FEWEST_FALSE_SPOTS,
@@ -35,8 +35,8 @@ MOST_EDGES = 200
 add is below a tenth of the uncertainty of a frame; the time to leave each one out grows with their square."""
 
 POOLING_GAIN = 1.5
-"""A frame is measured again with the optics of the series if that makes the uncertainty of its sum of a^3 at
-least this many times smaller. Chosen by hand; sensitivity not measured."""
+"""A frame is measured again with the optics of the series if these know its contrast or blur so many times
+better. Chosen by hand: what the frame knows itself is then below a third of what it is lent."""
 
 
 def measure_series(
@@ -215,21 +215,22 @@ def _lent_optics(parts: Sequence[MeasuredFrame], method: str) -> dict[int, Share
 
 
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
-    """Whether the optics of the series make the uncertainty of the sum of a^3 much smaller or its edge right.
+    """Whether the series knows contrast or blur better than the frame, or an edge that the frame missed.
 
     A frame without a contact is measured again too: a faint contact may be detected once its contrast is
     known.
     """
     if part.shape is None or pd.isna(part.row["n_contacts"]):
         return False
-    own, cubes = part.relative_optics, part.cubes
-    if own is None or cubes is None or not cubes.contacts:
+    own = part.relative_optics
+    if own is None or not part.row["n_contacts"]:
         return True
-    common = np.array([cubes.contrast, cubes.blur])
-    gain = gain_of_pooling(common, cubes.own, own, pooled, edge_part=cubes.edge)
-    if gain > POOLING_GAIN or own.edge is None or pooled.edge is None:
-        return gain > POOLING_GAIN
-    # whether the frame missed the edge that the others have, with fewer contacts to see it
+    stds = (own.contrast_relative_std, pooled.contrast_relative_std), (own.blur_std_px, pooled.blur_std_px)
+    if not all(alone <= POOLING_GAIN * together for alone, together in stds):
+        return True
+    if own.edge is None or pooled.edge is None:
+        return False
+    # with fewer contacts to see it
     return own.edge.families != pooled.edge.families and 2 * own.edge.count < pooled.edge.count
 
 
