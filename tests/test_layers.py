@@ -60,6 +60,7 @@ INNER_ROOMS = {
         "fit",
         "evidence",
         "count",
+        "pooled",
         "smooth",
         "measure",
     ],

@@ -25,7 +25,7 @@ from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.parallel import FailedFrame
 from contactimg.pose import Pose
 from contactimg.scene import Scene, scene_from_dict
-from contactimg.tables import CONTACTS, OUTLINES, REJECTED, SHARED_SHIFTS, Status
+from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Status
 
 logger = logging.getLogger(__name__)
 
@@ -158,37 +158,6 @@ class FrameTables:
     outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
 
 
-@dataclass(frozen=True)
-class SumOfCubes:
-    """Standard uncertainties of the sum of the cubes of the radii of a frame's contacts, by their source.
-
-    Parameters
-    ----------
-    contacts : int
-        Number of contacts.
-    own : float, px^3
-        From the independent errors of the radii.
-    contrast, blur : float, px^3
-        From what the contacts share: the contrast with the correlated blur, and the rest of the blur.
-    edge : float, px^3
-        From what the frame does not decide about its edges.
-    """
-
-    contacts: int
-    own: float
-    contrast: float
-    blur: float
-    edge: float
-
-    @classmethod
-    def of(cls, contacts: pd.DataFrame) -> "SumOfCubes":
-        """The errors of the sum over the rows of a contacts table."""
-        slope = 3.0 * contacts["radius_px"].to_numpy(float) ** 2
-        shifts = contacts[list(SHARED_SHIFTS)].to_numpy(float)
-        alone = np.maximum(contacts["radius_std_px"].to_numpy(float) ** 2 - np.sum(shifts**2, axis=1), 0.0)
-        return cls(len(contacts), float(np.sqrt(slope**2 @ alone)), *map(float, slope @ shifts))
-
-
 @dataclass(frozen=True, eq=False)
 class MeasuredFrame:
     """One frame's part of a run.
@@ -207,8 +176,6 @@ class MeasuredFrame:
         Grey level of its background; 0 where that was subtracted before.
     film : FilmVerdict or None
         What its rims say of an air film; None where none was looked for.
-    cubes : SumOfCubes or None
-        None for a frame that failed.
     """
 
     row: dict[str, Any]
@@ -217,7 +184,6 @@ class MeasuredFrame:
     own_optics: SharedOptics | None = None
     level: float = 0.0
     film: FilmVerdict | None = None
-    cubes: SumOfCubes | None = None
 
     @classmethod
     def of(cls, result: "MeasuredFrame | FailedFrame") -> "MeasuredFrame":
@@ -244,7 +210,7 @@ class MeasuredFrame:
 
     def with_contacts(self, contacts: pd.DataFrame) -> "MeasuredFrame":
         """Return the frame with other contacts."""
-        return replace(self, where=replace(self.tables, contacts=contacts), cubes=SumOfCubes.of(contacts))
+        return replace(self, where=replace(self.tables, contacts=contacts))
 
     def with_remarks(self, *remarks: object) -> "MeasuredFrame":
         """Return the frame with remarks added to its message, if there are any."""
@@ -359,7 +325,6 @@ def measure_scene_frame(
         measurement.own_optics if len(measurement.disks) else None,
         measurement.level,
         measurement.film,
-        SumOfCubes.of(tables.contacts),
     )
 
 

@@ -10,7 +10,7 @@ import pandas as pd
 from contactimg.errors import InputError
 from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
 from contactimg.frame import Frame
-from contactimg.imaging.background.pooled.references import average_references
+from contactimg.imaging.pooled import average_references
 from contactimg.prediction import load_name
 from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
@@ -43,12 +43,12 @@ def read_reference(experiment: Experiment) -> Frame | None:
     if len(shapes) > 1:
         sizes = ", ".join(sorted(f"{columns} x {rows}" for rows, columns in shapes))
         raise InputError(f"the references differ in size ({sizes} pixels); they must show the same field")
-    average = average_references([frame.image for frame in frames])
-    for number in average.left_out:
+    mean, left_out = average_references([frame.image for frame in frames])
+    for number in left_out:
         logger.warning(
             "%s: left out of the mean of the references; it differs from the others", sources[number].name
         )
-    return Frame(average.image, frames[0].name, frames[0].full_scale)
+    return Frame(mean, frames[0].name, frames[0].full_scale)
 
 
 def scene_asperities(scene: Scene) -> pd.DataFrame | None:

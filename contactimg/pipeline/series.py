@@ -13,9 +13,15 @@ import pandas as pd
 from contactimg.errors import FrameError, InputError
 from contactimg.files import EVERY_FRAME, Experiment, PartStore, Run, edit_points, open_experiment
 from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
-from contactimg.imaging.fit.pooling import FEWEST_SCORES, gain_of_pooling, pool_edges, pool_optics
+from contactimg.imaging.fit.pooling import FEWEST_SCORES, pool_edges, pool_optics
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.pipeline.background import measure_on_background
+from contactimg.pipeline.background import (
+    FEWEST_FALSE_SPOTS,
+    is_measured,
+    measure_on_pool,
+    noise_and_std,
+    pool_background,
+)
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.measured_series import MeasuredSeries
@@ -29,8 +35,8 @@ MOST_EDGES = 200
 add is below a tenth of the uncertainty of a frame; the time to leave each one out grows with their square."""
 
 POOLING_GAIN = 1.5
-"""A frame is measured again with the optics of the series if that makes the uncertainty of its sum of a^3 at
-least this many times smaller. Chosen by hand; sensitivity not measured."""
+"""A frame is measured again with the optics of the series if these know its contrast or blur so many times
+better. Chosen by hand: what the frame knows itself is then below a third of what it is lent."""
 
 
 def measure_series(
@@ -129,29 +135,55 @@ def _measure_frames(
     """
     frames = experiment.frames
     said = "%s of %s frames were done by a run that was ended; the others are measured"
-    measure: Callable[..., MeasuredFrame] = partial(measure_scene_frame, options=options)
-    jobs: list[tuple[Any, ...]] = [(frame, None, edits.get(frame.name, ())) for frame in frames]
+    measure = partial(measure_scene_frame, options=options)
+    by_hand = [edits.get(frame.name, ()) for frame in frames]
     parts: list[MeasuredFrame] = []
+    everything = [(frame, None, own) for frame, own in zip(frames, by_hand, strict=True)]
     for measured in for_each_frame(
-        experiment, measure, jobs, workers=workers, advance=advance, store=store, said=said
+        experiment, measure, everything, workers=workers, advance=advance, store=store, said=said
     ):
         parts.append(MeasuredFrame.of(measured))
         parts[-1].log()
     shape = _refuse_other_sizes(parts)
-    parts, on_pool, before = measure_on_background(
-        experiment, options, edits, parts, workers=workers, store=store
-    )
-    lent = _lent_optics(parts, options.scene.measure.method)
-    again = list(lent)
-    jobs = [(frames[k], lent[k].scaled(parts[k].level or 1.0), edits.get(frames[k].name, ())) for k in again]
-    if on_pool is not None:
-        measure, jobs = on_pool, [(*job, before[k]) for k, job in zip(again, jobs, strict=True)]
-    second_pass = for_each_frame(experiment, measure, jobs, workers=workers, store=store)
-    for k, measured in zip(again, second_pass, strict=True):
-        part = MeasuredFrame.of(measured)
-        part.log("with the contrast, the blur and the edge of the series: ")
-        parts[k] = part
-    return parts, shape
+
+    def again(
+        parts: list[MeasuredFrame], call: Callable[..., MeasuredFrame], given: dict[int, tuple[Any, ...]]
+    ) -> list[MeasuredFrame]:
+        """The parts, some of them measured again; a frame that fails now is left as it was."""
+        new, jobs = list(parts), [(frames[k], *job) for k, job in given.items()]
+        results = for_each_frame(experiment, call, jobs, workers=workers, store=store)
+        for k, result in zip(given, results, strict=True):
+            if not isinstance(result, FailedFrame):
+                new[k] = result
+                result.log("again: ")
+        return new
+
+    def lend(parts: list[MeasuredFrame]) -> dict[int, SharedOptics]:
+        """Number of a frame that gains by it -> what the frames of the series share, in its grey levels."""
+        lent = _lent_optics(parts, options.scene.measure.method)
+        return {k: optics.scaled(parts[k].level or 1.0) for k, optics in lent.items()}
+
+    shown = [k for k, part in enumerate(parts) if is_measured(part)]
+    pool = pool_background(experiment, options, parts, workers=workers)
+    if pool is not None and pool.spots >= FEWEST_FALSE_SPOTS:
+        fault = f"the reference shows {pool.spots} spots like contacts that no frame confirms"
+        logger.warning("%s; it is not used", fault)
+        experiment = replace(experiment, references=())
+        parts = again(parts, measure, {k: (None, by_hand[k]) for k in shown})
+        pool = pool_background(experiment, options, parts, workers=workers, fault=fault)
+    if pool is not None:
+        on_pool = partial(measure_on_pool, pool=pool)
+        # without a reference the frames alone know their contrast badly
+        lent = {} if pool.source else lend(parts)
+        jobs = {k: (lent.get(k), by_hand[k], noise_and_std(parts[k])) for k in shown}
+        better = again(parts, on_pool, jobs)
+        if pool.gains(parts, better):
+            if pool.source:
+                jobs = {k: (optics, *jobs[k][1:]) for k, optics in lend(better).items()}
+                better = again(better, on_pool, jobs)
+            return [part.with_remarks(text) for part, text in zip(better, pool.remarks, strict=True)], shape
+        logger.info("the pooled background gains nothing; the reference is used")
+    return again(parts, measure, {k: (optics, by_hand[k]) for k, optics in lend(parts).items()}), shape
 
 
 def _lent_optics(parts: Sequence[MeasuredFrame], method: str) -> dict[int, SharedOptics]:
@@ -183,21 +215,22 @@ def _lent_optics(parts: Sequence[MeasuredFrame], method: str) -> dict[int, Share
 
 
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
-    """Whether the optics of the series make the uncertainty of the sum of a^3 much smaller or its edge right.
+    """Whether the series knows contrast or blur better than the frame, or an edge that the frame missed.
 
     A frame without a contact is measured again too: a faint contact may be detected once its contrast is
     known.
     """
     if part.shape is None or pd.isna(part.row["n_contacts"]):
         return False
-    own, cubes = part.relative_optics, part.cubes
-    if own is None or cubes is None or not cubes.contacts:
+    own = part.relative_optics
+    if own is None or not part.row["n_contacts"]:
         return True
-    common = np.array([cubes.contrast, cubes.blur])
-    gain = gain_of_pooling(common, cubes.own, own, pooled, edge_part=cubes.edge)
-    if gain > POOLING_GAIN or own.edge is None or pooled.edge is None:
-        return gain > POOLING_GAIN
-    # whether the frame missed the edge that the others have, with fewer contacts to see it
+    stds = (own.contrast_relative_std, pooled.contrast_relative_std), (own.blur_std_px, pooled.blur_std_px)
+    if not all(alone <= POOLING_GAIN * together for alone, together in stds):
+        return True
+    if own.edge is None or pooled.edge is None:
+        return False
+    # with fewer contacts to see it
     return own.edge.families != pooled.edge.families and 2 * own.edge.count < pooled.edge.count
 
 

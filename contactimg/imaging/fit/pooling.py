@@ -1,4 +1,4 @@
-"""Contrast, blur and edge of a series of frames, and how much each frame gains from them.
+"""Contrast, blur and edge of a series of frames.
 
 Contacts transmit a fraction of the light, so the ratio of their contrast to the background level is the same
 in every frame, as is the blur, up to slow changes. Frames are weighted by their own variances plus the
@@ -103,50 +103,6 @@ def pool_edges(frames: Sequence[EdgeKnowledge]) -> EdgeKnowledge | None:
         best.families, best.blur_px, shape, information / scatter, vector / scatter,
         sum(frame.count for frame in donors),
     )  # fmt: skip
-
-
-def gain_of_pooling(
-    sums: NDArray[np.float64],
-    own_part: float,
-    own: SharedOptics,
-    pooled: SharedOptics,
-    *,
-    edge_part: float = 0.0,
-) -> float:
-    """Factor by which pooled contrast and blur reduce the uncertainty of a sum over contacts.
-
-    Parameters
-    ----------
-    sums : ndarray, shape (2,)
-        Change of the sum by one standard uncertainty of the contrast, with the correlated change of the
-        blur, and by one of the remaining uncertainty of the blur; both from the frame alone.
-    own_part : float
-        Standard uncertainty of the sum from the independent errors of the contacts.
-    edge_part : float
-        The same from what the frame does not decide about its edges; it shrinks as the pooled edge rests on
-        more contacts.
-    own, pooled : SharedOptics
-        From the frame alone (a contrast relative to the background), and from all frames.
-
-    Returns
-    -------
-    float
-        1 if the frame gains nothing.
-    """
-    covariance = _covariance(own)
-    slope = np.linalg.solve(np.linalg.cholesky(covariance).T, sums)
-    better = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(_covariance(pooled)))
-    common = float(slope @ covariance @ slope), float(slope @ better @ slope)
-    before = common[0] + own_part**2 + edge_part**2
-    lent, seen = (0 if optics.edge is None else optics.edge.count for optics in (pooled, own))
-    after = common[1] + own_part**2 + (edge_part * max(seen, 1) / (max(seen, 1) + lent)) ** 2
-    return float(np.sqrt(before / max(after, 1e-300)))
-
-
-def _covariance(optics: SharedOptics) -> NDArray[np.float64]:
-    """Covariance of (ln contrast, blur)."""
-    std = np.array([optics.contrast_relative_std, optics.blur_std_px])
-    return np.outer(std, std) * np.array([[1.0, optics.correlation], [optics.correlation, 1.0]])
 
 
 @dataclass(frozen=True)

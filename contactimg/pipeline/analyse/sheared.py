@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from contactimg.analysis.area_against_load import group_loads
 from contactimg.analysis.estimates import Estimate
-from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError
 from contactimg.files import Experiment, write_figures, write_table
 from contactimg.files.runs import frame_shift
-from contactimg.files.sources import FrameSource
+from contactimg.frame import Frame
 from contactimg.pipeline.analyse.places import Place
 from contactimg.pipeline.frame import measure_prepared
-from contactimg.pipeline.inputs import read_reference
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.plots import caption_of, plot_sheared_areas, plot_strip
 from contactimg.pose import Pose
+from contactimg.scene import Scene
 from contactimg.shear.followed import ShearLaws, fit_beta, fit_shear_laws, follow_contacts
 from contactimg.shear.laws import RateLaw, fit_strength
 from contactimg.shear.unseen import limit_radii
@@ -134,7 +134,7 @@ def analyse_shear(
             )
             continue
         table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
-        limits = _upper_limits(place, table, workers=workers, advance=advance or _nothing)
+        limits = _upper_limits(place, table, workers=workers, advance=advance)
         table = table.assign(radius_upper_m=limits)
         tables.append(table if len(places) == 1 else table.assign(place=place.name))
         still = place.loads.loc[~(place.loads["velocity_m_s"].abs() > 0), "frame"]
@@ -166,16 +166,12 @@ def analyse_shear(
     return Sheared(followed, tuple(laws), beta, strip, confidence)
 
 
-def _nothing() -> None:
-    """What is called for each frame where nobody waits."""
-
-
 def _upper_limits(
     place: Place,
     table: pd.DataFrame,
     *,
     workers: int | None,
-    advance: Callable[[], None],
+    advance: Callable[[], None] | None,
 ) -> NDArray[np.float64]:
     """Upper limit of the radius in each row without a contact, m; NaN in the others and outside the image."""
     limits = np.full(len(table), np.nan)
@@ -193,15 +189,19 @@ def _upper_limits(
         shown = ((spots > -0.5) & (spots < shape - 0.5)).all(axis=1)
         contrast, blur, detected = (float(number) for number in shots.loc[name].to_numpy(float))
         limits[index[shown]] = pixel * detected
-        if experiment is not None and name in sources and np.isfinite(contrast) and np.isfinite(blur):
+        if name in sources and np.isfinite(contrast) and np.isfinite(blur):
             own = known[name].to_numpy(float) if name in known else np.empty((0, 3))
             jobs.append((sources[name], spots, own, {"contrast": abs(contrast), "blur_px": blur}))
             rows.append(index)
-    measured = in_parallel(partial(_limits_of_frame, experiment), jobs, count=len(jobs), workers=workers)
+    if experiment is None:
+        return limits
+    call = partial(_limits_of_frame, scene=experiment.scene)
+    measured = for_each_frame(experiment, call, jobs, workers=workers, advance=advance)
     for index, found in zip(rows, measured, strict=True):
-        if found is not None:
+        if isinstance(found, FailedFrame):
+            logger.warning("limits of contacts are those of detection: %s", found.row["message"])
+        else:
             limits[index] = pixel * found
-        advance()
     return limits
 
 
@@ -211,30 +211,19 @@ def _in_pixels(pose: Pose, place: Place, rows: pd.DataFrame, frame: str) -> NDAr
 
 
 def _limits_of_frame(
-    experiment: Experiment | None,
-    source: FrameSource,
+    frame: Frame,
+    reference: NDArray | None,
     spots: NDArray[np.float64],
     contacts: NDArray[np.float64],
     numbers: dict[str, float],
-) -> NDArray[np.float64] | None:
-    """Limits (px) at places of a frame, which is read again; None if that fails."""
-    if experiment is None:
-        return None
-    try:
-        frame, reference = source.read(), read_reference(experiment)
-        image = None if reference is None else reference.image
-        # the cheaper count subtracts the same background
-        seen = measure_prepared(frame, image, experiment.scene, count_at=0.5).foreground
-    except ContactimgError as error:
-        logger.warning("%s: limits of contacts are those of detection: %s", source.name, error)
-        return None
-    return limit_radii(
-        seen.image * np.float32(seen.frame_pair.unit),
-        spots,
-        contacts=contacts,
-        **numbers,
-        valid=seen.frame_pair.valid,
-    )
+    *,
+    scene: Scene,
+) -> NDArray[np.float64]:
+    """Limits (px) at places of a frame, which is read again."""
+    # the cheaper count subtracts the same background
+    seen = measure_prepared(frame, reference, scene, count_at=0.5).foreground
+    image = seen.image * np.float32(seen.frame_pair.unit)
+    return limit_radii(image, spots, contacts=contacts, **numbers, valid=seen.frame_pair.valid)
 
 
 def _strip(pose: Pose, place: Place, resting: pd.DataFrame, experiment: Experiment) -> Strip:

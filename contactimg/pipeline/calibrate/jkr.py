@@ -350,7 +350,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     record = _jkr_record(calibration, series) | {"notes": notes}
     failed = bool((table["status"] == Status.FAILED).any())
     tables: dict[str, tuple[Schema, pd.DataFrame]] = {"circles.csv": (CIRCLES, table)}
-    return Calibrated(record, tables, {"jkr": _jkr_figure(calibration)}, notes, failed=failed)
+    return Calibrated(record, tables, {"jkr": _jkr_figure(calibration)}, failed=failed)
 
 
 def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:

@@ -1,7 +1,7 @@
 """The result of a calibration, and how it is written."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +29,6 @@ class Calibrated:
         File name -> (schema, table).
     figures : dict
         Name without ending -> axes.
-    notes : list of str
-        Sentences for a person.
     failed : bool
         Whether a frame could not be measured.
     """
@@ -38,8 +36,12 @@ class Calibrated:
     record: dict[str, Any]
     tables: dict[str, tuple[Schema, pd.DataFrame]]
     figures: dict[str, Axes]
-    notes: list[str] = field(default_factory=list)
     failed: bool = False
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences for a person."""
+        return list(self.record["notes"])
 
 
 def write_calibration(result: Calibrated, folder: Path, *, frames: list[Mapping[str, Any]]) -> None:

@@ -218,7 +218,7 @@ def _result(
     tables: dict[str, tuple[Schema, pd.DataFrame]] = {"forces.csv": (FORCE_SUMS, table)}
     if curve:
         tables["curve.csv"] = (THRESHOLD_CURVE, pd.DataFrame(curve))
-    return Calibrated(record, tables, figures, record["notes"], failed=len(series.failed) > 0)
+    return Calibrated(record, tables, figures, failed=len(series.failed) > 0)
 
 
 def run_threshold(
@@ -388,4 +388,4 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
     )
     columns = [name for name in FORCE_SUMS.columns if name in table]
     tables = {"curve.csv": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas.csv": (FORCE_SUMS, table[columns])}
-    return Calibrated(record, tables, {"plateau": figure}, notes, failed=len(series.failed) > 0)
+    return Calibrated(record, tables, {"plateau": figure}, failed=len(series.failed) > 0)

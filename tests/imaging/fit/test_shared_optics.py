@@ -13,7 +13,7 @@ from contactimg.forces import total_area, total_force
 from contactimg.frame import Frame
 from contactimg.imaging.fit import shared_optics
 from contactimg.imaging.fit.disks import render_disks
-from contactimg.imaging.fit.pooling import gain_of_pooling, pool_optics
+from contactimg.imaging.fit.pooling import pool_optics
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
@@ -282,15 +282,6 @@ def test_one_frame_far_off_does_not_spoil_the_pool():
     pooled = pool_optics([*frames, SharedOptics(2.5, 0.01, 0.0, 3.0, 0.02)])
     assert pooled.contrast == pytest.approx(1.25, rel=0.02)
     assert pooled.blur_px == pytest.approx(1.4, rel=0.02)
-
-
-def test_gain_of_pooling_by_hand():
-    own = SharedOptics(1.0, 0.03, 0.0, 1.4, 0.02)
-    exact = SharedOptics(1.0, 1e-9, 0.0, 1.4, 1e-9)
-    # common part (3, 4), own part 5: before sqrt(50), after 5
-    assert gain_of_pooling(np.array([3.0, 4.0]), 5.0, own, exact) == pytest.approx(np.sqrt(2), rel=1e-6)
-    # a pool as good as the frame itself halves the common variance: sqrt(50/37.5)
-    assert gain_of_pooling(np.array([3.0, 4.0]), 5.0, own, own) == pytest.approx(np.sqrt(50 / 37.5), rel=1e-9)
 
 
 def test_threshold_radii_follow_the_contrast_too():

@@ -6,11 +6,17 @@ import pytest
 
 from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.background.illumination import Illumination
-from contactimg.imaging.background.pooled.agreement import compare_views
-from contactimg.imaging.background.pooled.references import average_references
-from contactimg.imaging.background.pooled.rims import RimHistory, Rims, RimSums, correct_radii
-from contactimg.imaging.background.pooled.sums import PooledBackground
-from contactimg.imaging.background.pooled.views import Placement, View, place_frame, view_background
+from contactimg.imaging.pooled import (
+    Contacts,
+    Placement,
+    PooledBackground,
+    RimSums,
+    View,
+    average_references,
+    compare_views,
+    correct_radii,
+    excess_variance,
+)
 from contactimg.imaging.profile.blurred_disk import blurred_disk
 from contactimg.optics.synthetic_background import surface_texture
 
@@ -40,7 +46,7 @@ def still(light=1.0):
     grid = np.zeros((4, 4))
     grid[0, 0] = light
     illumination = Illumination(grid, np.ones((30, 40), np.bool_), 0.0)
-    return Placement(Alignment(0.0, 0.0, 0.0), illumination, found=True)
+    return Placement(Alignment(0.0, 0.0, 0.0), illumination)
 
 
 @pytest.fixture
@@ -52,12 +58,12 @@ def shifted_views(rng):
         shift = tuple(rng.uniform(-3.0, 3.0, 2))
         gradient = 1.05 + 0.04 * np.linspace(-1, 1, SHAPE[1])
         frame = exposed(rng, shift=shift, light=gradient)
-        views.append(view_background(frame, place_frame(frame, anchor, background_is="lowest"), NO_DISKS))
+        views.append(Placement.of(frame, anchor, background_is="lowest").view(frame, NO_DISKS))
     return views
 
 
 def pooled_of(views, sign=1):
-    agreement = compare_views(np.stack([view.squares() for view in views]), sign=sign)
+    agreement = compare_views([view.squares() for view in views], sign=sign)
     pooled = PooledBackground.empty(SHAPE)
     for view, used, light in zip(views, agreement.used, agreement.light, strict=True):
         pooled = pooled.plus(view.restricted(used, light))
@@ -80,7 +86,7 @@ def test_a_view_is_taken_out_again(shifted_views):
     own = shifted_views[3].restricted(agreement.used[3], agreement.light[3])
     rest, _ = pooled_of([*shifted_views[:3], *shifted_views[4:]])
     inner = (slice(10, -10), slice(10, -10))
-    np.testing.assert_allclose(pooled.minus(own).mean()[inner], rest.mean()[inner], atol=0.1)
+    np.testing.assert_allclose(pooled.plus(own, -1).mean()[inner], rest.mean()[inner], atol=0.1)
 
 
 def test_what_one_view_alone_shows_is_left_out(rng):
@@ -120,7 +126,7 @@ def test_a_frame_that_differs_everywhere_is_left_out(rng):
 
 def test_place_that_no_view_shows_is_filled_from_around(rng):
     hidden = np.array([[150.0, 100.0, 10.0]])
-    views = [view_background(exposed(rng), still(), hidden) for _ in range(4)]
+    views = [still().view(exposed(rng), hidden) for _ in range(4)]
     pooled, _ = pooled_of(views)
     assert pooled.count[100, 150] == 0
     assert abs(pooled.mean()[100, 150] - LEVEL) < 5.0
@@ -138,8 +144,8 @@ def grown(rng, errors, *, radii, places):
             divided += CONTRAST * spot(x, y, radius + wrong)
         frame = surface() * light + rng.normal(0.0, NOISE, SHAPE)
         views.append(View.plain(frame / divided))
-        x, y = np.transpose(places)
-        rims.append(Rims(x, y, radius + error, np.full(len(x), 0.1), CONTRAST, BLUR))
+        disks = np.column_stack([places, radius + error, np.full(len(places), 0.1)])
+        rims.append(Contacts(disks, NO_DISKS, CONTRAST, BLUR))
     return views, rims
 
 
@@ -152,57 +158,53 @@ def test_radii_are_corrected_together_with_the_background(rng):
     for view in views:
         pooled = pooled.plus(view)
     smooth = cv2.blur(views[0].image, (33, 33))
-    sums = [
-        RimSums.of(rim, view.image, smooth, view.seen > 0) for rim, view in zip(rims, views[1:], strict=True)
-    ]
-    corrections = correct_radii(sums, pooled.mean(), pooled.count, smooth, noise=NOISE)
+    sums = [RimSums.of(rim, view, smooth) for rim, view in zip(rims, views[1:], strict=True)]
+    corrections = correct_radii(sums, pooled, smooth, noise=NOISE)
     left = errors + np.stack(corrections)
     # one frame leaves the noise of a rim, sigma/(contrast level) sqrt(2 sqrt(pi) s/(2 pi a)) = 0.02 px
     assert np.std(left) < 0.25 * np.std(errors)
     before = np.std(pooled.mean() - surface())
     for part, correction in zip(sums, corrections, strict=True):
-        pooled = pooled.changed_by(-part.change(correction, SHAPE))
+        pooled = pooled.without_rings(part.templates, correction)
     assert np.std(pooled.mean() - surface()) < before
 
 
-def test_what_the_background_adds_to_a_radius():
-    def rims(*radii):
-        radius = np.array(radii)
-        return Rims(50.0 * np.arange(len(radii)), 0.0 * radius, radius, 0.1 + 0.0 * radius, CONTRAST, BLUR)
+def at_places(*radii):
+    """Contacts of these radii at places that are the same each time."""
+    disks = [[50.0 * number, 0.0, radius, 0.1] for number, radius in enumerate(radii)]
+    return Contacts(np.array(disks), NO_DISKS, CONTRAST, BLUR)
 
-    frame = rims(5.0, 5.0, 5.0)
-    history = RimHistory((rims(5.0, 12.0), rims(5.0, 20.0), rims(5.0)))
-    excess = history.excess_variance(frame, np.array([4.0, 4.0, 4.0]), but=None)
-    # the same rim in three of four other views leaves one that shows the place: 1; rims elsewhere: 1/4, and
-    # a little less than that for the prior of the radius
-    np.testing.assert_allclose(excess, [0.9, 0.25, 0.23], atol=0.06)
-    without = history.excess_variance(frame, np.array([3.0, 3.0, 3.0]), but=0)
+
+def test_what_the_background_adds_to_a_radius():
+    frame = at_places(5.0, 5.0, 5.0)
+    others = [at_places(5.0, 12.0), at_places(5.0, 20.0), at_places(5.0)]
+    excess = excess_variance(frame, np.array([4.0, 4.0, 4.0]), others)
+    # the same rim in three of four other views leaves one that shows the place: 1; rims elsewhere: 1/4
+    np.testing.assert_allclose(excess, [1.0, 0.25, 0.25], atol=0.01)
+    without = excess_variance(frame, np.array([3.0, 3.0, 3.0]), others[1:])
     assert without[0] == pytest.approx(excess[0], rel=0.05)
 
 
 def test_the_background_never_takes_from_the_variance_of_a_radius():
     """Contacts of one place in all views, whose rims mask most of the pixels that the views could show."""
-    column = np.array([[4.0], [5.0], [6.0]])
-    rims = Rims(50.0 * np.arange(3), np.zeros(3), column[:, 0], np.full(3, 0.1), CONTRAST, BLUR)
+    contacts = at_places(4.0, 5.0, 6.0)
     for count in range(1, 12):
-        history = RimHistory((rims,) * count)
         for views in (0.0, 0.2, 1.0, 3.0, 20.0):
-            excess = history.excess_variance(rims, np.full(3, views), but=None)
-            assert (excess > 0).all()
+            assert (excess_variance(contacts, np.full(3, views), [contacts] * count) > 0).all()
 
 
 def test_references_are_averaged_without_one_that_shows_a_contact(rng):
     shifts = [(0.0, 0.0), (0.4, -0.3), (-1.6, 0.8), (0.2, 2.3)]
     images = [exposed(rng, shift=shift) for shift in shifts]
     images.insert(2, exposed(rng) * (1.0 + 0.5 * spot(150, 100, 30.0)))
-    average = average_references(images)
-    assert average.left_out == (2,)
-    error = (average.image - surface())[10:-10, 10:-10]
+    mean, left_out = average_references(images)
+    assert left_out == [2]
+    error = (mean - surface())[10:-10, 10:-10]
     assert 0.85 < np.std(error) / (NOISE / np.sqrt(4)) < 1.1
 
 
 def test_copies_of_a_reference_count_once(rng):
     image = exposed(rng)
-    average = average_references([image, image.copy()])
-    assert average.left_out == ()
-    np.testing.assert_allclose(average.image, image, rtol=1e-5)
+    mean, left_out = average_references([image, image.copy()])
+    assert left_out == []
+    np.testing.assert_allclose(mean, image, rtol=1e-5)
