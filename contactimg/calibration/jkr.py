@@ -422,7 +422,7 @@ def _solved(
         young_modulus=_from_draws(E),
         work_of_adhesion=_from_draws(w[:, 0]),
         work_of_adhesion_unloading=_from_draws(w[:, 1]) if w.shape[1] > 1 else None,
-        correlation=float(np.corrcoef(pd.DataFrame([E, w[:, 0]]).rank(axis=1))[0, 1]) if varies else 0.0,
+        correlation=float(pd.DataFrame({"E": E, "w": w[:, 0]}).rank().corr().iloc[0, 1]) if varies else 0.0,
         load_zero=_from_draws(zero) if series.zero_std else None,
         load_zero_seen=bool(min((zero <= 0).mean(), (zero >= 0).mean()) < FALSE_ALARM_RATE / 2),
         departure=departure,
