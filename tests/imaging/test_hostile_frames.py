@@ -85,12 +85,38 @@ def test_what_is_no_contact_does_not_set_the_contrast(name, method):
         assert np.abs(pulls(truth, result.disks)).max() < 4
 
 
+LINES = {
+    "hair": np.abs(Y - 150 - 40 * np.sin(X / 40)) < 2.0,
+    "rings": np.minimum.reduce([np.abs(np.hypot(X - x, Y - 150) - 22) for x in (90, 200, 310)]) < 1.5,
+}
+
+
+@METHODS
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("name", LINES)
+def test_a_line_across_contacts_is_no_chain_of_contacts(name, seed, method):
+    """What touches the line may be lost with it, and nothing of the line is a contact with "ok"."""
+    truth = some_contacts(seed, count=30)
+    clear = clear_of(truth, LINES[name], 8.0)
+    assert 8 <= len(clear) < len(truth)
+    extra = OPTICS.contrast * soft(LINES[name])
+    result = measure_image(*expose_pair(truth, extra=extra), method=method, polarity="bright")
+    assert len(match(clear, result.disks)) == len(clear)
+    assert len(result.disks) <= len(truth) + (1 if result.status == "ok" else 4)
+
+
 def test_chains_of_contacts_are_no_bars():
     chain = pd.DataFrame({"x_px": np.arange(30, 380, 25.0), "y_px": 150.0, "radius_px": 13.0})
     result = measure_image(*expose_pair(chain), polarity="bright")
     assert len(match(chain, result.disks)) == len(chain)
     image = coverage(chain.x_px, chain.y_px, chain.radius_px, np.ones(len(chain)), OPTICS)
-    assert not label_regions(image, 0.5).long.any()
+    assert not label_regions(image > 0.5).long.any()
+
+
+def test_a_few_small_contacts_in_a_row_are_no_line():
+    row = pd.DataFrame({"x_px": np.arange(150, 185, 7.0), "y_px": 150.0, "radius_px": 3.0})
+    disks = measure_image(*expose_pair(row), polarity="bright").disks
+    assert len(match(row, disks)) == len(row)
 
 
 STOPS = {

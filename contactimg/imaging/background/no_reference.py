@@ -237,6 +237,6 @@ def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
     contrast = measure_contrast(image, noise, valid)
     if contrast.plateau <= 0.0:
         return 0.0
-    regions = label_regions(image, 0.5 * contrast.plateau)
+    regions = label_regions(image > 0.5 * contrast.plateau)
     total = float(regions.area.sum())
     return float(np.minimum(np.pi * regions.half_width**2, regions.area).sum()) / total if total else 0.0

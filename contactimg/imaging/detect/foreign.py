@@ -1,8 +1,9 @@
 """What is no contact whatever its brightness: bars, hairs and scratches.
 
 A contact is a disk, and contacts that touch are a union of disks. A bar is longer than any group of its half
-width, and its pixels lie half as far from its rim as those of a disk. It is masked before contrast and
-contacts are learned. Hot pixels and lines one pixel wide are gone by then
+width, and its pixels lie half as far from its rim as those of a disk. A hair or scratch may cross contacts:
+it is what is left of a region without its wide parts, many times longer than wide, however it is bent. Both
+are masked before contrast and contacts are learned. Hot pixels and lines one pixel wide are gone by then
 (`contactimg.imaging.pixels.field_of_view.repair_defects`).
 """
 
@@ -39,6 +40,16 @@ SEEN_SIGMA = 6.0
 SPRAWL = 4.0
 """Squared diagonal of the bounding box over the area above which a region is no disk and no pair of disks.
 Theory: 2.5 for a disk, 3.2 for two that touch."""
+LINE_WIDTH_PX = 9
+"""Width below which a part of a region is thin, at `LEVEL_FRACTION`. By hand: a line of 4 px behind a blur of
+1.5 px."""
+SHORTEST_LINE, SMALLEST_LINE = 14.0, 15
+"""Diagonal (squares) of a region, and area (squares) of a thin part, from which it may be a line: slivers of
+rims are smaller. By hand."""
+LINE_LENGTH, PIECE_LENGTH = 11.0, 5.5
+"""Length of a thin part over its half width from which it is a line, and part of one where there are lines.
+By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of 15 px make 12. Theory:
+11 for seven contacts in a row."""
 MARGIN = 3
 """Squares around an object that are masked with it: its blurred rim. By hand: four blur widths of 1.5 px."""
 
@@ -84,25 +95,49 @@ def find_foreign(image: NDArray[np.float32], plateau: float, noise: float, valid
     level = max(LEVEL_FRACTION * plateau, SEEN_SIGMA * noise / SIDE)
     squares = np.nan_to_num(block_means(image, valid, side=SIDE), copy=False)
     components = label_components(squares, level)
-    if not _may_be_long(components).any():
+    sprawling = _squared_diagonal(components)[_sprawls(components)]
+    if not (sprawling > SHORTEST_LINE**2).any():
         return NONE
-    regions = label_regions(squares, level)
-    bad = np.flatnonzero(regions.long)
-    if not len(bad):
+    bars, lines = label_regions(squares > level), _lines(image, squares > level, level)
+    slender = np.where(lines.area > SIDE**2 * SMALLEST_LINE, lines.length / lines.half_width, 0.0)
+    # contacts cut a line into pieces
+    line = np.flatnonzero(slender > (PIECE_LENGTH if (slender > LINE_LENGTH).any() else LINE_LENGTH))
+    long = np.flatnonzero(bars.long)
+    if not len(long) + len(line):
         return NONE
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1, 2 * MARGIN + 1))
-    mask = cv2.dilate(np.isin(regions.labels, bad).astype(np.uint8), around)
-    wide = mask.repeat(SIDE, axis=0).repeat(SIDE, axis=1)[: image.shape[0], : image.shape[1]]
+    mask = cv2.dilate(np.isin(bars.labels, long).astype(np.uint8), around)
+    mask = mask.repeat(SIDE, axis=0).repeat(SIDE, axis=1)[: image.shape[0], : image.shape[1]]
+    if len(line):
+        side = 2 * SIDE * MARGIN + 1
+        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+        mask = mask | cv2.dilate(np.isin(lines.labels, line).astype(np.uint8), around)
     middle = 0.5 * (SIDE - 1)
     return Foreign(
         {
-            "x_px": SIDE * regions.x[bad] + middle,
-            "y_px": SIDE * regions.y[bad] + middle,
-            "radius_px": SIDE * np.sqrt(regions.area[bad] / np.pi),
-            "reason": np.full(len(bad), Reason.LONG.value, object),
+            "x_px": np.concatenate([SIDE * bars.x[long] + middle, lines.x[line]]),
+            "y_px": np.concatenate([SIDE * bars.y[long] + middle, lines.y[line]]),
+            "radius_px": np.sqrt(np.concatenate([SIDE**2 * bars.area[long], lines.area[line]]) / np.pi),
+            "reason": np.full(len(long) + len(line), Reason.LONG.value, object),
         },
-        np.ascontiguousarray(wide),
+        np.ascontiguousarray(mask),
     )
+
+
+def _lines(image: NDArray[np.float32], squares: NDArray[np.bool_], level: float) -> "LabelledRegions":
+    """The thin parts of the regions above a level; ``squares`` shows whether there may be lines."""
+    thin = _thin_parts(squares.astype(np.uint8), LINE_WIDTH_PX // SIDE + 1)
+    areas = cv2.connectedComponentsWithStats(thin, connectivity=8)[2][1:, cv2.CC_STAT_AREA]
+    if not (areas > SMALLEST_LINE).any():
+        return label_regions(np.zeros((1, 1), np.bool_))
+    above = (cv2.blur(image, (3, 3)) > level).astype(np.uint8)
+    return label_regions(_thin_parts(above, LINE_WIDTH_PX) > 0)
+
+
+def _thin_parts(mask: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """The parts of a mask into which no disk of a width fits."""
+    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
+    return np.asarray(mask & (1 - cv2.morphologyEx(mask, cv2.MORPH_OPEN, disk)), np.uint8)
 
 
 def _squared_diagonal(components: NDArray[np.void]) -> NDArray[np.float64]:
@@ -115,12 +150,6 @@ def _squared_diagonal(components: NDArray[np.void]) -> NDArray[np.float64]:
 def _sprawls(components: NDArray[np.void]) -> NDArray[np.bool_]:
     """The components that are no disk and no pair of disks."""
     return np.asarray(_squared_diagonal(components) > SPRAWL * components["area"])
-
-
-def _may_be_long(components: NDArray[np.void]) -> NDArray[np.bool_]:
-    """The components that may be long: a quick check that clears most frames."""
-    shortest = LENGTH_HALF_WIDTHS * (0.5 + LENGTH_MARGIN_PX)
-    return _sprawls(components) & (_squared_diagonal(components) > shortest**2)
 
 
 NONE = Foreign({name: np.empty(0) for name in ("x_px", "y_px", "radius_px", "reason")}, None)
@@ -140,6 +169,8 @@ class LabelledRegions:
         Whether the region is a bar or hair rather than a disk or a group of disks.
     half_width : ndarray, shape (n,), px
         Radius of the largest disk inside.
+    length : ndarray, shape (n,), px
+        Along a region of that half width everywhere.
     x, y : ndarray, shape (n,), px
         Centroids.
     """
@@ -148,35 +179,37 @@ class LabelledRegions:
     area: NDArray[np.float64]
     long: NDArray[np.bool_]
     half_width: NDArray[np.float64]
+    length: NDArray[np.float64]
     x: NDArray[np.float64]
     y: NDArray[np.float64]
 
 
-def label_regions(image: NDArray[np.float32], level: float) -> LabelledRegions:
-    """Regions of an image above a level, joined by sides and corners.
+def label_regions(mask: NDArray[np.bool_]) -> LabelledRegions:
+    """Regions of a mask, joined by sides and corners.
 
     Examples
     --------
     >>> y, x = np.mgrid[0:40, 0:60]
     >>> bar, disk = np.abs(x - 50) < 4, np.hypot(x - 20, y - 20) < 9
-    >>> label_regions((bar | disk).astype(np.float32), 0.5).long.tolist()
+    >>> label_regions(bar | disk).long.tolist()
     [True, False]
     """
-    mask = (image > level).astype(np.uint8)
-    count, labels, stats, centroids = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    pixels = mask.astype(np.uint8)
+    count, labels, stats, centroids = cv2.connectedComponentsWithStats(pixels, connectivity=8)
     # the border repeats: a region cut by it goes on beyond
-    around = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    around = cv2.copyMakeBorder(pixels, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     distance = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    widest, mean = _inside(labels, np.minimum(distance, max(image.shape)), count)
+    widest, mean = _inside(labels, np.minimum(distance, max(mask.shape)), count)
     area = stats[:, cv2.CC_STAT_AREA].astype(float)
     # distances end at the first pixel outside, on average half a pixel beyond the rim
     half = np.maximum(widest - 0.5, 0.5)
-    length = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
+    extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     bar = (mean - 0.5 > BAR_DISTANCE_RATIO * half) | (half < THIN_HALF_WIDTH_PX)
     long = bar & (area > BAR_AREA_DISKS * np.pi * half**2)
-    long &= length > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX)
+    long &= extent > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX)
     x, y = np.asarray(centroids, float)[1:].T
-    return LabelledRegions(np.asarray(labels, np.int32) - np.int32(1), area[1:], long[1:], half[1:], x, y)
+    labels = np.asarray(labels, np.int32) - np.int32(1)
+    return LabelledRegions(labels, area[1:], long[1:], half[1:], (0.5 * area / half)[1:], x, y)
 
 
 @njit(cache=True)

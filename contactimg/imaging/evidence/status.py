@@ -27,6 +27,9 @@ FALSE_SHARE, FEWEST_FALSE = 0.05, 3
 hand."""
 UNEXPLAINED_SHARE = 0.05
 """Share of the bright pixels that belong to nothing, above which contacts are missing. By hand."""
+HIDDEN_SHARE = 0.02
+"""Share of the frame under hairs and scratches above which contacts may be missing. By hand: one of twenty
+contacts of a usual frame."""
 DARK_SHARE = 0.004
 """Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it
 make 0.013."""
@@ -225,6 +228,12 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             f"{false} of {total} candidates proved to be no contacts; others may be left among the contacts"
         )
         yield Status.FALSE_CANDIDATES, text
+    mask = seen.foreground.foreign.mask
+    if mask is not None and (hidden := float(np.mean(mask))) > HIDDEN_SHARE:
+        text = (
+            f"hairs, scratches or bars hide {100 * hidden:.2g} % of the frame: what they cross was left out"
+        )
+        yield Status.UNRESOLVED, text
     if seen.unexplained > UNEXPLAINED_SHARE:
         text = (
             f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
