@@ -5,7 +5,6 @@ the scene of a command, `printing` prints tables and progress bars. An error is 
 and exit code 2.
 """
 
-import gc
 import logging
 import sys
 from collections.abc import Sequence
@@ -19,9 +18,6 @@ from contactimg.errors import ContactimgError
 
 __all__ = ["main"]
 
-OBJECTS_BETWEEN_COLLECTIONS = 20_000
-"""New objects after which Python looks for cycles of unused ones. Measured: with the usual 700 a short run
-spends 4 % of its time on it, most of it on what imports made; so half of that, and memory stays the same."""
 INTERRUPTED = "interrupted; earlier results are as they were, and `process` takes up what it measured"
 """What a command says that was asked to end."""
 
@@ -96,7 +92,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line; return its exit code: 0 done, 1 some frames failed, 2 nothing done."""
     logging.basicConfig(format="contactimg: %(message)s", force=True)
     logging.getLogger("contactimg").setLevel(logging.WARNING)
-    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     try:
         arguments = sys.argv[1:] if argv is None else list(argv)
         with ending_cleanly():  # also if it is a signal that ends it
