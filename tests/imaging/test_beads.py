@@ -59,7 +59,6 @@ def test_nothing_else_is_found_in_the_light(beads):
     assert np.count_nonzero(others["brightness"] > 0.5 * whole["brightness"].median()) <= 2
 
 
-@pytest.mark.xfail(reason="two beads of the packing overlap by 4.0 px", strict=True)
 def test_touching_beads_do_not_overlap(beads):
     disks, seen, found, true = beads
     whole = disks.iloc[found[seen["kind"].to_numpy()[true] == "whole"]]

@@ -51,7 +51,7 @@ def test_analysis_leaves_tables_figures_and_where_they_come_from(run, tmp_path):
     schemas = {
         schema.name: schema
         for schema in (tables.AREA, tables.PROFILE, tables.NORMALISED, tables.PRESSURE_LAW, tables.RESULTS)
-    } | {"asperities": replace(tables.FOLLOWED, later={})}
+    } | {"asperities": tables.FOLLOWED.and_later()}
     assert {path.stem for path in out.glob("*.csv")} == set(schemas)
     for name, schema in schemas.items():
         assert pd.read_csv(out / f"{name}.csv").columns.tolist() == list(schema.columns)
