@@ -565,7 +565,8 @@ def test_the_first_run_says_that_it_compiles(tmp_path, monkeypatch):
 
 
 ALL_COMMANDS = [[], *([name] for name in COMMANDS), *(["calibrate", kind] for kind in ("jkr", "threshold"))]
-HEAVY = ("numpy", "pandas", "scipy", "matplotlib", "numba", "cv2", "tifffile", "rich", "contactimg.files.experiment")
+HEAVY = ("numpy", "pandas", "scipy", "matplotlib", "numba", "cv2", "tifffile", "rich")
+HEAVY += ("contactimg.files.experiment",)
 
 
 HELP = """
