@@ -418,11 +418,12 @@ def _solved(
     fitted = series.terms(series.radius) @ fit.parameters
     rest = series.load - fitted
     columns = {"load_N": series.load, "radius_m": series.radius, "branch": branch, "fitted_N": fitted}
+    ranks = pd.DataFrame({"E": E, "w": w[:, 0]}).rank()
     return JkrCalibration(
         young_modulus=_from_draws(E),
         work_of_adhesion=_from_draws(w[:, 0]),
         work_of_adhesion_unloading=_from_draws(w[:, 1]) if w.shape[1] > 1 else None,
-        correlation=float(pd.DataFrame({"E": E, "w": w[:, 0]}).rank().corr().iloc[0, 1]) if varies else 0.0,
+        correlation=float(np.corrcoef(ranks.T)[0, 1]) if varies else 0.0,
         load_zero=_from_draws(zero) if series.zero_std else None,
         load_zero_seen=bool(min((zero <= 0).mean(), (zero >= 0).mean()) < FALSE_ALARM_RATE / 2),
         departure=departure,

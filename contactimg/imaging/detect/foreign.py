@@ -111,7 +111,8 @@ def find_foreign(image: NDArray[np.float32], plateau: float, noise: float, valid
     if len(line):
         side = 2 * SIDE * MARGIN + 1
         around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-        mask = mask | cv2.dilate(np.isin(lines.labels, line).astype(np.uint8), around)
+        wide = cv2.dilate(np.isin(lines.labels, line).astype(np.uint8), around)
+        mask = np.maximum(mask, np.asarray(wide, np.uint8))
     middle = 0.5 * (SIDE - 1)
     return Foreign(
         {
@@ -137,7 +138,7 @@ def _lines(image: NDArray[np.float32], squares: NDArray[np.bool_], level: float)
 def _thin_parts(mask: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
     """The parts of a mask into which no disk of a width fits."""
     disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
-    return np.asarray(mask & (1 - cv2.morphologyEx(mask, cv2.MORPH_OPEN, disk)), np.uint8)
+    return mask & (1 - np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, disk), np.uint8))
 
 
 def _squared_diagonal(components: NDArray[np.void]) -> NDArray[np.float64]:
