@@ -98,21 +98,23 @@ def find_foreign(image: NDArray[np.float32], plateau: float, noise: float, valid
     sprawling = _squared_diagonal(components)[_sprawls(components)]
     if not (sprawling > SHORTEST_LINE**2).any():
         return NONE
-    bars, lines = label_regions(squares > level), _lines(image, squares > level, level)
+    bars = label_regions(squares > level)
+    long = np.flatnonzero(bars.long)
+    bar = np.isin(bars.labels, long)
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1,) * 2)
+    wide = np.asarray(cv2.dilate(bar.astype(np.uint8), around), np.uint8)
+    wide = wide.repeat(SIDE, axis=0).repeat(SIDE, axis=1)
+    mask = np.array(wide[: image.shape[0], : image.shape[1]])
+    lines = _lines(np.where(mask > 0, np.float32(0.0), image), (squares > level) & ~bar, level)
     slender = np.where(lines.area > SIDE**2 * SMALLEST_LINE, lines.length / lines.half_width, 0.0)
     # contacts cut a line into pieces
     line = np.flatnonzero(slender > (PIECE_LENGTH if (slender > LINE_LENGTH).any() else LINE_LENGTH))
-    long = np.flatnonzero(bars.long)
     if not len(long) + len(line):
         return NONE
-    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1, 2 * MARGIN + 1))
-    mask = cv2.dilate(np.isin(bars.labels, long).astype(np.uint8), around)
-    mask = mask.repeat(SIDE, axis=0).repeat(SIDE, axis=1)[: image.shape[0], : image.shape[1]]
     if len(line):
-        side = 2 * SIDE * MARGIN + 1
-        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-        wide = cv2.dilate(np.isin(lines.labels, line).astype(np.uint8), around)
-        mask = np.maximum(mask, np.asarray(wide, np.uint8))
+        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * SIDE * MARGIN + 1,) * 2)
+        wide = np.asarray(cv2.dilate(np.isin(lines.labels, line).astype(np.uint8), around), np.uint8)
+        mask = np.maximum(mask, wide)
     middle = 0.5 * (SIDE - 1)
     return Foreign(
         {
@@ -121,7 +123,7 @@ def find_foreign(image: NDArray[np.float32], plateau: float, noise: float, valid
             "radius_px": np.sqrt(np.concatenate([SIDE**2 * bars.area[long], lines.area[line]]) / np.pi),
             "reason": np.full(len(long) + len(line), Reason.LONG.value, object),
         },
-        np.ascontiguousarray(mask),
+        mask,
     )
 
 

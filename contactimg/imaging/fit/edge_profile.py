@@ -20,6 +20,7 @@ from contactimg.imaging.fit.edge_scores import (
     FEWEST_SCORES,
     PRIOR_STD,
     SHARED,
+    SUSPICION,
     Edge,
     EdgeScores,
     Placement,
@@ -46,6 +47,8 @@ from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
+Steps = dict[str, SharedStep]
+"""Step of the shared quantities with one family more, by its name."""
 Refine = Callable[[FitProblem, FittedDisks, OpticsPrior], JointFit]
 
 ROUNDS = 16  # fits at most; accuracy and time: a frame with a plain edge needs none
@@ -209,8 +212,9 @@ def learn_edge(
     if not current.learned.families:
         if not search.may_learn(joint, isolated):
             return search.finish(current, scores)
-        if not scores.is_suspicious(search.prior(current)):
-            return search.finish(current, scores, of=len(isolated))
+        others = search.others(current, scores)
+        if not any(step.excess(FAMILIES[name], SUSPICION) > 1.0 for name, step in others.items()):
+            return search.finish(current, scores, others, of=len(isolated))
     current, scores = search.learn(current, isolated, refine)
     if _fits_worse(current.joint.fit.chi_square, plain.joint.fit.chi_square):
         current, scores = plain, search.scores(plain, isolated)  # it does not fit better
@@ -295,7 +299,7 @@ class _Search:
             edge, families, prior = current.learned.edge, current.learned.families, self.prior(current)
             step = scores.step(parameters_of(families), prior)
             if not families or _has_settled(edge, _moved(edge, step), step):
-                found = self.next_family(scores, current, prior)
+                found = self.next_family(current, scores)
                 if not found or len(scores.score) < FEWEST_CONTACTS:
                     break
                 families = (*families, found)
@@ -328,16 +332,19 @@ class _Search:
         score = prior.information @ (prior.mean - np.array([np.log(current.joint.contrast), blur]))
         return score, prior.information
 
-    def next_family(self, scores: EdgeScores, current: EdgeFit, prior: tuple[Values, Values]) -> str:
+    def others(self, current: EdgeFit, scores: EdgeScores) -> Steps:
+        """The steps of the shared quantities with one family more, for each that may be there."""
+        families, prior = current.learned.families, self.prior(current)
+        names = [name for name in FAMILIES if not self.excluded(name, families)]
+        return {name: scores.step(parameters_of((*families, name)), prior) for name in names}
+
+    def next_family(self, current: EdgeFit, scores: EdgeScores) -> str:
         """The family that explains most of the residuals, if it is significant and matters."""
-        families, (best, most) = current.learned.families, ("", 0.0)
-        for name, columns in FAMILIES.items():
-            if self.excluded(name, families):
-                continue
-            step = scores.step(parameters_of((*families, name)), prior)
+        best, most = "", 0.0
+        for name, step in self.others(current, scores).items():
             if name in POSITIVE and step.delta[-1] <= 0.0:
                 continue
-            if step.gain > most and step.excess(columns) > 1.0 and _matters(scores, step):
+            if step.gain > most and step.excess(FAMILIES[name]) > 1.0 and _matters(scores, step):
                 best, most = name, step.gain
         return best
 
@@ -366,10 +373,17 @@ class _Search:
         prior = self.optics_prior.with_exact_blur(edge.blur)
         return EdgeFit(problem, refine(problem, fit, prior), learned)
 
-    def finish(self, current: EdgeFit, scores: EdgeScores, *, of: int = 0) -> EdgeFit:
+    def finish(
+        self,
+        current: EdgeFit,
+        scores: EdgeScores,
+        others: dict[str, SharedStep] | None = None,
+        *,
+        of: int = 0,
+    ) -> EdgeFit:
         """The fit with the uncertainties that the edge brings to all radii.
 
-        ``scores`` may be those of a sample of ``of`` contacts.
+        ``scores`` may be those of a sample of ``of`` contacts; ``others`` are the steps with one family more.
         """
         families = current.learned.families
         joint = self._learned(current, scores) if families else current.joint
@@ -382,42 +396,12 @@ class _Search:
         step = scores.step(parameters_of(families), self.prior(current))
         std = np.zeros(SHARED + len(current.learned.edge.shape))
         std[step.chosen] = np.sqrt(np.diag(step.covariance))
-        undecided = self._undecided(current, joint, scores, families)
+        undecided = np.zeros(len(joint.fit.disks))
+        if len(scores.score) >= FEWEST_SCORES:
+            others = self.others(current, scores) if others is None else others
+            undecided = _undecided(joint.fit.disks[:, RADIUS], scores, step.gain, others)
         learned = replace(current.learned, std=std[SHARED:], knowledge=knowledge, undecided=undecided)
         return EdgeFit(current.problem, joint, learned)
-
-    def _undecided(
-        self, current: EdgeFit, joint: JointFit, scores: EdgeScores, families: tuple[str, ...]
-    ) -> Values:
-        """Shift of the radii by the other family of edges that may change the areas most, px.
-
-        Root mean square over a family that is present with the probability that its prior and the residuals
-        of all contacts give it (Laplace's approximation): where they exclude it that is next to nothing,
-        where they cannot tell it is what the family may be. Contacts whose scores are not known move as those
-        of their radius.
-        """
-        radius, prior = joint.fit.disks[:, RADIUS], self.prior(current)
-        most, shift = 0.0, np.zeros(len(radius))
-        if len(scores.score) < FEWEST_SCORES:
-            return shift
-        order = np.argsort(scores.radius)
-        without = scores.step(parameters_of(families), prior).gain
-        for name, columns in FAMILIES.items():
-            if self.excluded(name, families):
-                continue
-            step = scores.step(parameters_of((*families, name)), prior)
-            own = np.flatnonzero(np.isin(step.chosen - SHARED, columns))
-            known = np.linalg.slogdet(step.covariance[np.ix_(own, own)])[1]
-            known -= 2.0 * float(np.sum(np.log(PRIOR_STD[list(columns)])))
-            odds = PRIOR_ODDS.get(name, USUAL_ODDS) * np.exp(min(0.5 * (step.gain - without + known), 50.0))
-            uncertain = np.zeros((len(step.chosen), len(own)))
-            uncertain[own] = np.linalg.cholesky(step.covariance[np.ix_(own, own)])
-            moves = np.sqrt(odds / (1.0 + odds)) * np.column_stack([step.delta, uncertain])
-            moved = np.linalg.norm(scores.response[:, step.chosen] @ moves, axis=1)
-            if float(scores.radius @ moved) > most:
-                most = float(scores.radius @ moved)
-                shift = np.interp(radius, scores.radius[order], moved[order])
-        return shift
 
     def _knowledge(self, current: EdgeFit, score: Values, information: Values, count: int) -> EdgeKnowledge:
         """What the frame alone says of its edges, whatever contrast and blur."""
@@ -457,6 +441,30 @@ class _Search:
             own_covariance=_of_optics(own_step, edge),
             radius_shifts=np.column_stack([modes[:, 0], common]),
         )
+
+
+def _undecided(radius: Values, scores: EdgeScores, without: float, others: Steps) -> Values:
+    """Shift of the radii by the other family of edges that may change the areas most, px.
+
+    Root mean square over a family that is present with the probability that its prior and the residuals of
+    all contacts give it (Laplace's approximation): where they exclude it that is next to nothing, where they
+    cannot tell it is what the family may be. ``without`` is the gain of the step without another family.
+    Contacts whose scores are not known move as those of their radius.
+    """
+    most, shift, order = 0.0, np.zeros(len(radius)), np.argsort(scores.radius)
+    for name, step in others.items():
+        own = np.flatnonzero(np.isin(step.chosen - SHARED, FAMILIES[name]))
+        known = np.linalg.slogdet(step.covariance[np.ix_(own, own)])[1]
+        known -= 2.0 * float(np.sum(np.log(PRIOR_STD[list(FAMILIES[name])])))
+        odds = PRIOR_ODDS.get(name, USUAL_ODDS) * np.exp(min(0.5 * (step.gain - without + known), 50.0))
+        uncertain = np.zeros((len(step.chosen), len(own)))
+        uncertain[own] = np.linalg.cholesky(step.covariance[np.ix_(own, own)])
+        moves = np.sqrt(odds / (1.0 + odds)) * np.column_stack([step.delta, uncertain])
+        moved = np.linalg.norm(scores.response[:, step.chosen] @ moves, axis=1)
+        if float(scores.radius @ moved) > most:
+            most = float(scores.radius @ moved)
+            shift = np.interp(radius, scores.radius[order], moved[order])
+    return shift
 
 
 def _fits_worse(after: Values, before: Values) -> bool:

@@ -347,13 +347,6 @@ class EdgeScores:
             np.ones(len(disks), np.bool_),
         )
 
-    def is_suspicious(self, prior: tuple[Values, Values]) -> bool:
-        """Whether any departure from the plain edge is worth a closer look, at `SUSPICION`."""
-        return any(
-            self.step(parameters_of((name,)), prior).excess(columns, SUSPICION) > 1.0
-            for name, columns in FAMILIES.items()
-        )
-
     def step(self, chosen: NDArray[np.int64], prior: tuple[Values, Values]) -> SharedStep:
         """The step of some shared quantities; ``prior`` is (score, information) of a prior of all of them."""
         here = np.ix_(chosen, chosen)
