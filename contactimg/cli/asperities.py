@@ -74,7 +74,7 @@ def asperities(
 
 
 def _counted(found: "FoundSummits") -> str:
-    """What was left out, in brackets."""
+    """The sentence part on summits that were left out, in brackets."""
     parts = [f"{count} {reason}" for reason, count in found.left_out.items()]
     return f" (left out: {', '.join(parts)})" if parts else ""
 

@@ -184,7 +184,7 @@ class Cluster:
         return error
 
     def drop(self) -> None:
-        """Nothing to do: the scheduler forgets what is left with the connection."""
+        """The scheduler forgets by itself what is left, with the connection."""
 
     def _gone(self, error: BaseException) -> ClusterError:
         return ClusterError(

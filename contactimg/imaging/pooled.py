@@ -158,7 +158,7 @@ class Contacts:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What one frame shows of the background.
+    """The background as one frame shows it.
 
     Parameters
     ----------

@@ -99,6 +99,6 @@ def _region(name: str, kind: str, points: NDArray[np.float64]) -> Region | None:
 
 
 def _keys(edits: pd.DataFrame) -> pd.MultiIndex:
-    """What makes a correction the same: frame, action and place."""
+    """Frame, action and place of each correction: two that share them are the same."""
     place = edits[["x_px", "y_px", "radius_px"]].astype(float).round(6).fillna(-1.0)
     return pd.MultiIndex.from_frame(edits[["frame", "action"]].join(place))

@@ -146,7 +146,7 @@ def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
 
 
 def _sentence(drawn: pd.DataFrame, classes: pd.DataFrame, stated_px: float) -> str:
-    """What the check says; ``stated_px`` is the detection limit of the frames."""
+    """The sentence that the check says; ``stated_px`` is the detection limit of the frames."""
     share = classes["completeness"].to_numpy()
     poor = np.flatnonzero(share < FOUND)
     first = int(poor[-1]) + 1 if len(poor) else 0

@@ -212,7 +212,7 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
 
 
 def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
-    """What was taken for contacts and is none, or was not taken and may be."""
+    """Candidates that were taken for contacts and are none, or were not taken and may be."""
     reasons = np.asarray(seen.rejected["reason"])
     dust = int(np.count_nonzero(reasons == "dust in the reference"))
     false = int(np.count_nonzero(np.isin(reasons, FALSE_REASONS)))

@@ -404,7 +404,7 @@ class _Search:
         return EdgeFit(current.problem, joint, learned)
 
     def _knowledge(self, current: EdgeFit, score: Values, information: Values, count: int) -> EdgeKnowledge:
-        """What the frame alone says of its edges, whatever contrast and blur."""
+        """The knowledge that the frame alone gives of its edges, whatever contrast and blur."""
         learned = current.learned
         others = np.array([0] if "point spread" in learned.families else [0, 1])
         cross = information[np.ix_(others, np.arange(SHARED, len(score)))]

@@ -59,7 +59,7 @@ FAR_PX = 60.0
 
 @dataclass(frozen=True)
 class EdgeModel:
-    """What determines the light at the edge: pixel size, sphere and lamp.
+    """The quantities that determine the light at the edge: pixel size, sphere and lamp.
 
     Parameters
     ----------
