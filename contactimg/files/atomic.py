@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,7 +31,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
     Notes
     -----
-    The hidden path has one name, so that what a killed process leaves is overwritten by the next one.
+    The hidden path names the process and the thread, so that two of them may write the same file at once: the
+    one that ends last remains. A process that is killed leaves its hidden file.
 
     Examples
     --------
@@ -42,7 +44,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     'whole'
     """
     path = Path(path)
-    part = path.with_name(f".{path.name}.part")
+    part = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.part")
     try:
         try:
             yield part

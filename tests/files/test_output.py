@@ -8,6 +8,7 @@ import shutil
 import stat
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,29 @@ def test_file_keeps_its_old_content_if_writing_fails(tmp_path):
         part.write_text("ne")
         raise RuntimeError("half-way")
     assert content(tmp_path) == {"a.txt": "old"}
+
+
+def test_two_writers_of_one_file_do_not_disturb_each_other(tmp_path):
+    path, seen = tmp_path / "a.txt", []
+    first_has_begun, first_may_end = threading.Event(), threading.Event()
+
+    def write_first():
+        with replacing(path) as part:
+            part.write_text("first")
+            first_has_begun.set()
+            first_may_end.wait(10.0)
+            seen.append(part.read_text())
+
+    thread = threading.Thread(target=write_first)
+    thread.start()
+    first_has_begun.wait(10.0)
+    with replacing(path) as part:
+        part.write_text("second")
+    assert content(tmp_path)["a.txt"] == "second"
+    first_may_end.set()
+    thread.join()
+    assert seen == ["first"]
+    assert content(tmp_path) == {"a.txt": "first"}
 
 
 def test_file_has_the_permissions_of_the_process(tmp_path):
