@@ -10,10 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
+from scipy.special import chndtrinc, ndtri
 
 from contactimg.errors import InputError
-from contactimg.imaging.profile.blurred_disk import blurred_disk
 
 Values = NDArray[np.float64]
 
@@ -21,7 +20,7 @@ WIDEST_BLUR_WIDTHS = 60.0
 """Largest radius of the table; above, a straight edge with its first correction is used (accuracy)."""
 
 NODES = 800  # radii in the table; accuracy
-HALVINGS = 50  # of the bisection; accuracy
+THRESHOLDS = 64  # whose tables are kept, more than a calibration tries; speed only
 
 
 def threshold_radius(radius_px: ArrayLike, *, blur_px: float, fraction: float = 0.5) -> Values:
@@ -48,13 +47,10 @@ def threshold_radius(radius_px: ArrayLike, *, blur_px: float, fraction: float = 
     """
     _check(blur_px, fraction)
     a = np.asarray(radius_px, float) / blur_px
-    low, high = np.zeros_like(a), a + 8.0
-    reaches = blurred_disk(0.0, a, 1.0) > fraction
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        above = blurred_disk(middle, a, 1.0) > fraction
-        low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return np.where(reaches, 0.5 * (low + high), 0.0) * blur_px
+    reaches = a > _smallest_radius(fraction)
+    # the profile is the distribution of a noncentral chi-square, here inverted in its noncentrality
+    crossed = np.sqrt(chndtrinc(np.where(reaches, a, 1.0) ** 2, 2, fraction))
+    return np.where(reaches, crossed, 0.0) * blur_px
 
 
 def disk_radius(threshold_radius_px: ArrayLike, *, blur_px: float, fraction: float = 0.5) -> Values:
@@ -87,15 +83,20 @@ def disk_radius(threshold_radius_px: ArrayLike, *, blur_px: float, fraction: flo
     return np.where(r > crossed[-1], beyond, np.interp(r, crossed, radii)) * blur_px
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=THRESHOLDS)
 def _table(fraction: float) -> tuple[Values, Values]:
     """Crossings and radii in blur widths, from the smallest disk that reaches the threshold."""
-    smallest = np.sqrt(-2 * np.log1p(-fraction))
+    smallest = _smallest_radius(fraction)
     # the crossing rises as the square root from there
     radii = smallest + (WIDEST_BLUR_WIDTHS - smallest) * np.linspace(0.0, 1.0, NODES) ** 3
     crossed = threshold_radius(radii, blur_px=1.0, fraction=fraction)
     crossed[0] = 0.0
     return crossed, radii
+
+
+def _smallest_radius(fraction: float) -> float:
+    """Radius, in blur widths, of the disk whose centre just reaches a threshold."""
+    return float(np.sqrt(-2 * np.log1p(-fraction)))
 
 
 def _check(blur_px: float, fraction: float) -> None:
