@@ -27,6 +27,7 @@ from contactimg.imaging.fit.disks import (
     erase_disks,
     find_insignificant,
     fit_disks,
+    isolation_gap,
 )
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
@@ -287,17 +288,15 @@ class _Assembly:
         """
         old = self.fit
         active = _near(disks, rows < 0, old.blur) if active is None else active
+        # those farther off neither change the fit nor are changed by it
+        part = _neighbours(disks, active, isolation_gap(self.problem.profile) * old.blur)
         control = FitControl(free_blur=False, robust=False, iterations=iterations)
         fit = fit_disks(
-            self.problem, disks, blur=old.blur, control=control, largest=self.largest, active=active,
-            start=ModelImage(old.model, rows >= 0),
+            self.problem, disks[part], blur=old.blur, control=control, largest=self.largest[part],
+            active=active[part], start=ModelImage(old.model, rows[part] >= 0),
         )  # fmt: skip
         # the disks held fixed keep their uncertainty and misfit
-        std, chi_square, pixels = fit.std.copy(), fit.chi_square.copy(), fit.pixels.copy()
-        fixed, source = ~active, rows[~active]
-        std[fixed], pixels[fixed] = old.std[source], old.pixels[source]
-        chi_square[fixed] = old.chi_square[source]
-        self.fit = replace(fit, std=std, chi_square=chi_square, pixels=pixels)
+        self.fit = old.rearranged(rows, active, fit, active[part])
         return active
 
 

@@ -172,6 +172,18 @@ class FittedDisks:
     blur_score: NDArray[np.float64]
     brightness: NDArray[np.float64]
 
+    def rearranged(
+        self, rows: NDArray[np.int64], fitted: NDArray[np.bool_], part: "FittedDisks", of: NDArray[np.bool_]
+    ) -> "FittedDisks":
+        """The disks in other ``rows`` (-1: new ones), those ``fitted`` as ``of`` the fit of a part."""
+        values, kept = {}, rows >= 0
+        for name, value in vars(self).items():
+            if name not in ("blur", "model", "iterations"):
+                values[name] = np.empty((len(rows), *value.shape[1:]), value.dtype)
+                values[name][kept] = value[rows[kept]]
+                values[name][fitted] = vars(part)[name][of]
+        return replace(part, **values)
+
 
 def render_disks(
     disks: NDArray[np.float64], blur: float, shape: tuple[int, int], *, profile: EdgeTable | None = None
@@ -256,9 +268,8 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     model, drawn = start.model, start.drawn.copy()
     started, before = np.ones(n, np.bool_) if active is None else active, disks
     moving, free_blur = started.copy(), control.free_blur
-    coupling, isolation = COUPLING_REACH_BLUR_WIDTHS, ISOLATION_GAP_BLUR_WIDTHS
-    if table.outer > INNER_BLUR_WIDTHS:
-        coupling, isolation = table.outer, 2.0 * table.outer
+    isolation = isolation_gap(table)
+    coupling = table.outer if table.outer > INNER_BLUR_WIDTHS else COUPLING_REACH_BLUR_WIDTHS
     far = 1.1 * max(0.5 * ISOLATION_GAP_BLUR_WIDTHS, coupling)
     # variance of a background pixel at each disk, its slope with the model level, its excess at the rim
     noise = problem.noise
@@ -328,6 +339,11 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     return FittedDisks(
         disks, std, chi_square, pixels, s, model, count, ~moving, information, blurs[:, 1].copy(), brightness
     )
+
+
+def isolation_gap(table: EdgeTable) -> float:
+    """Gap of rims, in blur widths, from which disks do not change each other."""
+    return ISOLATION_GAP_BLUR_WIDTHS if table.outer <= INNER_BLUR_WIDTHS else 2.0 * table.outer
 
 
 def _largest_move(disks: NDArray[np.float64], before: NDArray[np.float64]) -> float:
