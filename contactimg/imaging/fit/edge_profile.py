@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.edge_scores import (
     FEW_CONTACTS,
-    FEWEST_CONTACTS,
     FEWEST_SCORES,
     PRIOR_STD,
     SHARED,
@@ -32,7 +31,7 @@ from contactimg.imaging.fit.edge_scores import (
     with_plain_edges,
 )
 from contactimg.imaging.fit.problem import RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem, touches
-from contactimg.imaging.fit.shared_optics import FEWEST_WIDE_DISKS, JointFit, OpticsPrior
+from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
 from contactimg.imaging.profile.edge_shape import (
     DOME,
     FAMILIES,
@@ -43,6 +42,7 @@ from contactimg.imaging.profile.edge_shape import (
     SOFTNESS,
     TREND,
 )
+from contactimg.imaging.profile.limits import FEW, FEWEST, LONGEST_BLUR_STEP, ROUGH_STD, SETTLED_SIGMA
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 from contactimg.timings import stage
 
@@ -52,16 +52,7 @@ Steps = dict[str, SharedStep]
 Refine = Callable[[FitProblem, FittedDisks, OpticsPrior], JointFit]
 
 ROUNDS = 16  # fits at most; accuracy and time: a frame with a plain edge needs none
-SETTLED_SIGMA = 0.2
-"""Step of the shared quantities, in their uncertainties, at which they have settled. Accuracy."""
 LONGEST_SHAPE_STEP = 0.5  # of the largest magnitude of a parameter; accuracy
-LONGEST_BLUR_STEP = 0.25  # relative; accuracy
-UNDEFINED_BLUR_FRACTION = 0.1
-"""Relative uncertainty stated for the blur of a point spread function that is no Gaussian. Chosen: it says
-that no number describes it; the radii do not depend on it."""
-RELEVANT_SIGMA = 0.2
-"""Shift of the radii, in their uncertainties, below which a significant edge changes nothing. Chosen: it
-lowers a coverage of 68 % by one per cent."""
 INDISTINCT = ({"softness", "response"}, {"softness", "rim"})
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
 and light outside like a soft rim."""
@@ -69,9 +60,6 @@ WORSE_CHI_SQUARE_RATIO = 1.004
 """Chi-square over that with the plain edge above which a learned edge fits worse: the ratio of the
 medians of all contacts, the median of their ratios and the ratio of their means. Chosen: real edges raised
 one of them by up to 0.6 % by chance."""
-FAMILY_RELATIVE_STD = 0.1
-"""Standard uncertainty of what a learned edge does to the radii, relative to it. Chosen: no lens has
-exactly an edge of these families; behind an annular aperture, in a series, a sum was off by 1.4 %."""
 USUAL_ODDS, PRIOR_ODDS = 0.1, {"response": 0.5}
 """Odds of each family against the plain edge before the frame is looked at. Chosen: one frame in ten has it;
 of cameras that nobody calls linear one in three has a gamma or a tone curve."""
@@ -192,7 +180,7 @@ def learn_edge(
     Returns
     -------
     EdgeFit
-        With a plain edge where nothing else is significant, where fewer than `FEWEST_CONTACTS` are isolated,
+        With a plain edge where nothing else is significant, where fewer than `FEW` are isolated,
         or too few of them wide; uncertainties include what is undecided. Unchanged where the pixels are too
         coarse for the rims.
     """
@@ -288,7 +276,7 @@ class _Search:
     def may_learn(self, joint: JointFit, isolated: NDArray[np.int64]) -> bool:
         """Whether enough contacts are isolated, and wide: others fit any edge with another contrast."""
         wide = joint.fit.disks[isolated, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * joint.fit.blur
-        return len(isolated) >= FEWEST_CONTACTS and int(np.count_nonzero(wide)) >= FEWEST_WIDE_DISKS
+        return len(isolated) >= FEW and int(np.count_nonzero(wide)) >= FEWEST
 
     def learn(
         self, current: EdgeFit, isolated: NDArray[np.int64], refine: Refine
@@ -300,7 +288,7 @@ class _Search:
             step = scores.step(parameters_of(families), prior)
             if not families or _has_settled(edge, _moved(edge, step), step):
                 found = self.next_family(current, scores)
-                if not found or len(scores.score) < FEWEST_CONTACTS:
+                if not found or len(scores.score) < FEW:
                     break
                 families = (*families, found)
                 step = scores.step(parameters_of(families), prior)
@@ -424,7 +412,7 @@ class _Search:
         own = joint.fit.std * np.maximum(learned / plain, 1.0)[:, None]
         modes = response[:, chosen] @ np.linalg.cholesky(step.covariance)
         # a family describes an edge only so far
-        modes = np.column_stack([modes, FAMILY_RELATIVE_STD * response[:, SHARED:] @ edge.shape])
+        modes = np.column_stack([modes, ROUGH_STD * response[:, SHARED:] @ edge.shape])
         if edge.shape[SOFTNESS] > 0 and not self.known:
             # where in its soft zone the rim of a contact lies cannot be seen
             modes = np.column_stack([modes, np.sqrt(edge.shape[SOFTNESS]) * disks[:, RADIUS]])
@@ -479,7 +467,7 @@ def _fits_worse(after: Values, before: Values) -> bool:
 
 def _of_optics(step: SharedStep, edge: Edge) -> Values:
     """Covariance of ln C and blur; the widths of a point spread function stand for the blur."""
-    covariance = np.diag([0.0, (UNDEFINED_BLUR_FRACTION * edge.blur) ** 2])
+    covariance = np.diag([0.0, (ROUGH_STD * edge.blur) ** 2])
     at = step.chosen < SHARED
     covariance[np.ix_(step.chosen[at], step.chosen[at])] = step.covariance[np.ix_(at, at)]
     return covariance
@@ -500,7 +488,7 @@ def _matters(scores: EdgeScores, step: SharedStep) -> bool:
     single = np.sqrt(np.mean((shift / scores.radius_std) ** 2))
     # of a contact a weight proportional to a^(1/2) or more: the sum is about as well known as this
     whole = abs(np.sum(shift)) / np.sqrt(np.sum(scores.radius_std**2))
-    return bool(single > RELEVANT_SIGMA or whole > RELEVANT_SUM_SIGMA)
+    return bool(single > SETTLED_SIGMA or whole > RELEVANT_SUM_SIGMA)
 
 
 def _has_settled(edge: Edge, moved: Edge, step: SharedStep) -> bool:

@@ -23,6 +23,7 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.radial_sums import add_profiles, radial_nodes, sum_residuals
 from contactimg.imaging.pixels.masks import for_kernel
+from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS
 from contactimg.imaging.profile.edge_shape import (
     FAMILIES,
     PARAMETERS,
@@ -35,19 +36,21 @@ from contactimg.imaging.profile.edge_shape import (
     look_up,
 )
 from contactimg.imaging.profile.film_rim import FilmRim, film_table
+from contactimg.imaging.profile.limits import (
+    EDGE_BLUR_WIDTHS,
+    FAINT_FRACTION,
+    FEW,
+    SIGNIFICANT_SIGMA,
+)
 
 Values = NDArray[np.float64]
 
 STEPS_PER_BLUR = 4  # nodes of templates about the rim; accuracy: affects the efficiency alone
 FINE_STEPS_PER_BLUR = 16  # nodes of profiles; theory: linear interpolation errs by (1/16)^2/8 * 0.24 = 1e-4
-INNER_BLUR_WIDTHS = 4.5  # distance inside the rim where the plateau begins; theory: 3e-6 are missing there
-REACH_BLUR_WIDTHS = 6.0  # beyond the rim; theory: a Gaussian 2.9 times as wide has fallen to 2 % there
-NEIGHBOUR_BLUR_WIDTHS = 3.0  # reach of the rim of a neighbour; theory: 1e-3 of its contrast is left there
+PLATEAU_BLUR_WIDTHS = 4.5  # distance inside the rim where the plateau begins; theory: 3e-6 are missing there
 SMALLEST_BLUR_WIDTHS = 0.5  # radius of contacts that are looked at; smaller ones show no edge
 MOST_CONTACTS = 250  # that are looked at, evenly chosen among the radii; for time
 FEW_CONTACTS = 60  # the same of the first look; for time
-FEWEST_CONTACTS = 10
-"""Isolated contacts below which nothing is learned. Theory: their scatter gives a variance to a half."""
 FEWEST_SCORES = 5
 """Isolated contacts below which their scores say nothing. Chosen: with fewer, one odd contact decides."""
 FALSE_ALARM = 1e-5
@@ -59,10 +62,6 @@ SUSPICION = 0.01
 LEAST_CLIP_FRACTION = 0.5
 """Residuals are clipped at this fraction of the contrast, or at 5 sigma of a pixel. By hand: it cuts foreign
 objects, not an edge of another shape."""
-CLIP_SIGMA = 5.0
-LOCAL_BACKGROUND_FRACTION = 0.05
-"""Uncertainty of the background about a contact, of the contrast. By hand: where contacts are dense it is not
-known better; no edge is to be learned from it."""
 OWN = 3  # contrast and radius of a contact, and the background about it
 EVERY_TEMPLATE = range(1 + len(PARAMETERS))
 FILM = 1 + len(PARAMETERS)  # template of the light of a film
@@ -98,7 +97,7 @@ class Edge:
     @property
     def reach(self) -> float:
         """Distance beyond the rim up to which the edge changes anything, blur widths."""
-        return film_table(self.film, self.blur).outer if self.film and self.light else REACH_BLUR_WIDTHS
+        return film_table(self.film, self.blur).outer if self.film and self.light else INNER_BLUR_WIDTHS
 
     def profile(self, disks: PlacedDisks) -> Values:
         """Brightness of contacts over their contrast, shape (n, k)."""
@@ -151,14 +150,14 @@ class Placement:
     ratio: float
 
     def place(
-        self, disks: Values, *, blur: float, per_blur: int = STEPS_PER_BLUR, reach: float = REACH_BLUR_WIDTHS
+        self, disks: Values, *, blur: float, per_blur: int = STEPS_PER_BLUR, reach: float = INNER_BLUR_WIDTHS
     ) -> "PlacedNodes":
         """Disks with nodes from their centres to beyond their rims."""
         x, y = (2.0 * disks[:, k] / max(self.shape[1 - k] - 1.0, 1.0) - 1.0 for k in (X, Y))
         field = np.stack([x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3], axis=-1)
-        inner = np.maximum(disks[:, RADIUS] - INNER_BLUR_WIDTHS * blur, 0.0)
+        inner = np.maximum(disks[:, RADIUS] - PLATEAU_BLUR_WIDTHS * blur, 0.0)
         step = blur / per_blur
-        count = round((INNER_BLUR_WIDTHS + reach) * per_blur) + 1
+        count = round((PLATEAU_BLUR_WIDTHS + reach) * per_blur) + 1
         placed = PlacedDisks(disks[:, [RADIUS]], field, radial_nodes(inner, step, count), self.ratio)
         return PlacedNodes(placed, inner, step, count)
 
@@ -192,9 +191,9 @@ class PlacedNodes:
 
 def isolated_disks(disks: Values, shape: tuple[int, int], *, blur: float) -> NDArray[np.int64]:
     """Contacts whose profile no neighbour and no border disturbs, from the narrowest to the widest."""
-    reach = REACH_BLUR_WIDTHS * blur
+    reach = INNER_BLUR_WIDTHS * blur
     alone = np.ones(len(disks), np.bool_)
-    alone[find_pairs(disks, 0.5 * (reach + NEIGHBOUR_BLUR_WIDTHS * blur)).ravel()] = False
+    alone[find_pairs(disks, 0.5 * (reach + EDGE_BLUR_WIDTHS * blur)).ravel()] = False
     x, y, margin = disks[:, X], disks[:, Y], disks[:, RADIUS] + reach
     alone &= (x > margin) & (y > margin) & (x < shape[1] - 1 - margin) & (y < shape[0] - 1 - margin)
     chosen = np.flatnonzero(alone & (disks[:, RADIUS] > SMALLEST_BLUR_WIDTHS * blur))
@@ -277,7 +276,7 @@ class EdgeScores:
         nodes = placement.place(disks, blur=edge.blur)
         fine = placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
         profile = edge.profile(fine.disks)
-        clip = max(CLIP_SIGMA * problem.pixel_noise, LEAST_CLIP_FRACTION * problem.contrast)
+        clip = max(SIGNIFICANT_SIGMA * problem.pixel_noise, LEAST_CLIP_FRACTION * problem.contrast)
         rest = sum_residuals(
             problem.image, for_kernel(problem.valid), disks, nodes.inner, profile,
             (fine.step, nodes.step), nodes.count, clip,
@@ -324,7 +323,7 @@ class EdgeScores:
         products = columns @ np.swapaxes(columns * (weight * nodes.areas)[:, None], 1, 2)
         normal, size = products[:, :OWN, :OWN], SHARED - 1 + templates.shape[1]
         normal[:, 0, 0] += tight
-        normal[:, 2, 2] += 1.0 / (LOCAL_BACKGROUND_FRACTION * contrast) ** 2
+        normal[:, 2, 2] += 1.0 / (FAINT_FRACTION * contrast) ** 2
         cross, information = np.zeros((len(disks), OWN, size)), np.zeros((len(disks), size, size))
         cross[:, 0, 0], cross[:, :, 1:] = -tight * contrast, products[:, :OWN, OWN:]
         information[:, 0, 0], information[:, 1:, 1:] = tight * contrast**2, products[:, OWN:, OWN:]
@@ -354,8 +353,8 @@ class EdgeScores:
         n, k = rest.shape
         posterior = np.linalg.inv(total / factor + prior[1][here])
         whole = self.score[:, chosen].sum(axis=0) / factor + prior[0][chosen]
-        expected = (FEWEST_CONTACTS + k) / n * factor * total
-        scatter = (rest.T @ rest + expected) * n / (n + FEWEST_CONTACTS) / factor**2 + prior[1][here]
+        expected = (FEW + k) / n * factor * total
+        scatter = (rest.T @ rest + expected) * n / (n + FEW) / factor**2 + prior[1][here]
         covariance = posterior @ scatter @ posterior
         return SharedStep(chosen, posterior @ whole, covariance, float(whole @ posterior @ whole))
 

@@ -29,7 +29,6 @@ from scipy import special
 from contactimg.imaging.fit.edge_scores import (
     FEW_CONTACTS,
     FILM,
-    NEIGHBOUR_BLUR_WIDTHS,
     SHARED,
     Edge,
     EdgeScores,
@@ -43,6 +42,14 @@ from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.edge_shape import PRIOR_STD
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
+from contactimg.imaging.profile.limits import (
+    EDGE_BLUR_WIDTHS,
+    FEWEST,
+    LONGEST_BLUR_STEP,
+    NEGLIGIBLE_FRACTION,
+    ROUGH_STD,
+    SETTLED_SIGMA,
+)
 
 Values = NDArray[np.float64]
 
@@ -52,9 +59,6 @@ choice is off by at most 1/sqrt(0.2) = 2.2 of the uncertainties that it brings."
 TAKEN_ODDS = 100.0
 """Odds by the rims at which a film is taken where the contrast is not its own. Chosen: a film that is not
 there is drawn in one such frame of a hundred; what is not taken remains in the uncertainties."""
-FILM_RELATIVE_STD = 0.1
-"""Standard uncertainty of the light of a film that is drawn. Chosen: indices, lamp and radius of the summits
-are known to some per cent each; sums of areas of frames as assumed are off by 0.07 of the difference."""
 DECIDED_DOUBT = 0.02
 """Probability of the other case below which the rims have decided. Chosen: it adds a tenth of the
 difference."""
@@ -63,10 +67,6 @@ LEAST_DOUBT = 1e-4
 it adds a hundredth of the difference."""
 CONTRAST_FACTOR = 2.0
 """A film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
-LEAST_AREA_CHANGE = 1e-4
-"""Relative change of the areas below which a film is not looked for. Chosen: far below any uncertainty."""
-FEWEST_RIMS = 3
-"""Rims whose scatter gives an uncertainty. Theory: two degrees of freedom."""
 LARGEST_LOG_ODDS = 50.0
 """Logarithm of the odds by rims at most. Accuracy: beyond, probabilities are rounded."""
 MODEL_ERROR = 3e-4
@@ -74,10 +74,6 @@ MODEL_ERROR = 3e-4
 make 1e-4 at a blur of 1.4 px, and no lens has a Gaussian point spread function."""
 MOST_STEPS = 20
 """Newton steps of the rims at most. Accuracy."""
-SETTLED_SIGMA = 0.2
-"""Step of what the rims share, in its uncertainty, at which they have settled. Accuracy."""
-LONGEST_BLUR_STEP = 0.2
-"""Relative. Accuracy."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +106,7 @@ class FilmVerdict:
     @property
     def part(self) -> float:
         """Part of the difference between the choices that is one standard uncertainty of the radii."""
-        return float(np.hypot(self.doubt**0.5, FILM_RELATIVE_STD if self.taken else 0.0))
+        return float(np.hypot(self.doubt**0.5, ROUGH_STD if self.taken else 0.0))
 
     @property
     def contradicted(self) -> bool:
@@ -281,7 +277,7 @@ class FilmTrial:
                 if len(every_rim) <= FEW_CONTACTS:
                     break
                 disks, every_rim = every_rim, every_rim[:0]
-        pixels = 2.0 * np.pi * float(disks[:, RADIUS].sum()) * 2.0 * NEIGHBOUR_BLUR_WIDTHS * edge.blur
+        pixels = 2.0 * np.pi * float(disks[:, RADIUS].sum()) * 2.0 * EDGE_BLUR_WIDTHS * edge.blur
         common_sigma = MODEL_ERROR * problem.prior.mean / problem.pixel_noise * np.sqrt(pixels)
         return Rims(edge, covariance, own_covariance, len(disks), float(common_sigma))
 
@@ -301,7 +297,7 @@ class FilmTrial:
         asked, light, data = self.setting.asked, rims.edge.light, 0.0
         std = float(np.sqrt(rims.covariance[-1, -1])) * np.hypot(1.0, rims.common_sigma)
         std = float(np.hypot(std, min(abs(light), abs(1.0 - light))))
-        if rims.count >= FEWEST_RIMS:
+        if rims.count >= FEWEST:
             data = float(np.clip((light - 0.5) / std**2, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS))
         odds = data + float(special.logit(1.0 - self._prior_doubt)) * (1.0 if self._expected else -1.0)
         other_cause = asked == "auto" and not self.likely
@@ -362,6 +358,6 @@ def _changes_nothing(rim: FilmRim, radius: Values) -> bool:
     for a in np.quantile(radius, [0.25, 0.75]):
         distance = np.linspace(0.0, max(rim.extent_px(float(a)), 1e-6), 200)
         light = float(np.trapezoid(np.abs(rim.excess(distance, float(a))), distance))
-        if 2.0 * light / a > LEAST_AREA_CHANGE:
+        if 2.0 * light / a > NEGLIGIBLE_FRACTION:
             return False
     return True
