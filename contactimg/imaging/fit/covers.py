@@ -427,7 +427,9 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     for number in range(-1 if unsettled else 0, ROUNDS):
         if chi_square < expected + slack:
             break
-        covers = list(_other_covers(window, best, number))
+        # at first the same disks again
+        same_again = [window.fit(best, np.full(len(best), np.inf))] if number < 0 else []
+        covers = same_again or list(_larger_covers(window, best))
         costs = [value + DISK_PRICE * (len(cover) - len(best)) for cover, value in covers]
         gain, same = chi_square - min(costs, default=np.inf), True
         if gain > 0.0:
@@ -436,14 +438,6 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
         if number >= 0 and same:
             break
     return disks if chi_square - expected > EXCESS_LEFT_FRACTION * (first - expected) + slack else best
-
-
-def _other_covers(window: GroupWindow, disks: NDArray, number: int) -> Iterator[Cover]:
-    """What to try in a round: at first the same disks again, then more disks."""
-    if number < 0:
-        yield window.fit(disks, np.full(len(disks), np.inf))
-    else:
-        yield from _larger_covers(window, disks)
 
 
 def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:

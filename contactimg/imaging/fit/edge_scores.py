@@ -11,7 +11,6 @@ holds whatever the noise, drawn to H^-1 where contacts are few). A group of para
 Wald's test of this step.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -23,9 +22,10 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.radial_sums import add_profiles, radial_nodes, sum_residuals
 from contactimg.imaging.pixels.masks import for_kernel
-from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS
+from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE
 from contactimg.imaging.profile.edge_shape import (
     FAMILIES,
+    LARGEST,
     PARAMETERS,
     PRIOR_STD,
     BlurredDisks,
@@ -40,6 +40,7 @@ from contactimg.imaging.profile.limits import (
     EDGE_BLUR_WIDTHS,
     FAINT_FRACTION,
     FEW,
+    LONGEST_BLUR_STEP,
     SIGNIFICANT_SIGMA,
 )
 
@@ -56,16 +57,19 @@ FEWEST_SCORES = 5
 FALSE_ALARM = 1e-5
 """Probability that a plain edge is taken for another one. False-alarm rate: one in a hundred thousand
 frames for each family; what is less certain enters the uncertainties
-(`contactimg.imaging.fit.undecided_edge`)."""
+(`contactimg.imaging.fit.edge_profile`)."""
 SUSPICION = 0.01
 """The same for a closer look, for each family. False-alarm rate: it costs time alone."""
 LEAST_CLIP_FRACTION = 0.5
 """Residuals are clipped at this fraction of the contrast, or at 5 sigma of a pixel. By hand: it cuts foreign
 objects, not an edge of another shape."""
 OWN = 3  # contrast and radius of a contact, and the background about it
-EVERY_TEMPLATE = range(1 + len(PARAMETERS))
-FILM = 1 + len(PARAMETERS)  # template of the light of a film
 SHARED = 2  # ln C and the blur come before the parameters of the edge
+FILM = SHARED + len(PARAMETERS)  # the light of a film comes after them
+EVERY = np.arange(FILM)
+"""What contacts without a film may share."""
+LONGEST_SHAPE_STEP = 0.5  # of the largest magnitude of a parameter; accuracy
+LARGEST_LIGHT = 10.0  # of a film, over that expected; accuracy: keeps steps finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +99,22 @@ class Edge:
         return cls(blur, np.zeros(len(PARAMETERS)))
 
     @property
+    def shared(self) -> Values:
+        """The shared quantities but ln C, which is 0 here: blur, shape and light."""
+        return np.array([0.0, self.blur, *self.shape, self.light])
+
+    def moved(self, chosen: NDArray[np.int64], delta: Values) -> "Edge":
+        """The edge after a step of some shared quantities, within limits."""
+        change, shape = np.zeros(FILM + 1), self.shape
+        change[chosen] = delta
+        longest = LONGEST_BLUR_STEP * self.blur
+        blur = max(self.blur + float(np.clip(change[1], -longest, longest)), PIXEL_VARIANCE**0.5)
+        steps = np.clip(change[SHARED:FILM], -LONGEST_SHAPE_STEP * LARGEST, LONGEST_SHAPE_STEP * LARGEST)
+        light = self.light + float(np.clip(change[FILM], -1.0, 1.0))
+        light = min(max(light, -LARGEST_LIGHT), LARGEST_LIGHT)
+        return replace(self, blur=blur, shape=np.clip(shape + steps, -LARGEST, LARGEST), light=light)
+
+    @property
     def reach(self) -> float:
         """Distance beyond the rim up to which the edge changes anything, blur widths."""
         return film_table(self.film, self.blur).outer if self.film and self.light else INNER_BLUR_WIDTHS
@@ -112,16 +132,13 @@ class Edge:
         above, below = (self.profile(disks.widened(x)) for x in (step, -step))
         return (above - below) / (2 * step)
 
-    def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:
-        """Derivatives of the profile by the blur and the parameters of the edge, shape (n, m, k).
-
-        `FILM`, the last if it is chosen, is that by the light of the film.
-        """
-        templates = edge_templates(disks, self.blur, self.shape, [k for k in chosen if k != FILM])
-        if self.light and 0 in chosen:
+    def templates(self, disks: PlacedDisks, chosen: NDArray[np.int64]) -> Values:
+        """Derivatives of the profile by some of the shared quantities but ln C, shape (n, m, k)."""
+        templates = edge_templates(disks, self.blur, self.shape, [int(k) - 1 for k in chosen if k != FILM])
+        if self.light and 1 in chosen:
             step = 0.02 * self.blur
             above, below = (self._film(disks, self.blur + x) for x in (step, -step))
-            templates[:, list(chosen).index(0)] += self.light * (above - below) / (2 * step)
+            templates[:, 0] += self.light * (above - below) / (2 * step)
         if FILM in chosen:
             templates = np.concatenate([templates, self._film(disks, self.blur)[:, None]], axis=1)
         return templates
@@ -214,7 +231,7 @@ class SharedStep:
     Parameters
     ----------
     chosen : ndarray of int
-        Which of (ln C, s, `PARAMETERS`) take part.
+        Which of (ln C, s, `PARAMETERS`, light of the film) take part.
     delta : ndarray, shape (k,)
     covariance : ndarray, shape (k, k)
     gain : float
@@ -240,16 +257,17 @@ class EdgeScores:
 
     Parameters
     ----------
-    score : ndarray, shape (m, 17)
-    information : ndarray, shape (m, 17, 17)
-    response : ndarray, shape (m, 17)
+    score : ndarray, shape (m, 18)
+        0, like what follows, for the shared quantities that were not asked for.
+    information : ndarray, shape (m, 18, 18)
+    response : ndarray, shape (m, 18)
         Derivative of the radius by the shared quantities, px.
     radius_std : ndarray, shape (m,), px
         For independent pixels at a known edge.
     radius : ndarray, shape (m,), px
     own_step : ndarray, shape (m, 3)
         Newton step of contrast, radius and background of each at the shared quantities assumed.
-    own_response : ndarray, shape (m, 3, 16)
+    own_response : ndarray, shape (m, 3, 18)
         Their derivatives by the shared quantities.
     kept : ndarray of bool, shape (n,)
         Which of the contacts asked for these are: those without a masked pixel.
@@ -270,7 +288,7 @@ class EdgeScores:
     @classmethod
     def of(
         cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement,
-        chosen: Sequence[int] = EVERY_TEMPLATE,
+        chosen: NDArray[np.int64] = EVERY,
     ) -> "EdgeScores":  # fmt: skip
         """Scores of isolated disks (x, y, radius, contrast) from pixels."""
         nodes = placement.place(disks, blur=edge.blur)
@@ -287,30 +305,19 @@ class EdgeScores:
     @classmethod
     def expected(
         cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement,
-        chosen: Sequence[int] = EVERY_TEMPLATE,
+        chosen: NDArray[np.int64] = EVERY,
     ) -> "EdgeScores":  # fmt: skip
         """The scores without the pixels, which are 0, with the information and the responses."""
         return cls._solve(problem, disks, edge, placement, None, chosen)
 
     @classmethod
-    def response_to(
-        cls, chosen: NDArray[np.int64], problem: FitProblem, disks: Values, edge: Edge, placement: Placement
-    ) -> tuple[Values, Values]:
-        """`response` to some shared quantities, ln C the first, with 0 for the others; and `radius_std`."""
-        templates = (chosen[chosen > 0] - 1).tolist()
-        scores = cls._solve(problem, disks, edge, placement, None, templates)
-        response = np.zeros((len(disks), SHARED + len(edge.shape)))
-        response[:, chosen] = scores.response
-        return response, scores.radius_std
-
-    @classmethod
     def _solve(
         cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement, rest: Values | None,
-        chosen: Sequence[int] = EVERY_TEMPLATE,
+        chosen: NDArray[np.int64] = EVERY,
     ) -> "EdgeScores":  # fmt: skip
-        """Eliminate radius and contrast of each disk; ``chosen`` are the templates that take part."""
+        """Eliminate radius and contrast of each disk; ``chosen``: which shared quantities, ln C the first."""
         nodes = placement.place(disks, blur=edge.blur)
-        profile, templates = edge.profile(nodes.disks), edge.templates(nodes.disks, chosen)
+        profile, templates = edge.profile(nodes.disks), edge.templates(nodes.disks, chosen[1:])
         contrast, tight = problem.prior.mean, 1.0 / problem.prior.std**2
         c = disks[:, CONTRAST, None]
         variance = problem.noise.variance / problem.brightness_at(disks)[:, None]
@@ -321,18 +328,20 @@ class EdgeScores:
         columns[:, 2] = 1.0
         columns[:, OWN:] = c[:, None] * templates
         products = columns @ np.swapaxes(columns * (weight * nodes.areas)[:, None], 1, 2)
-        normal, size = products[:, :OWN, :OWN], SHARED - 1 + templates.shape[1]
+        normal, by_edge = products[:, :OWN, :OWN], chosen[1:]
         normal[:, 0, 0] += tight
         normal[:, 2, 2] += 1.0 / (FAINT_FRACTION * contrast) ** 2
-        cross, information = np.zeros((len(disks), OWN, size)), np.zeros((len(disks), size, size))
-        cross[:, 0, 0], cross[:, :, 1:] = -tight * contrast, products[:, :OWN, OWN:]
-        information[:, 0, 0], information[:, 1:, 1:] = tight * contrast**2, products[:, OWN:, OWN:]
+        cross, score = np.zeros((len(disks), OWN, FILM + 1)), np.zeros((len(disks), FILM + 1))
+        information = np.zeros((len(disks), FILM + 1, FILM + 1))
+        cross[:, 0, 0], cross[:, :, by_edge] = -tight * contrast, products[:, :OWN, OWN:]
+        information[:, 0, 0] = tight * contrast**2
+        information[:, by_edge[:, None], by_edge] = products[:, OWN:, OWN:]
         gradient = np.zeros((len(disks), columns.shape[1]))
         if rest is not None:
             gradient = (columns @ (weight * rest)[:, :, None])[:, :, 0]
         excess = disks[:, CONTRAST] - contrast
         gradient[:, 0] -= tight * excess
-        score = np.column_stack([tight * contrast * excess, gradient[:, OWN:]])
+        score[:, 0], score[:, by_edge] = tight * contrast * excess, gradient[:, OWN:]
         inverse = np.linalg.inv(normal)
         response = -inverse @ cross
         return cls(
@@ -389,9 +398,9 @@ def _chi_square_limit(false_alarm: float, freedom: int) -> float:
 
 
 def edge_prior(edge: Edge, optics: tuple[Values, Values]) -> tuple[Values, Values]:
-    """Score and information of the priors; ``optics`` are those of (ln C, s)."""
-    score = np.concatenate([optics[0], -edge.shape / PRIOR_STD**2])
-    information = np.diag(np.concatenate([np.zeros(SHARED), 1.0 / PRIOR_STD**2]))
+    """Score and information of the priors, none of the light; ``optics`` are those of (ln C, s)."""
+    score = np.array([*optics[0], *(-edge.shape / PRIOR_STD**2), 0.0])
+    information = np.diag(np.array([0.0, 0.0, *(1.0 / PRIOR_STD**2), 0.0]))
     information[:SHARED, :SHARED] = optics[1]
     return score, information
 

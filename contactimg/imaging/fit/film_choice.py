@@ -29,23 +29,20 @@ from scipy import special
 from contactimg.imaging.fit.edge_scores import (
     FEW_CONTACTS,
     FILM,
-    SHARED,
     Edge,
     EdgeScores,
     Placement,
+    edge_prior,
     evenly,
     isolated_disks,
     parameters_of,
 )
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, touches
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
-from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.edge_shape import PRIOR_STD
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.imaging.profile.limits import (
     EDGE_BLUR_WIDTHS,
     FEWEST,
-    LONGEST_BLUR_STEP,
     NEGLIGIBLE_FRACTION,
     ROUGH_STD,
     SETTLED_SIGMA,
@@ -217,11 +214,12 @@ class FilmTrial:
         if families:  # from what the film explains by itself
             rims = self.settle(rims.edge, families, free=True)
         dark, problem = replace(rims.edge, light=0.0), replace(self.problem, prior=self.joint.prior)
-        expected = EdgeScores.expected(problem, disks, dark, self.placement, (0, FILM))
+        moving = np.array([0, 1, FILM])
+        response = EdgeScores.expected(problem, disks, dark, self.placement, moving).response[:, moving]
         # contrast and blur follow the light along the covariance
         follow = np.append(rims.covariance[:2, -1] / max(rims.covariance[-1, -1], 1e-300), 1.0)
         radius = disks[:, RADIUS]
-        shift = np.clip(expected.response @ follow, -0.5 * radius, 0.5 * radius)
+        shift = np.clip(response @ follow, -0.5 * radius, 0.5 * radius)
         return WeighedFilm(self._verdict(rims, radius, shift), radius, shift)
 
     def settle(self, edge: Edge, families: tuple[str, ...] = (), *, free: bool) -> Rims:
@@ -234,44 +232,32 @@ class FilmTrial:
         cut = touches(problem.saturated, 1, fit.disks, fit.disks[:, RADIUS])
         every_rim = fit.disks[isolated[~cut[isolated]]]
         disks = evenly(every_rim, FEW_CONTACTS)  # until they have settled, for time
-        shared = np.union1d([0, 1], parameters_of(families))
-        templates = [*(int(k) - 1 for k in shared[1:]), *([FILM] if free else [])]
-        every, at, last = np.arange(1 + len(templates)), shared[2:] - SHARED, np.zeros(1 + len(templates))
-        covariance = own_covariance = np.diag([1.0, fit.blur**2, *np.ones(len(every) - 2)])
+        chosen = np.union1d([0, 1], parameters_of(families))
+        chosen = np.append(chosen, FILM) if free else chosen
+        last, known = np.zeros(len(chosen)), self.optics_prior
+        covariance = own_covariance = np.diag([1.0, fit.blur**2, *np.ones(len(chosen) - 2)])
+        most = min(problem.largest_contrast, problem.shown_contrast)
         for _ in range(MOST_STEPS):
-            scores = EdgeScores.of(problem, disks, edge, self.placement, templates)
+            scores = EdgeScores.of(problem, disks, edge, self.placement, chosen)
             disks = disks[scores.kept]
             if not len(disks):
                 break
-            score, information = np.zeros(len(every)), 1e-9 * np.eye(len(every))
-            away = self.optics_prior.mean - np.array([np.log(problem.prior.mean), edge.blur])
-            score[:2], information[:2, :2] = (
-                self.optics_prior.information @ away,
-                self.optics_prior.information,
-            )
-            own_covariance = scores.step(every, (0.0 * score, 1e-9 * information)).covariance
-            parameters = np.arange(2, 2 + len(at))
-            score[parameters] = -edge.shape[at] / PRIOR_STD[at] ** 2
-            information[parameters, parameters] = 1.0 / PRIOR_STD[at] ** 2
-            step = scores.step(every, (score, information))
+            away = known.mean - np.array([np.log(problem.prior.mean), edge.blur])
+            score, information = edge_prior(edge, (known.information @ away, known.information))
+            own_covariance = scores.step(chosen, (0.0 * score, 1e-9 * information)).covariance
+            step = scores.step(chosen, (score, information))
             back = last @ np.linalg.solve(step.covariance, step.delta) < 0.0
             delta, covariance = step.delta * (0.5 if back else 1.0), step.covariance
-            most = min(problem.largest_contrast, problem.shown_contrast)
-            longest = LONGEST_BLUR_STEP * edge.blur
             beyond = max(delta[0] - np.log(most / problem.prior.mean), 0.0)
             delta -= beyond * covariance[:, 0] / covariance[0, 0]  # the others follow a contrast at its limit
-            delta[1] = max(float(np.clip(delta[1], -longest, longest)), PIXEL_VARIANCE**0.5 - edge.blur)
-            delta[2:] = np.clip(delta[2:], -1.0, 1.0)
-            last = delta
-            own, disks = scores.own_step + scores.own_response @ delta, disks.copy()
+            moved = edge.moved(chosen, delta)
+            delta[1:] = (moved.shared - edge.shared)[chosen[1:]]
+            edge, last = moved, delta
+            own, disks = scores.own_step + scores.own_response[:, :, chosen] @ delta, disks.copy()
             radius, contrast = disks[:, RADIUS], disks[:, CONTRAST]
             disks[:, RADIUS] = np.clip(radius + own[:, 1], 0.6 * radius, 1.5 * radius)
             disks[:, CONTRAST] = np.clip(contrast + own[:, 0], 0.5 * contrast, 2.0 * contrast)
             problem = replace(problem, prior=problem.prior.at(problem.prior.mean * float(np.exp(delta[0]))))
-            shape = edge.shape.copy()
-            shape[at] += delta[parameters]
-            light = edge.light + float(delta[-1]) if free else edge.light
-            edge = replace(edge, blur=edge.blur + float(delta[1]), shape=shape, light=light)
             far = float(np.max(np.abs(own[:, 1]) / scores.radius_std))
             if delta @ np.linalg.solve(covariance, delta) < SETTLED_SIGMA**2 and far < 0.5:
                 if len(every_rim) <= FEW_CONTACTS:

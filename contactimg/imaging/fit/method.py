@@ -325,14 +325,14 @@ class _Frame:
         joint = self.refine(problem, result.fit, exact)
         known = replace(problem, prior=joint.prior)
         with_film, without = (
-            EdgeScores.expected(known, joint.fit.disks, each, trial.placement, (0,))
+            EdgeScores.expected(known, joint.fit.disks, each, trial.placement, np.array([0, 1]))
             for each in (edge, replace(edge, light=0.0))
         )
         own = joint.fit.std * np.maximum(with_film.radius_std / without.radius_std, 1.0)[:, None]
         joint = replace(
             joint, fit=replace(joint.fit, std=own), covariance=rims.covariance,
             own_covariance=rims.own_covariance,
-            radius_shifts=with_film.response @ np.linalg.cholesky(rims.covariance),
+            radius_shifts=with_film.response[:, :2] @ np.linalg.cholesky(rims.covariance),
         )  # fmt: skip
         return replace(result, problem=problem, fit=joint.fit, joint=joint, film=weighed)
 
