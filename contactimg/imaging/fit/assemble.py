@@ -13,6 +13,7 @@ from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
 from contactimg.imaging.fit.covers import (
+    SETTLED_GROWTH_RATIO,
     Replacement,
     are_parts,
     find_better_covers,
@@ -27,11 +28,13 @@ from contactimg.imaging.fit.disks import (
     erase_disks,
     find_insignificant,
     fit_disks,
+    reach_of,
 )
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
 from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, REACH_BLUR_WIDTHS
 from contactimg.timings import stage
 
 MOST_DISKS_PER_PX2 = 1.0 / 40.0
@@ -40,12 +43,6 @@ MOST_DISKS = 100_000
 """Disks of a frame at most; five times the largest crowd that was measured."""
 GROWTH_RATIO = 1.3
 """Largest fitted radius over that of the candidate, besides one blur width. By hand."""
-COVER_GROWTH_RATIO = 1.1
-"""The same over that in a better cover. By hand."""
-NEIGHBOUR_BLUR_WIDTHS = 3.0
-"""Gap within which an added or dropped disk changes its neighbours. By hand."""
-RIM_BLUR_WIDTHS = 5.0
-"""Distance that counts as near a rim, where imperfect edges leave light. By hand."""
 LEAST_RIM_PEAK = 0.12
 """Height of a residual peak near a rim that becomes a disk, of the contrast. By hand: for imperfect rims."""
 ROUGH_RATIO = 1.5
@@ -164,7 +161,7 @@ class _Assembly:
     def is_entangled(self) -> bool:
         """Whether the disks share so many pixels with their neighbours that no more are added."""
         fit = self.fit
-        pairs = find_pairs(fit.disks, 0.5 * NEIGHBOUR_BLUR_WIDTHS * fit.blur)
+        pairs = find_pairs(fit.disks, 0.5 * EDGE_BLUR_WIDTHS * fit.blur)
         return are_entangled(fit.disks, pairs, fit.blur, self.problem.image.size)
 
     def add_wide_residuals(self) -> None:
@@ -202,7 +199,7 @@ class _Assembly:
         smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
         if outside:
             peaks = peaks[~are_parts(peaks, fit.disks[self.whole], problem.image, 0.5 * contrast)]
-        at_rim = _near_rims(peaks, fit.disks, RIM_BLUR_WIDTHS * fit.blur)
+        at_rim = _near_rims(peaks, fit.disks, REACH_BLUR_WIDTHS * fit.blur)
         peaks = peaks[(peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0)))]
         scatter = _scatter_around(problem.image, fit.model, peaks, fit.blur)
         # behind the filter white noise is smaller by this; rests of compression are less so
@@ -270,7 +267,7 @@ class _Assembly:
         kept, new = np.flatnonzero(~covers.replaced), covers.new
         self.ellipses = self.ellipses.kept(~covers.replaced)
         self.whole = np.concatenate([self.whole[kept], covers.whole])
-        self.largest = np.concatenate([self.largest[kept], COVER_GROWTH_RATIO * new[:, RADIUS]])
+        self.largest = np.concatenate([self.largest[kept], SETTLED_GROWTH_RATIO * new[:, RADIUS]])
         rows = np.concatenate([kept, np.full(len(new), -1)])
         self._refit(np.vstack([self.fit.disks[kept], new]), rows, 5)
 
@@ -287,17 +284,15 @@ class _Assembly:
         """
         old = self.fit
         active = _near(disks, rows < 0, old.blur) if active is None else active
+        # those farther off neither change the fit nor are changed by it
+        part = _neighbours(disks, active, 2.0 * reach_of(self.problem.profile) * old.blur)
         control = FitControl(free_blur=False, robust=False, iterations=iterations)
         fit = fit_disks(
-            self.problem, disks, blur=old.blur, control=control, largest=self.largest, active=active,
-            start=ModelImage(old.model, rows >= 0),
+            self.problem, disks[part], blur=old.blur, control=control, largest=self.largest[part],
+            active=active[part], start=ModelImage(old.model, rows[part] >= 0),
         )  # fmt: skip
         # the disks held fixed keep their uncertainty and misfit
-        std, chi_square, pixels = fit.std.copy(), fit.chi_square.copy(), fit.pixels.copy()
-        fixed, source = ~active, rows[~active]
-        std[fixed], pixels[fixed] = old.std[source], old.pixels[source]
-        chi_square[fixed] = old.chi_square[source]
-        self.fit = replace(fit, std=std, chi_square=chi_square, pixels=pixels)
+        self.fit = old.rearranged(rows, active, fit, active[part])
         return active
 
 
@@ -337,7 +332,7 @@ def _disks_of_peaks(peaks: NDArray, blur: float, contrast: float) -> NDArray[np.
 
 def _near(disks: NDArray, changed: NDArray[np.bool_], blur: float) -> NDArray[np.bool_]:
     """The changed disks, and those whose rim they influence."""
-    return _neighbours(disks, changed, NEIGHBOUR_BLUR_WIDTHS * blur)
+    return _neighbours(disks, changed, EDGE_BLUR_WIDTHS * blur)
 
 
 def _neighbours(disks: NDArray, changed: NDArray[np.bool_], gap: float) -> NDArray[np.bool_]:

@@ -14,13 +14,14 @@ from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, STEPS_PER_BLUR_WIDTH, EdgeTable
+from contactimg.imaging.profile.limits import (
+    EDGE_BLUR_WIDTHS,
+    FAINT_FRACTION,
+    FIT_BLUR_WIDTHS,
+    NEAR_BLUR_WIDTHS,
+)
 
-CORE_BLUR_WIDTHS = 2.0  # inside the rim, where a contact shows its plateau; theory: 98 % of it
-INNER_REACH_BLUR_WIDTHS = 4.0  # inside the rim, where a disk is at its plateau; theory: to 3e-5
-RIM_BLUR_WIDTHS = 3.0  # about the rim; theory: 0.1 % of the edge is left
 RING_BLUR_WIDTHS = (3.0, 6.0)  # outside the rim: the surroundings
-OTHER_SHARE = 0.05  # light of other disks, of the contrast, up to which a pixel is surroundings; by hand
-COUNT_BLUR_WIDTHS = 3.0  # beyond the rim, up to which pixels above half height are counted
 
 COLUMNS = (
     "core_n", "core_mean", "ring_n", "ring_mean", "rim_n", "rim_chi", "light",
@@ -42,7 +43,7 @@ class ContactPixels:
     rim_chi_square, core_chi_square : ndarray
         Mean squared residual over its variance, about the rim and inside it.
     light : ndarray
-        Sum of the light above the surroundings, out to `COUNT_BLUR_WIDTHS`.
+        Sum of the light above the surroundings, out to `EDGE_BLUR_WIDTHS`.
     area, expected : ndarray, px^2
         Pixels above half of the plateau, and those at which the fitted disk is above it.
     border : ndarray
@@ -163,11 +164,11 @@ def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
         height, level, plain = np.float32(c), np.float32(half[i]), np.float32(1.0 / variance[i])
         growth, rim, unit = noise[0] * noise[2], noise[1], noise[2]
         ring_low, ring_high = a + RING_BLUR_WIDTHS[0] * s, reach
-        core, low, high = a - CORE_BLUR_WIDTHS * s, a - RIM_BLUR_WIDTHS * s, a + RIM_BLUR_WIDTHS * s
-        counted = a + COUNT_BLUR_WIDTHS * s
+        core, low, high = a - NEAR_BLUR_WIDTHS * s, a - EDGE_BLUR_WIDTHS * s, a + EDGE_BLUR_WIDTHS * s
+        counted = a + EDGE_BLUR_WIDTHS * s
         scale, start = STEPS_PER_BLUR_WIDTH / s, (INNER_BLUR_WIDTHS - a / s) * STEPS_PER_BLUR_WIDTH
-        other_most, other_half = np.float32(OTHER_SHARE * c), np.float32(0.5 * c)
-        inner = a - INNER_REACH_BLUR_WIDTHS * s
+        other_most, other_half = np.float32(FAINT_FRACTION * c), np.float32(0.5 * c)
+        inner = a - FIT_BLUR_WIDTHS * s
         for row in range(max(int(np.ceil(y - reach)), 0), min(int(y + reach), rows - 1) + 1):
             dy = row - y
             wide = np.sqrt(max(reach * reach - dy * dy, 0.0))

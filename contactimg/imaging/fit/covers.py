@@ -28,6 +28,7 @@ from contactimg.imaging.fit.disks import FitControl, FittedDisks, find_insignifi
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.shapes import (
     EXACT_OPTICS,
+    LEAST_ELONGATION,
     Ellipses,
     FittedEllipse,
     find_ellipses,
@@ -35,41 +36,36 @@ from contactimg.imaging.fit.shapes import (
     render_ellipse,
 )
 from contactimg.imaging.kernels.pairs import count_touching, find_pairs
+from contactimg.imaging.profile.limits import (
+    ITERATIONS,
+    LEAST_NOISE_FRACTION,
+    NEAR_BLUR_WIDTHS,
+    POOR_CHI_SQUARE,
+    REACH_BLUR_WIDTHS,
+    ROUNDS,
+    SUSPICIOUS_CHI_SQUARE,
+    USUAL_CHI_SQUARE,
+)
 
-DISK_REACH_BLUR_WIDTHS = 2.0
-"""Margin about a disk within which pixels count as its own. By hand."""
-GROUP_ITERATIONS = 15
-"""Gauss-Newton steps at most. Accuracy."""
-GROUP_REACH_BLUR_WIDTHS = 4.0
-"""Margin of the window about a group. Theory: a blurred edge is 3e-5 there."""
-
-CONTROL = FitControl(free_blur=False, robust=False, iterations=GROUP_ITERATIONS)
-GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.1, 0.3
+CONTROL = FitControl(free_blur=False, robust=False, iterations=ITERATIONS)
+SETTLED_GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.1, 0.3
 """Largest fitted radius of a disk that is about right over the radius before, and an additional margin. By
 hand."""
-BAD_FIT_RATIO = 1.3
-"""Chi-square over its usual value above which a fit is bad, ... By hand."""
 BAD_FIT_SIGMA = 6.0
 """... if it is so significant. False-alarm rate: 1e-9 for a normal deviate."""
 CHI_SQUARE_SLACK_SIGMA = 3.0
 """Excess chi-square that counts as none. False-alarm rate: 1e-3 for a normal deviate."""
 COARSE_BLUR_WIDTHS = 2.0
 """Standard deviation of the additional blur of a coarser look at a group. By hand."""
-COVER_ROUNDS = 4
-"""Rounds of trying covers at most. By hand."""
 DISK_PRICE = 40.0
 """Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
 EXCESS_LEFT_FRACTION = 0.35
 """Fraction of the excess chi-square that a new cover may leave. By hand."""
-GROUP_GAP_BLUR_WIDTHS = 2.0
-"""Gap between rims within one group. By hand."""
 JOINED_ELLIPTICITY, MOST_JOINED = 0.3, 4
 """Ellipticity from which the fit of one ellipse to touching disks starts, and disks that it may replace. By
 hand: three disks in a row are an ellipse of 3 : 1."""
 LARGEST_GROUP = 20
 """Disks of the largest group for which covers are tried. By hand, for time."""
-LARGEST_USUAL_CHI_SQUARE = 2.0
-"""Largest mean chi-square ascribed to the noise model. By hand."""
 LEAST_GAIN = 1.0
 """Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
 uncertainty of one parameter."""
@@ -81,13 +77,6 @@ LIT_FRACTION = 0.02
 LEAST_CONVEX = 0.92
 """Share of its convex hull of a region that no disks describe, from which it is one contact. By hand: pixels
 make 0.94 of a triangle of 30 px."""
-LEAST_PAIR_ELONGATION = 1.2
-"""Ratio of the axes of an ellipse from which a pair of disks is tried in its place. Theory: 1.24 for two
-equal disks that overlap by 0.7 of their radius, the deepest that are told apart."""
-LEAST_NOISE_FRACTION = 5e-3
-"""Smallest noise assumed. By hand: no contact is a perfect disk."""
-UNSETTLED_CHI_SQUARE_RATIO = 1.5
-"""Chi-square over its expectation below which the same disks are refitted first. By hand."""
 
 MOST_WINDOW_SHARE = 1.5
 """Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By
@@ -121,7 +110,7 @@ class GroupWindow:
     ) -> "GroupWindow | None":
         """The window about some disks of a fit, and so far around; None if nothing lies in the image."""
         disks = fit.disks[members]
-        reach = disks[:, RADIUS] + GROUP_REACH_BLUR_WIDTHS * fit.blur + margin
+        reach = disks[:, RADIUS] + REACH_BLUR_WIDTHS * fit.blur + margin
         low = np.maximum(np.floor((disks[:, :2].T - reach).min(axis=1)), 0).astype(int)
         high = np.maximum(np.ceil((disks[:, :2].T + reach).max(axis=1)).astype(int) + 1, 0)
         box = (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0])))
@@ -190,7 +179,7 @@ class GroupWindow:
     def pixels_of(self, disk: NDArray) -> NDArray[np.bool_]:
         """The pixels on and about a disk."""
         x, y = self.from_centre(disk)
-        return np.asarray(np.hypot(x, y) < disk[RADIUS] + DISK_REACH_BLUR_WIDTHS * self.blur)
+        return np.asarray(np.hypot(x, y) < disk[RADIUS] + NEAR_BLUR_WIDTHS * self.blur)
 
     def from_centre(self, disk: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Columns and rows counted from the centre of a disk, to be broadcast."""
@@ -234,12 +223,12 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
     """
     replaced, new, one = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))], [np.empty(0, np.bool_)]
     median = float(np.median(fit.chi_square)) if len(fit.disks) else 1.0
-    usual = float(np.clip(median, 1.0, LARGEST_USUAL_CHI_SQUARE))
-    limit = np.maximum(BAD_FIT_RATIO, 1.0 + BAD_FIT_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
+    usual = float(np.clip(median, 1.0, USUAL_CHI_SQUARE))
+    limit = np.maximum(SUSPICIOUS_CHI_SQUARE, 1.0 + BAD_FIT_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
     bad = fit.chi_square > limit * usual
     # the smallest groups first: most of them are resolved if the work does not suffice for all
     coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
-    groups = sorted(_groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur), key=len)
+    groups = sorted(_groups_with(bad, fit.disks, NEAR_BLUR_WIDTHS * fit.blur), key=len)
     for members in groups:
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
         usual_single = len(members) == 1 and whole[members[0]]
@@ -351,7 +340,7 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
         major, minor = ellipse.half_axes
         margin = major - fit.disks[row, RADIUS]
         window = GroupWindow.about(common, fit, np.array([row]), margin=max(float(margin), 0.0))
-        if window is None or major < LEAST_PAIR_ELONGATION * minor:
+        if window is None or major < LEAST_ELONGATION * minor:
             continue
         x, y = ellipse.parameters[:2] - window.offset[:2]
         a = np.sqrt(major * minor / 2.0)
@@ -434,11 +423,13 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     slack = CHI_SQUARE_SLACK_SIGMA * usual * np.sqrt(2.0 * window.pixels)
     first = chi_square = window.chi_square(disks)
     best = disks
-    unsettled = first < UNSETTLED_CHI_SQUARE_RATIO * expected
-    for number in range(-1 if unsettled else 0, COVER_ROUNDS):
+    unsettled = first < POOR_CHI_SQUARE * expected
+    for number in range(-1 if unsettled else 0, ROUNDS):
         if chi_square < expected + slack:
             break
-        covers = list(_other_covers(window, best, number))
+        # at first the same disks again
+        same_again = [window.fit(best, np.full(len(best), np.inf))] if number < 0 else []
+        covers = same_again or list(_larger_covers(window, best))
         costs = [value + DISK_PRICE * (len(cover) - len(best)) for cover, value in covers]
         gain, same = chi_square - min(costs, default=np.inf), True
         if gain > 0.0:
@@ -447,14 +438,6 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
         if number >= 0 and same:
             break
     return disks if chi_square - expected > EXCESS_LEFT_FRACTION * (first - expected) + slack else best
-
-
-def _other_covers(window: GroupWindow, disks: NDArray, number: int) -> Iterator[Cover]:
-    """What to try in a round: at first the same disks again, then more disks."""
-    if number < 0:
-        yield window.fit(disks, np.full(len(disks), np.inf))
-    else:
-        yield from _larger_covers(window, disks)
 
 
 def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
@@ -476,7 +459,7 @@ def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
 
 def _bounds(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
     """Upper bounds of the radii of disks that are about right."""
-    return np.asarray(GROWTH_RATIO * disks[:, RADIUS] + GROWTH_BLUR_WIDTHS * window.blur)
+    return np.asarray(SETTLED_GROWTH_RATIO * disks[:, RADIUS] + GROWTH_BLUR_WIDTHS * window.blur)
 
 
 def _split(window: GroupWindow, residual: NDArray, disk: NDArray, count: int) -> NDArray[np.float64]:

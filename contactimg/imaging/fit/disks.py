@@ -13,6 +13,7 @@ every compiled function that calls it.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,14 +38,18 @@ from contactimg.imaging.kernels.solve import marginal_variances, solve_coupled
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.pixels.robust import MAD_TO_STD, quantile
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE, EdgeTable, disk_table
+from contactimg.imaging.profile.limits import (
+    EDGE_BLUR_WIDTHS,
+    FAINT_FRACTION,
+    FEW,
+    SIGNIFICANT_SIGMA,
+    SUSPICIOUS_CHI_SQUARE,
+    USUAL_CHI_SQUARE,
+)
 from contactimg.timings import stage
 
-SIGNIFICANT_LIGHT_SIGMA = 5.0
-"""Light below which a disk is dropped. False-alarm rate: 3e-7 for a normal deviate."""
 FAINTEST_BESIDE = 0.4
 """Contrast over the expected one below which a disk beside another is part of it. By hand."""
-SUSPICIOUS_CHI_SQUARE = 1.3
-"""Mean chi-square of a disk above which another is searched beside it before it is dropped. By hand."""
 SPECK_RADIUS_PX = 0.5
 """Radius below which a disk that touches another is dropped as part of its rim. By hand."""
 SHARPEST_BLUR_PX = 0.75
@@ -54,18 +59,11 @@ RIM_BAND = (0.2, 0.8)
 """Fractions of the contrast between which a pixel is at the rim. By hand."""
 RIM_SAMPLE_PIXELS = 250_000
 """Pixels of an image that are looked at. Accuracy: a thousand at rims give their scatter to 4 %."""
-FEWEST_RIM_PIXELS = 10
-"""Pixels at rims that give their scatter. By hand: half the rim of one contact of 2 px."""
-USUAL_CHI_SQUARE = 2.0
-"""Largest chi-square of the rims ascribed to the noise model. By hand."""
 QUANTILES_TO_STD = {0.25: 1.0 / 0.3186, 0.5: MAD_TO_STD}
 """Standard deviation of normal deviates over quantiles of their size: ``1/Phi^-1(1/2 + share/2)``."""
 PAIR_MARGIN_PX = 2.0  # move of a rim (or 10 % of the blur) after which pairs are searched again; speed only
-ISOLATION_GAP_BLUR_WIDTHS = 5.5  # gap of isolated disks; theory: nearer, one changes the other by 1e-4
-COUPLING_REACH_BLUR_WIDTHS = 2.6  # reach of a rim within which disks are solved for together; by hand
 BLUR_TOLERANCE = 2e-3  # relative step of the blur at which it is held fixed; accuracy
 ROUGH_BLUR_TOLERANCE = 1e-2  # the same of a rough fit that only provides a start; accuracy
-FAINTEST_FRACTION = 0.05  # lower bound of the contrasts over the expected one; by hand
 SMALLEST_BLUR_WIDTHS = 0.1  # least radius: keeps a disk from vanishing; accuracy
 NARROWEST_BLUR_PX = PIXEL_VARIANCE**0.5  # theory: that of the pixel alone
 WELL_FITTED_CHI_SQUARE = 3.0  # worse fits do not determine the blur or the contrast; by hand
@@ -172,6 +170,19 @@ class FittedDisks:
     blur_score: NDArray[np.float64]
     brightness: NDArray[np.float64]
 
+    def rearranged(
+        self, rows: NDArray[np.int64], fitted: NDArray[np.bool_], part: "FittedDisks", of: NDArray[np.bool_]
+    ) -> "FittedDisks":
+        """The disks in other ``rows`` (-1: new ones), those ``fitted`` as ``of`` the fit of a part."""
+        values: dict[str, Any] = {}
+        kept = rows >= 0
+        for name, value in vars(self).items():
+            if name not in ("blur", "model", "iterations"):
+                values[name] = np.empty((len(rows), *value.shape[1:]), value.dtype)
+                values[name][kept] = value[rows[kept]]
+                values[name][fitted] = vars(part)[name][of]
+        return replace(part, **values)
+
 
 def render_disks(
     disks: NDArray[np.float64], blur: float, shape: tuple[int, int], *, profile: EdgeTable | None = None
@@ -256,10 +267,8 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     model, drawn = start.model, start.drawn.copy()
     started, before = np.ones(n, np.bool_) if active is None else active, disks
     moving, free_blur = started.copy(), control.free_blur
-    coupling, isolation = COUPLING_REACH_BLUR_WIDTHS, ISOLATION_GAP_BLUR_WIDTHS
-    if table.outer > INNER_BLUR_WIDTHS:
-        coupling, isolation = table.outer, 2.0 * table.outer
-    far = 1.1 * max(0.5 * ISOLATION_GAP_BLUR_WIDTHS, coupling)
+    reach = reach_of(table)
+    far = 1.1 * reach
     # variance of a background pixel at each disk, its slope with the model level, its excess at the rim
     noise = problem.noise
     levels = np.column_stack([noise.variance / brightness, noise.slope / prior[0], np.full(n, noise.rim)])
@@ -276,10 +285,10 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
                 disks = before  # nothing that moved since is drawn
                 break
             near_pairs, paired, paired_blur = wider_pairs, disks.copy(), s
-        pairs, count = select_close(near_pairs, disks, coupling * s), count + 1
+        pairs, count = select_close(near_pairs, disks, reach * s), count + 1
         # isolated disks are their own model: they are drawn when they have settled
         isolated = np.full(n, not saturated)
-        isolated[select_close(near_pairs, disks, 0.5 * isolation * s)] = False
+        isolated[select_close(near_pairs, disks, reach * s)] = False
         draw_disks(model, disks, s, drawn, ~(isolated & moving), near_pairs, table)
         row_step = 1 if control.robust else (4 if iteration == 0 else 2)
         build_normal_equations(
@@ -330,6 +339,11 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     )
 
 
+def reach_of(table: EdgeTable) -> float:
+    """Distance from a rim, in blur widths, within which it changes what others show."""
+    return EDGE_BLUR_WIDTHS if table.outer <= INNER_BLUR_WIDTHS else table.outer
+
+
 def _largest_move(disks: NDArray[np.float64], before: NDArray[np.float64]) -> float:
     """Largest distance that a rim has moved."""
     moved = np.hypot(disks[:, X] - before[:, X], disks[:, Y] - before[:, Y])
@@ -355,7 +369,7 @@ def _moved(disks: NDArray, steps: NDArray, s: float, prior: NDArray, largest: ND
         x + np.clip(step[X], -limit, limit),
         y + np.clip(step[Y], -limit, limit),
         np.minimum(np.maximum(wider, SMALLEST_BLUR_WIDTHS * s), largest),
-        np.minimum(np.maximum(c + step[CONTRAST], FAINTEST_FRACTION * mean), brightest),
+        np.minimum(np.maximum(c + step[CONTRAST], FAINT_FRACTION * mean), brightest),
     ])  # fmt: skip
 
 
@@ -407,7 +421,7 @@ def allow_for_coarse_rims(problem: FitProblem, fit: FittedDisks, *, share: float
     rim = (height > RIM_BAND[0]) & (height < RIM_BAND[1])
     if problem.valid is not None:
         rim &= problem.valid[::every] > 0
-    if np.count_nonzero(rim) < FEWEST_RIM_PIXELS:
+    if np.count_nonzero(rim) < FEW:
         return problem
     scatter = (image[rim] - fit.model[::every][rim]) ** 2 / (plain.variance * plain.at(height[rim]))
     excess = QUANTILES_TO_STD[share] ** 2 * quantile(scatter, share)
@@ -425,7 +439,7 @@ def find_insignificant(fit: FittedDisks, problem: FitProblem, *, final: bool) ->
     dropped only in the ``final`` selection.
     """
     radius = fit.disks[:, RADIUS]
-    weak = radius < 2.0 * SIGNIFICANT_LIGHT_SIGMA * fit.std[:, RADIUS]  # light goes as radius^2
+    weak = radius < 2.0 * SIGNIFICANT_SIGMA * fit.std[:, RADIUS]  # light goes as radius^2
     expected, _ = problem.prior.of_disks(fit.disks, fit.blur)
     beside = count_touching(fit.disks, 2.0 * fit.blur) > 0
     faint = (fit.disks[:, CONTRAST] < FAINTEST_BESIDE * expected) & beside

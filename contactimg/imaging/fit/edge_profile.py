@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.edge_scores import (
     FEW_CONTACTS,
-    FEWEST_CONTACTS,
     FEWEST_SCORES,
+    FILM,
     PRIOR_STD,
     SHARED,
     SUSPICION,
@@ -32,17 +32,17 @@ from contactimg.imaging.fit.edge_scores import (
     with_plain_edges,
 )
 from contactimg.imaging.fit.problem import RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem, touches
-from contactimg.imaging.fit.shared_optics import FEWEST_WIDE_DISKS, JointFit, OpticsPrior
+from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
 from contactimg.imaging.profile.edge_shape import (
     DOME,
     FAMILIES,
     FIELD,
-    LARGEST,
     RESPONSE,
     RIM,
     SOFTNESS,
     TREND,
 )
+from contactimg.imaging.profile.limits import FEW, FEWEST, ROUGH_STD, SETTLED_SIGMA
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 from contactimg.timings import stage
 
@@ -52,16 +52,6 @@ Steps = dict[str, SharedStep]
 Refine = Callable[[FitProblem, FittedDisks, OpticsPrior], JointFit]
 
 ROUNDS = 16  # fits at most; accuracy and time: a frame with a plain edge needs none
-SETTLED_SIGMA = 0.2
-"""Step of the shared quantities, in their uncertainties, at which they have settled. Accuracy."""
-LONGEST_SHAPE_STEP = 0.5  # of the largest magnitude of a parameter; accuracy
-LONGEST_BLUR_STEP = 0.25  # relative; accuracy
-UNDEFINED_BLUR_FRACTION = 0.1
-"""Relative uncertainty stated for the blur of a point spread function that is no Gaussian. Chosen: it says
-that no number describes it; the radii do not depend on it."""
-RELEVANT_SIGMA = 0.2
-"""Shift of the radii, in their uncertainties, below which a significant edge changes nothing. Chosen: it
-lowers a coverage of 68 % by one per cent."""
 INDISTINCT = ({"softness", "response"}, {"softness", "rim"})
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
 and light outside like a soft rim."""
@@ -69,9 +59,6 @@ WORSE_CHI_SQUARE_RATIO = 1.004
 """Chi-square over that with the plain edge above which a learned edge fits worse: the ratio of the
 medians of all contacts, the median of their ratios and the ratio of their means. Chosen: real edges raised
 one of them by up to 0.6 % by chance."""
-FAMILY_RELATIVE_STD = 0.1
-"""Standard uncertainty of what a learned edge does to the radii, relative to it. Chosen: no lens has
-exactly an edge of these families; behind an annular aperture, in a series, a sum was off by 1.4 %."""
 USUAL_ODDS, PRIOR_ODDS = 0.1, {"response": 0.5}
 """Odds of each family against the plain edge before the frame is looked at. Chosen: one frame in ten has it;
 of cameras that nobody calls linear one in three has a gamma or a tone curve."""
@@ -192,7 +179,7 @@ def learn_edge(
     Returns
     -------
     EdgeFit
-        With a plain edge where nothing else is significant, where fewer than `FEWEST_CONTACTS` are isolated,
+        With a plain edge where nothing else is significant, where fewer than `FEW` are isolated,
         or too few of them wide; uncertainties include what is undecided. Unchanged where the pixels are too
         coarse for the rims.
     """
@@ -288,7 +275,7 @@ class _Search:
     def may_learn(self, joint: JointFit, isolated: NDArray[np.int64]) -> bool:
         """Whether enough contacts are isolated, and wide: others fit any edge with another contrast."""
         wide = joint.fit.disks[isolated, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * joint.fit.blur
-        return len(isolated) >= FEWEST_CONTACTS and int(np.count_nonzero(wide)) >= FEWEST_WIDE_DISKS
+        return len(isolated) >= FEW and int(np.count_nonzero(wide)) >= FEWEST
 
     def learn(
         self, current: EdgeFit, isolated: NDArray[np.int64], refine: Refine
@@ -298,13 +285,14 @@ class _Search:
             scores = self.scores(current, isolated)
             edge, families, prior = current.learned.edge, current.learned.families, self.prior(current)
             step = scores.step(parameters_of(families), prior)
-            if not families or _has_settled(edge, _moved(edge, step), step):
+            if not families or _has_settled(edge, step):
                 found = self.next_family(current, scores)
-                if not found or len(scores.score) < FEWEST_CONTACTS:
+                if not found or len(scores.score) < FEW:
                     break
                 families = (*families, found)
                 step = scores.step(parameters_of(families), prior)
-            current = self.refit(current.joint, LearnedEdge(edge, families), step, refine)
+            moved = LearnedEdge(edge.moved(step.chosen, step.delta), families)
+            current = self._fit_with(current.joint, moved, step, refine)
         return current, scores
 
     def _with_noise(self, scores: EdgeScores, joint: JointFit, chosen: NDArray[np.int64]) -> EdgeScores:
@@ -322,8 +310,8 @@ class _Search:
             score, information = 0.0 * score, 1e-6 * np.diag([1.0, edge.blur**-2])
         score, information = edge_prior(edge, (score, information))
         if self.lent is not None and not own:
-            score[SHARED:] += self.lent.score_at(edge.shape)
-            information[SHARED:, SHARED:] += self.lent.information
+            score[SHARED:FILM] += self.lent.score_at(edge.shape)
+            information[SHARED:FILM, SHARED:FILM] += self.lent.information
         return score, information
 
     def _optics(self, current: EdgeFit) -> tuple[Values, Values]:
@@ -356,16 +344,12 @@ class _Search:
         step = SharedStep(chosen, change, np.zeros((len(chosen),) * 2), 0.0)
         return self._fit_with(joint, LearnedEdge(Edge(blur, shape), lent.families), step, refine)
 
-    def refit(self, joint: JointFit, learned: LearnedEdge, step: SharedStep, refine: Refine) -> EdgeFit:
-        """Fit the disks with the edge after a step."""
-        return self._fit_with(joint, replace(learned, edge=_moved(learned.edge, step)), step, refine)
-
     def _fit_with(self, joint: JointFit, learned: LearnedEdge, step: SharedStep, refine: Refine) -> EdgeFit:
         """Fit the disks with another edge, to which a step has led."""
         disks, edge = joint.fit.disks.copy(), learned.edge
         problem, chosen, radius = self._with_prior(joint), step.chosen, disks[:, RADIUS]
-        response, _ = EdgeScores.response_to(chosen, problem, disks, edge, self.placement)
-        disks[:, RADIUS] = np.clip(radius + response[:, chosen] @ step.delta, 0.5 * radius, 2.0 * radius)
+        response = EdgeScores.expected(problem, disks, edge, self.placement, chosen).response[:, chosen]
+        disks[:, RADIUS] = np.clip(radius + response @ step.delta, 0.5 * radius, 2.0 * radius)
         problem = replace(
             self.problem, image=with_plain_edges(self.problem.image, disks, edge, self.placement)
         )
@@ -407,10 +391,10 @@ class _Search:
         """The knowledge that the frame alone gives of its edges, whatever contrast and blur."""
         learned = current.learned
         others = np.array([0] if "point spread" in learned.families else [0, 1])
-        cross = information[np.ix_(others, np.arange(SHARED, len(score)))]
+        cross = information[np.ix_(others, np.arange(SHARED, FILM))]
         along = np.linalg.solve(information[np.ix_(others, others)] + 1e-9 * np.eye(len(others)), cross)
-        own = information[SHARED:, SHARED:] - cross.T @ along
-        pull = score[SHARED:] - along.T @ score[others]
+        own = information[SHARED:FILM, SHARED:FILM] - cross.T @ along
+        pull = score[SHARED:FILM] - along.T @ score[others]
         blur, shape = learned.edge.blur * self.problem.binning, learned.edge.shape
         return EdgeKnowledge(learned.families, blur, shape, own, own @ shape + pull, count)
 
@@ -419,12 +403,15 @@ class _Search:
         joint, edge, families = current.joint, current.learned.edge, current.learned.families
         step, problem = scores.step(parameters_of(families), self.prior(current)), self._with_prior(joint)
         disks, chosen = joint.fit.disks, step.chosen
-        response, learned = EdgeScores.response_to(chosen, problem, disks, edge, self.placement)
-        _, plain = EdgeScores.response_to(chosen[:1], problem, disks, Edge.plain(edge.blur), self.placement)
-        own = joint.fit.std * np.maximum(learned / plain, 1.0)[:, None]
+        learned, plain = (
+            EdgeScores.expected(problem, disks, each, self.placement, at)
+            for each, at in ((edge, chosen), (Edge.plain(edge.blur), chosen[:1]))
+        )
+        response = learned.response
+        own = joint.fit.std * np.maximum(learned.radius_std / plain.radius_std, 1.0)[:, None]
         modes = response[:, chosen] @ np.linalg.cholesky(step.covariance)
         # a family describes an edge only so far
-        modes = np.column_stack([modes, FAMILY_RELATIVE_STD * response[:, SHARED:] @ edge.shape])
+        modes = np.column_stack([modes, ROUGH_STD * response[:, SHARED:FILM] @ edge.shape])
         if edge.shape[SOFTNESS] > 0 and not self.known:
             # where in its soft zone the rim of a contact lies cannot be seen
             modes = np.column_stack([modes, np.sqrt(edge.shape[SOFTNESS]) * disks[:, RADIUS]])
@@ -479,7 +466,7 @@ def _fits_worse(after: Values, before: Values) -> bool:
 
 def _of_optics(step: SharedStep, edge: Edge) -> Values:
     """Covariance of ln C and blur; the widths of a point spread function stand for the blur."""
-    covariance = np.diag([0.0, (UNDEFINED_BLUR_FRACTION * edge.blur) ** 2])
+    covariance = np.diag([0.0, (ROUGH_STD * edge.blur) ** 2])
     at = step.chosen < SHARED
     covariance[np.ix_(step.chosen[at], step.chosen[at])] = step.covariance[np.ix_(at, at)]
     return covariance
@@ -500,21 +487,11 @@ def _matters(scores: EdgeScores, step: SharedStep) -> bool:
     single = np.sqrt(np.mean((shift / scores.radius_std) ** 2))
     # of a contact a weight proportional to a^(1/2) or more: the sum is about as well known as this
     whole = abs(np.sum(shift)) / np.sqrt(np.sum(scores.radius_std**2))
-    return bool(single > RELEVANT_SIGMA or whole > RELEVANT_SUM_SIGMA)
+    return bool(single > SETTLED_SIGMA or whole > RELEVANT_SUM_SIGMA)
 
 
-def _has_settled(edge: Edge, moved: Edge, step: SharedStep) -> bool:
+def _has_settled(edge: Edge, step: SharedStep) -> bool:
     """Whether blur and shape need no other fit; a parameter at its limit does not move any more."""
-    change = np.concatenate([[0.0, moved.blur - edge.blur], moved.shape - edge.shape])[step.chosen]
+    change = (edge.moved(step.chosen, step.delta).shared - edge.shared)[step.chosen]
     rest = change[1:] @ np.linalg.solve(step.covariance[1:, 1:], change[1:])
     return bool(rest < SETTLED_SIGMA**2 * len(change))
-
-
-def _moved(edge: Edge, step: SharedStep) -> Edge:
-    """The edge after a step, within limits."""
-    delta = np.zeros(SHARED + len(edge.shape))
-    delta[step.chosen] = step.delta
-    longest = LONGEST_BLUR_STEP * edge.blur
-    change = np.clip(delta[SHARED:], -LONGEST_SHAPE_STEP * LARGEST, LONGEST_SHAPE_STEP * LARGEST)
-    shape = np.clip(edge.shape + change, -LARGEST, LARGEST)
-    return Edge(edge.blur + float(np.clip(delta[1], -longest, longest)), shape)

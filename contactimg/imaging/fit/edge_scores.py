@@ -11,7 +11,6 @@ holds whatever the noise, drawn to H^-1 where contacts are few). A group of para
 Wald's test of this step.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -23,8 +22,10 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.radial_sums import add_profiles, radial_nodes, sum_residuals
 from contactimg.imaging.pixels.masks import for_kernel
+from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE
 from contactimg.imaging.profile.edge_shape import (
     FAMILIES,
+    LARGEST,
     PARAMETERS,
     PRIOR_STD,
     BlurredDisks,
@@ -35,38 +36,40 @@ from contactimg.imaging.profile.edge_shape import (
     look_up,
 )
 from contactimg.imaging.profile.film_rim import FilmRim, film_table
+from contactimg.imaging.profile.limits import (
+    EDGE_BLUR_WIDTHS,
+    FAINT_FRACTION,
+    FEW,
+    LONGEST_BLUR_STEP,
+    SIGNIFICANT_SIGMA,
+)
 
 Values = NDArray[np.float64]
 
 STEPS_PER_BLUR = 4  # nodes of templates about the rim; accuracy: affects the efficiency alone
 FINE_STEPS_PER_BLUR = 16  # nodes of profiles; theory: linear interpolation errs by (1/16)^2/8 * 0.24 = 1e-4
-INNER_BLUR_WIDTHS = 4.5  # distance inside the rim where the plateau begins; theory: 3e-6 are missing there
-REACH_BLUR_WIDTHS = 6.0  # beyond the rim; theory: a Gaussian 2.9 times as wide has fallen to 2 % there
-NEIGHBOUR_BLUR_WIDTHS = 3.0  # reach of the rim of a neighbour; theory: 1e-3 of its contrast is left there
+PLATEAU_BLUR_WIDTHS = 4.5  # distance inside the rim where the plateau begins; theory: 3e-6 are missing there
 SMALLEST_BLUR_WIDTHS = 0.5  # radius of contacts that are looked at; smaller ones show no edge
 MOST_CONTACTS = 250  # that are looked at, evenly chosen among the radii; for time
 FEW_CONTACTS = 60  # the same of the first look; for time
-FEWEST_CONTACTS = 10
-"""Isolated contacts below which nothing is learned. Theory: their scatter gives a variance to a half."""
 FEWEST_SCORES = 5
 """Isolated contacts below which their scores say nothing. Chosen: with fewer, one odd contact decides."""
 FALSE_ALARM = 1e-5
 """Probability that a plain edge is taken for another one. False-alarm rate: one in a hundred thousand
 frames for each family; what is less certain enters the uncertainties
-(`contactimg.imaging.fit.undecided_edge`)."""
+(`contactimg.imaging.fit.edge_profile`)."""
 SUSPICION = 0.01
 """The same for a closer look, for each family. False-alarm rate: it costs time alone."""
 LEAST_CLIP_FRACTION = 0.5
 """Residuals are clipped at this fraction of the contrast, or at 5 sigma of a pixel. By hand: it cuts foreign
 objects, not an edge of another shape."""
-CLIP_SIGMA = 5.0
-LOCAL_BACKGROUND_FRACTION = 0.05
-"""Uncertainty of the background about a contact, of the contrast. By hand: where contacts are dense it is not
-known better; no edge is to be learned from it."""
 OWN = 3  # contrast and radius of a contact, and the background about it
-EVERY_TEMPLATE = range(1 + len(PARAMETERS))
-FILM = 1 + len(PARAMETERS)  # template of the light of a film
 SHARED = 2  # ln C and the blur come before the parameters of the edge
+FILM = SHARED + len(PARAMETERS)  # the light of a film comes after them
+EVERY = np.arange(FILM)
+"""What contacts without a film may share."""
+LONGEST_SHAPE_STEP = 0.5  # of the largest magnitude of a parameter; accuracy
+LARGEST_LIGHT = 10.0  # of a film, over that expected; accuracy: keeps steps finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +99,25 @@ class Edge:
         return cls(blur, np.zeros(len(PARAMETERS)))
 
     @property
+    def shared(self) -> Values:
+        """The shared quantities but ln C, which is 0 here: blur, shape and light."""
+        return np.array([0.0, self.blur, *self.shape, self.light])
+
+    def moved(self, chosen: NDArray[np.int64], delta: Values) -> "Edge":
+        """The edge after a step of some shared quantities, within limits."""
+        change, shape = np.zeros(FILM + 1), self.shape
+        change[chosen] = delta
+        longest = LONGEST_BLUR_STEP * self.blur
+        blur = max(self.blur + float(np.clip(change[1], -longest, longest)), PIXEL_VARIANCE**0.5)
+        steps = np.clip(change[SHARED:FILM], -LONGEST_SHAPE_STEP * LARGEST, LONGEST_SHAPE_STEP * LARGEST)
+        light = self.light + float(np.clip(change[FILM], -1.0, 1.0))
+        light = min(max(light, -LARGEST_LIGHT), LARGEST_LIGHT)
+        return replace(self, blur=blur, shape=np.clip(shape + steps, -LARGEST, LARGEST), light=light)
+
+    @property
     def reach(self) -> float:
         """Distance beyond the rim up to which the edge changes anything, blur widths."""
-        return film_table(self.film, self.blur).outer if self.film and self.light else REACH_BLUR_WIDTHS
+        return film_table(self.film, self.blur).outer if self.film and self.light else INNER_BLUR_WIDTHS
 
     def profile(self, disks: PlacedDisks) -> Values:
         """Brightness of contacts over their contrast, shape (n, k)."""
@@ -113,16 +132,13 @@ class Edge:
         above, below = (self.profile(disks.widened(x)) for x in (step, -step))
         return (above - below) / (2 * step)
 
-    def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:
-        """Derivatives of the profile by the blur and the parameters of the edge, shape (n, m, k).
-
-        `FILM`, the last if it is chosen, is that by the light of the film.
-        """
-        templates = edge_templates(disks, self.blur, self.shape, [k for k in chosen if k != FILM])
-        if self.light and 0 in chosen:
+    def templates(self, disks: PlacedDisks, chosen: NDArray[np.int64]) -> Values:
+        """Derivatives of the profile by some of the shared quantities but ln C, shape (n, m, k)."""
+        templates = edge_templates(disks, self.blur, self.shape, [int(k) - 1 for k in chosen if k != FILM])
+        if self.light and 1 in chosen:
             step = 0.02 * self.blur
             above, below = (self._film(disks, self.blur + x) for x in (step, -step))
-            templates[:, list(chosen).index(0)] += self.light * (above - below) / (2 * step)
+            templates[:, 0] += self.light * (above - below) / (2 * step)
         if FILM in chosen:
             templates = np.concatenate([templates, self._film(disks, self.blur)[:, None]], axis=1)
         return templates
@@ -151,14 +167,14 @@ class Placement:
     ratio: float
 
     def place(
-        self, disks: Values, *, blur: float, per_blur: int = STEPS_PER_BLUR, reach: float = REACH_BLUR_WIDTHS
+        self, disks: Values, *, blur: float, per_blur: int = STEPS_PER_BLUR, reach: float = INNER_BLUR_WIDTHS
     ) -> "PlacedNodes":
         """Disks with nodes from their centres to beyond their rims."""
         x, y = (2.0 * disks[:, k] / max(self.shape[1 - k] - 1.0, 1.0) - 1.0 for k in (X, Y))
         field = np.stack([x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3], axis=-1)
-        inner = np.maximum(disks[:, RADIUS] - INNER_BLUR_WIDTHS * blur, 0.0)
+        inner = np.maximum(disks[:, RADIUS] - PLATEAU_BLUR_WIDTHS * blur, 0.0)
         step = blur / per_blur
-        count = round((INNER_BLUR_WIDTHS + reach) * per_blur) + 1
+        count = round((PLATEAU_BLUR_WIDTHS + reach) * per_blur) + 1
         placed = PlacedDisks(disks[:, [RADIUS]], field, radial_nodes(inner, step, count), self.ratio)
         return PlacedNodes(placed, inner, step, count)
 
@@ -192,9 +208,9 @@ class PlacedNodes:
 
 def isolated_disks(disks: Values, shape: tuple[int, int], *, blur: float) -> NDArray[np.int64]:
     """Contacts whose profile no neighbour and no border disturbs, from the narrowest to the widest."""
-    reach = REACH_BLUR_WIDTHS * blur
+    reach = INNER_BLUR_WIDTHS * blur
     alone = np.ones(len(disks), np.bool_)
-    alone[find_pairs(disks, 0.5 * (reach + NEIGHBOUR_BLUR_WIDTHS * blur)).ravel()] = False
+    alone[find_pairs(disks, 0.5 * (reach + EDGE_BLUR_WIDTHS * blur)).ravel()] = False
     x, y, margin = disks[:, X], disks[:, Y], disks[:, RADIUS] + reach
     alone &= (x > margin) & (y > margin) & (x < shape[1] - 1 - margin) & (y < shape[0] - 1 - margin)
     chosen = np.flatnonzero(alone & (disks[:, RADIUS] > SMALLEST_BLUR_WIDTHS * blur))
@@ -215,7 +231,7 @@ class SharedStep:
     Parameters
     ----------
     chosen : ndarray of int
-        Which of (ln C, s, `PARAMETERS`) take part.
+        Which of (ln C, s, `PARAMETERS`, light of the film) take part.
     delta : ndarray, shape (k,)
     covariance : ndarray, shape (k, k)
     gain : float
@@ -241,16 +257,17 @@ class EdgeScores:
 
     Parameters
     ----------
-    score : ndarray, shape (m, 17)
-    information : ndarray, shape (m, 17, 17)
-    response : ndarray, shape (m, 17)
+    score : ndarray, shape (m, 18)
+        0, like what follows, for the shared quantities that were not asked for.
+    information : ndarray, shape (m, 18, 18)
+    response : ndarray, shape (m, 18)
         Derivative of the radius by the shared quantities, px.
     radius_std : ndarray, shape (m,), px
         For independent pixels at a known edge.
     radius : ndarray, shape (m,), px
     own_step : ndarray, shape (m, 3)
         Newton step of contrast, radius and background of each at the shared quantities assumed.
-    own_response : ndarray, shape (m, 3, 16)
+    own_response : ndarray, shape (m, 3, 18)
         Their derivatives by the shared quantities.
     kept : ndarray of bool, shape (n,)
         Which of the contacts asked for these are: those without a masked pixel.
@@ -271,13 +288,13 @@ class EdgeScores:
     @classmethod
     def of(
         cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement,
-        chosen: Sequence[int] = EVERY_TEMPLATE,
+        chosen: NDArray[np.int64] = EVERY,
     ) -> "EdgeScores":  # fmt: skip
         """Scores of isolated disks (x, y, radius, contrast) from pixels."""
         nodes = placement.place(disks, blur=edge.blur)
         fine = placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
         profile = edge.profile(fine.disks)
-        clip = max(CLIP_SIGMA * problem.pixel_noise, LEAST_CLIP_FRACTION * problem.contrast)
+        clip = max(SIGNIFICANT_SIGMA * problem.pixel_noise, LEAST_CLIP_FRACTION * problem.contrast)
         rest = sum_residuals(
             problem.image, for_kernel(problem.valid), disks, nodes.inner, profile,
             (fine.step, nodes.step), nodes.count, clip,
@@ -288,30 +305,19 @@ class EdgeScores:
     @classmethod
     def expected(
         cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement,
-        chosen: Sequence[int] = EVERY_TEMPLATE,
+        chosen: NDArray[np.int64] = EVERY,
     ) -> "EdgeScores":  # fmt: skip
         """The scores without the pixels, which are 0, with the information and the responses."""
         return cls._solve(problem, disks, edge, placement, None, chosen)
 
     @classmethod
-    def response_to(
-        cls, chosen: NDArray[np.int64], problem: FitProblem, disks: Values, edge: Edge, placement: Placement
-    ) -> tuple[Values, Values]:
-        """`response` to some shared quantities, ln C the first, with 0 for the others; and `radius_std`."""
-        templates = (chosen[chosen > 0] - 1).tolist()
-        scores = cls._solve(problem, disks, edge, placement, None, templates)
-        response = np.zeros((len(disks), SHARED + len(edge.shape)))
-        response[:, chosen] = scores.response
-        return response, scores.radius_std
-
-    @classmethod
     def _solve(
         cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement, rest: Values | None,
-        chosen: Sequence[int] = EVERY_TEMPLATE,
+        chosen: NDArray[np.int64] = EVERY,
     ) -> "EdgeScores":  # fmt: skip
-        """Eliminate radius and contrast of each disk; ``chosen`` are the templates that take part."""
+        """Eliminate radius and contrast of each disk; ``chosen``: which shared quantities, ln C the first."""
         nodes = placement.place(disks, blur=edge.blur)
-        profile, templates = edge.profile(nodes.disks), edge.templates(nodes.disks, chosen)
+        profile, templates = edge.profile(nodes.disks), edge.templates(nodes.disks, chosen[1:])
         contrast, tight = problem.prior.mean, 1.0 / problem.prior.std**2
         c = disks[:, CONTRAST, None]
         variance = problem.noise.variance / problem.brightness_at(disks)[:, None]
@@ -322,18 +328,20 @@ class EdgeScores:
         columns[:, 2] = 1.0
         columns[:, OWN:] = c[:, None] * templates
         products = columns @ np.swapaxes(columns * (weight * nodes.areas)[:, None], 1, 2)
-        normal, size = products[:, :OWN, :OWN], SHARED - 1 + templates.shape[1]
+        normal, by_edge = products[:, :OWN, :OWN], chosen[1:]
         normal[:, 0, 0] += tight
-        normal[:, 2, 2] += 1.0 / (LOCAL_BACKGROUND_FRACTION * contrast) ** 2
-        cross, information = np.zeros((len(disks), OWN, size)), np.zeros((len(disks), size, size))
-        cross[:, 0, 0], cross[:, :, 1:] = -tight * contrast, products[:, :OWN, OWN:]
-        information[:, 0, 0], information[:, 1:, 1:] = tight * contrast**2, products[:, OWN:, OWN:]
+        normal[:, 2, 2] += 1.0 / (FAINT_FRACTION * contrast) ** 2
+        cross, score = np.zeros((len(disks), OWN, FILM + 1)), np.zeros((len(disks), FILM + 1))
+        information = np.zeros((len(disks), FILM + 1, FILM + 1))
+        cross[:, 0, 0], cross[:, :, by_edge] = -tight * contrast, products[:, :OWN, OWN:]
+        information[:, 0, 0] = tight * contrast**2
+        information[:, by_edge[:, None], by_edge] = products[:, OWN:, OWN:]
         gradient = np.zeros((len(disks), columns.shape[1]))
         if rest is not None:
             gradient = (columns @ (weight * rest)[:, :, None])[:, :, 0]
         excess = disks[:, CONTRAST] - contrast
         gradient[:, 0] -= tight * excess
-        score = np.column_stack([tight * contrast * excess, gradient[:, OWN:]])
+        score[:, 0], score[:, by_edge] = tight * contrast * excess, gradient[:, OWN:]
         inverse = np.linalg.inv(normal)
         response = -inverse @ cross
         return cls(
@@ -354,8 +362,8 @@ class EdgeScores:
         n, k = rest.shape
         posterior = np.linalg.inv(total / factor + prior[1][here])
         whole = self.score[:, chosen].sum(axis=0) / factor + prior[0][chosen]
-        expected = (FEWEST_CONTACTS + k) / n * factor * total
-        scatter = (rest.T @ rest + expected) * n / (n + FEWEST_CONTACTS) / factor**2 + prior[1][here]
+        expected = (FEW + k) / n * factor * total
+        scatter = (rest.T @ rest + expected) * n / (n + FEW) / factor**2 + prior[1][here]
         covariance = posterior @ scatter @ posterior
         return SharedStep(chosen, posterior @ whole, covariance, float(whole @ posterior @ whole))
 
@@ -390,9 +398,9 @@ def _chi_square_limit(false_alarm: float, freedom: int) -> float:
 
 
 def edge_prior(edge: Edge, optics: tuple[Values, Values]) -> tuple[Values, Values]:
-    """Score and information of the priors; ``optics`` are those of (ln C, s)."""
-    score = np.concatenate([optics[0], -edge.shape / PRIOR_STD**2])
-    information = np.diag(np.concatenate([np.zeros(SHARED), 1.0 / PRIOR_STD**2]))
+    """Score and information of the priors, none of the light; ``optics`` are those of (ln C, s)."""
+    score = np.array([*optics[0], *(-edge.shape / PRIOR_STD**2), 0.0])
+    information = np.diag(np.array([0.0, 0.0, *(1.0 / PRIOR_STD**2), 0.0]))
     information[:SHARED, :SHARED] = optics[1]
     return score, information
 

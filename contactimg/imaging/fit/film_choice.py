@@ -29,20 +29,24 @@ from scipy import special
 from contactimg.imaging.fit.edge_scores import (
     FEW_CONTACTS,
     FILM,
-    NEIGHBOUR_BLUR_WIDTHS,
-    SHARED,
     Edge,
     EdgeScores,
     Placement,
+    edge_prior,
     evenly,
     isolated_disks,
     parameters_of,
 )
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, touches
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
-from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.edge_shape import PRIOR_STD
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
+from contactimg.imaging.profile.limits import (
+    EDGE_BLUR_WIDTHS,
+    FEWEST,
+    NEGLIGIBLE_FRACTION,
+    ROUGH_STD,
+    SETTLED_SIGMA,
+)
 
 Values = NDArray[np.float64]
 
@@ -52,9 +56,6 @@ choice is off by at most 1/sqrt(0.2) = 2.2 of the uncertainties that it brings."
 TAKEN_ODDS = 100.0
 """Odds by the rims at which a film is taken where the contrast is not its own. Chosen: a film that is not
 there is drawn in one such frame of a hundred; what is not taken remains in the uncertainties."""
-FILM_RELATIVE_STD = 0.1
-"""Standard uncertainty of the light of a film that is drawn. Chosen: indices, lamp and radius of the summits
-are known to some per cent each; sums of areas of frames as assumed are off by 0.07 of the difference."""
 DECIDED_DOUBT = 0.02
 """Probability of the other case below which the rims have decided. Chosen: it adds a tenth of the
 difference."""
@@ -63,10 +64,6 @@ LEAST_DOUBT = 1e-4
 it adds a hundredth of the difference."""
 CONTRAST_FACTOR = 2.0
 """A film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
-LEAST_AREA_CHANGE = 1e-4
-"""Relative change of the areas below which a film is not looked for. Chosen: far below any uncertainty."""
-FEWEST_RIMS = 3
-"""Rims whose scatter gives an uncertainty. Theory: two degrees of freedom."""
 LARGEST_LOG_ODDS = 50.0
 """Logarithm of the odds by rims at most. Accuracy: beyond, probabilities are rounded."""
 MODEL_ERROR = 3e-4
@@ -74,10 +71,6 @@ MODEL_ERROR = 3e-4
 make 1e-4 at a blur of 1.4 px, and no lens has a Gaussian point spread function."""
 MOST_STEPS = 20
 """Newton steps of the rims at most. Accuracy."""
-SETTLED_SIGMA = 0.2
-"""Step of what the rims share, in its uncertainty, at which they have settled. Accuracy."""
-LONGEST_BLUR_STEP = 0.2
-"""Relative. Accuracy."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +103,7 @@ class FilmVerdict:
     @property
     def part(self) -> float:
         """Part of the difference between the choices that is one standard uncertainty of the radii."""
-        return float(np.hypot(self.doubt**0.5, FILM_RELATIVE_STD if self.taken else 0.0))
+        return float(np.hypot(self.doubt**0.5, ROUGH_STD if self.taken else 0.0))
 
     @property
     def contradicted(self) -> bool:
@@ -221,11 +214,12 @@ class FilmTrial:
         if families:  # from what the film explains by itself
             rims = self.settle(rims.edge, families, free=True)
         dark, problem = replace(rims.edge, light=0.0), replace(self.problem, prior=self.joint.prior)
-        expected = EdgeScores.expected(problem, disks, dark, self.placement, (0, FILM))
+        moving = np.array([0, 1, FILM])
+        response = EdgeScores.expected(problem, disks, dark, self.placement, moving).response[:, moving]
         # contrast and blur follow the light along the covariance
         follow = np.append(rims.covariance[:2, -1] / max(rims.covariance[-1, -1], 1e-300), 1.0)
         radius = disks[:, RADIUS]
-        shift = np.clip(expected.response @ follow, -0.5 * radius, 0.5 * radius)
+        shift = np.clip(response @ follow, -0.5 * radius, 0.5 * radius)
         return WeighedFilm(self._verdict(rims, radius, shift), radius, shift)
 
     def settle(self, edge: Edge, families: tuple[str, ...] = (), *, free: bool) -> Rims:
@@ -238,50 +232,38 @@ class FilmTrial:
         cut = touches(problem.saturated, 1, fit.disks, fit.disks[:, RADIUS])
         every_rim = fit.disks[isolated[~cut[isolated]]]
         disks = evenly(every_rim, FEW_CONTACTS)  # until they have settled, for time
-        shared = np.union1d([0, 1], parameters_of(families))
-        templates = [*(int(k) - 1 for k in shared[1:]), *([FILM] if free else [])]
-        every, at, last = np.arange(1 + len(templates)), shared[2:] - SHARED, np.zeros(1 + len(templates))
-        covariance = own_covariance = np.diag([1.0, fit.blur**2, *np.ones(len(every) - 2)])
+        chosen = np.union1d([0, 1], parameters_of(families))
+        chosen = np.append(chosen, FILM) if free else chosen
+        last, known = np.zeros(len(chosen)), self.optics_prior
+        covariance = own_covariance = np.diag([1.0, fit.blur**2, *np.ones(len(chosen) - 2)])
+        most = min(problem.largest_contrast, problem.shown_contrast)
         for _ in range(MOST_STEPS):
-            scores = EdgeScores.of(problem, disks, edge, self.placement, templates)
+            scores = EdgeScores.of(problem, disks, edge, self.placement, chosen)
             disks = disks[scores.kept]
             if not len(disks):
                 break
-            score, information = np.zeros(len(every)), 1e-9 * np.eye(len(every))
-            away = self.optics_prior.mean - np.array([np.log(problem.prior.mean), edge.blur])
-            score[:2], information[:2, :2] = (
-                self.optics_prior.information @ away,
-                self.optics_prior.information,
-            )
-            own_covariance = scores.step(every, (0.0 * score, 1e-9 * information)).covariance
-            parameters = np.arange(2, 2 + len(at))
-            score[parameters] = -edge.shape[at] / PRIOR_STD[at] ** 2
-            information[parameters, parameters] = 1.0 / PRIOR_STD[at] ** 2
-            step = scores.step(every, (score, information))
+            away = known.mean - np.array([np.log(problem.prior.mean), edge.blur])
+            score, information = edge_prior(edge, (known.information @ away, known.information))
+            own_covariance = scores.step(chosen, (0.0 * score, 1e-9 * information)).covariance
+            step = scores.step(chosen, (score, information))
             back = last @ np.linalg.solve(step.covariance, step.delta) < 0.0
             delta, covariance = step.delta * (0.5 if back else 1.0), step.covariance
-            most = min(problem.largest_contrast, problem.shown_contrast)
-            longest = LONGEST_BLUR_STEP * edge.blur
             beyond = max(delta[0] - np.log(most / problem.prior.mean), 0.0)
             delta -= beyond * covariance[:, 0] / covariance[0, 0]  # the others follow a contrast at its limit
-            delta[1] = max(float(np.clip(delta[1], -longest, longest)), PIXEL_VARIANCE**0.5 - edge.blur)
-            delta[2:] = np.clip(delta[2:], -1.0, 1.0)
-            last = delta
-            own, disks = scores.own_step + scores.own_response @ delta, disks.copy()
+            moved = edge.moved(chosen, delta)
+            delta[1:] = (moved.shared - edge.shared)[chosen[1:]]
+            edge, last = moved, delta
+            own, disks = scores.own_step + scores.own_response[:, :, chosen] @ delta, disks.copy()
             radius, contrast = disks[:, RADIUS], disks[:, CONTRAST]
             disks[:, RADIUS] = np.clip(radius + own[:, 1], 0.6 * radius, 1.5 * radius)
             disks[:, CONTRAST] = np.clip(contrast + own[:, 0], 0.5 * contrast, 2.0 * contrast)
             problem = replace(problem, prior=problem.prior.at(problem.prior.mean * float(np.exp(delta[0]))))
-            shape = edge.shape.copy()
-            shape[at] += delta[parameters]
-            light = edge.light + float(delta[-1]) if free else edge.light
-            edge = replace(edge, blur=edge.blur + float(delta[1]), shape=shape, light=light)
             far = float(np.max(np.abs(own[:, 1]) / scores.radius_std))
             if delta @ np.linalg.solve(covariance, delta) < SETTLED_SIGMA**2 and far < 0.5:
                 if len(every_rim) <= FEW_CONTACTS:
                     break
                 disks, every_rim = every_rim, every_rim[:0]
-        pixels = 2.0 * np.pi * float(disks[:, RADIUS].sum()) * 2.0 * NEIGHBOUR_BLUR_WIDTHS * edge.blur
+        pixels = 2.0 * np.pi * float(disks[:, RADIUS].sum()) * 2.0 * EDGE_BLUR_WIDTHS * edge.blur
         common_sigma = MODEL_ERROR * problem.prior.mean / problem.pixel_noise * np.sqrt(pixels)
         return Rims(edge, covariance, own_covariance, len(disks), float(common_sigma))
 
@@ -301,7 +283,7 @@ class FilmTrial:
         asked, light, data = self.setting.asked, rims.edge.light, 0.0
         std = float(np.sqrt(rims.covariance[-1, -1])) * np.hypot(1.0, rims.common_sigma)
         std = float(np.hypot(std, min(abs(light), abs(1.0 - light))))
-        if rims.count >= FEWEST_RIMS:
+        if rims.count >= FEWEST:
             data = float(np.clip((light - 0.5) / std**2, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS))
         odds = data + float(special.logit(1.0 - self._prior_doubt)) * (1.0 if self._expected else -1.0)
         other_cause = asked == "auto" and not self.likely
@@ -362,6 +344,6 @@ def _changes_nothing(rim: FilmRim, radius: Values) -> bool:
     for a in np.quantile(radius, [0.25, 0.75]):
         distance = np.linspace(0.0, max(rim.extent_px(float(a)), 1e-6), 200)
         light = float(np.trapezoid(np.abs(rim.excess(distance, float(a))), distance))
-        if 2.0 * light / a > LEAST_AREA_CHANGE:
+        if 2.0 * light / a > NEGLIGIBLE_FRACTION:
             return False
     return True

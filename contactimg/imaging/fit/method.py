@@ -33,8 +33,6 @@ from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round, poor_disks
 from contactimg.imaging.fit.shared_optics import (
-    FEWEST_WIDE_DISKS,
-    OPTICS_STEPS,
     JointFit,
     OpticsPrior,
     contrast_prior,
@@ -43,27 +41,19 @@ from contactimg.imaging.fit.shared_optics import (
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import FilmSetting, film_table
+from contactimg.imaging.profile.limits import FEW, FEWEST, ITERATIONS, LEAST_NOISE_FRACTION
 from contactimg.imaging.profile.optics import Halo, KnownEdge
 from contactimg.timings import stage
 
-ITERATIONS = 12
-"""Of the fit from starting values drawn by hand, which may be off by a radius. Chosen by hand."""
-WIDEST_UNBINNED_BLUR_PX = 3.2
-"""Frames with a wider blur are binned. Accuracy."""
 BINNED_BLUR_PX = 1.6
-"""Blur aimed at in binned pixels. Accuracy: that of the profile table."""
-LEAST_NOISE_LEVELS = 1e-3
-"""Smallest noise assumed, grey levels. Accuracy: keeps weights finite in a noise-free image."""
-LEAST_NOISE_FRACTION = 5e-3
-"""Smallest noise assumed, of the contrast. By hand: no contact is a perfect disk."""
+"""Smallest blur in binned pixels: frames with one twice as wide are binned. Accuracy: that of the profile
+table."""
 DARKEST_RATIO = -0.95
 """Contrast over background level of the darkest contact. Theory: nothing is darker than black, -1."""
 LEAST_LEVEL_FRACTION = 0.1
 """Smallest background level assumed when a contact's gain is computed, of the contrast. By hand."""
 FEW_STEPS = 3
 """Newton steps of contrast and blur where not all candidates are fitted. By hand, for time."""
-FEWEST_COMMON_CHI_SQUARE = 10
-"""Contacts needed to ascribe their median chi-square to the noise model. By hand."""
 ELLIPSES_THAT_MATTER = 0.1
 """Share of ellipses among the contacts above which contrast and blur are settled on them again. By hand."""
 ELLIPSE_ROUNDS = 2
@@ -181,10 +171,10 @@ class _Frame:
         if free and full and not foreground.contrast.resolved:
             blur = min(blur, widest_spot_blur(image, contrast))  # no blur has made these spots fainter
         coarsest = min(foreground.image.shape)
-        binning = min(int(blur / BINNED_BLUR_PX), coarsest) if blur > WIDEST_UNBINNED_BLUR_PX else 1
+        binning = int(np.clip(blur // BINNED_BLUR_PX, 1, coarsest))
         problem = FitProblem.of(foreground, binning=binning)
         noise = foreground.noise if binning == 1 else estimate_noise(problem.image, problem.background)
-        noise = max(noise, LEAST_NOISE_LEVELS, LEAST_NOISE_FRACTION * contrast)
+        noise = max(noise, LEAST_NOISE_FRACTION * contrast)
         blur = float(blur / binning if free else np.hypot(given / binning, PIXEL_VARIANCE**0.5))
         level = max(foreground.difference.level, LEAST_LEVEL_FRACTION * contrast)
         # shot noise, and texture that a contact makes brighter, go with the light
@@ -213,7 +203,7 @@ class _Frame:
         problem, fit = remove_background(problem, fit, free_blur=free)
         if self.edits and edited is None:
             fit, edited = fit_edited(problem, fit, self.edits)
-        steps = FEW_STEPS if found.limited else OPTICS_STEPS
+        steps = FEW_STEPS if found.limited else ITERATIONS
         joint = self.refine(problem, fit, prior, free_blur=free, steps=steps)
         if joint.fit.blur < SHARPEST_BLUR_PX < fit.blur:  # seen only now that the contrast has settled
             for _ in range(2):
@@ -229,7 +219,7 @@ class _Frame:
 
     def refine(
         self, problem: FitProblem, fit: FittedDisks, optics_prior: OpticsPrior, *, free_blur: bool = False,
-        steps: int = OPTICS_STEPS,
+        steps: int = ITERATIONS,
     ) -> JointFit:  # fmt: skip
         """Last fit, with correlation of the noise and spread of the contrasts from the fit before."""
         radius, image, noise = fit.disks[:, RADIUS], problem.image, problem.noise
@@ -237,7 +227,7 @@ class _Frame:
         correlation = measure_correlation(image, fit.model, problem.background, noise=problem.pixel_noise)
         shared = correlation.plateau_inflation(radius, fit.blur, noise=noise, gain=gain)
         prior = contrast_prior(fit, problem, inflation=shared)
-        seen = np.count_nonzero(wide_disks(fit)) >= FEWEST_WIDE_DISKS
+        seen = np.count_nonzero(wide_disks(fit)) >= FEWEST
         wide = prior.mean if seen else float("nan")
         if np.isfinite(known_spread) and not seen:
             spread = max(known_spread, 1e-4 * prior.mean)
@@ -256,7 +246,7 @@ class _Frame:
         # coarser than the edge hide a part of what they add or take away: that a circle fits them well says
         # little
         chi_square = joint.fit.chi_square
-        many = len(radius) >= FEWEST_COMMON_CHI_SQUARE and not noise.rim
+        many = len(radius) >= FEW and not noise.rim
         common = min(float(np.median(chi_square)), 1.0) if many else 1.0
         std = joint.fit.std * np.sqrt(inflation * np.maximum(chi_square, common))[:, None]
         return replace(joint, fit=replace(joint.fit, std=std), correlation=correlation)
@@ -335,14 +325,14 @@ class _Frame:
         joint = self.refine(problem, result.fit, exact)
         known = replace(problem, prior=joint.prior)
         with_film, without = (
-            EdgeScores.expected(known, joint.fit.disks, each, trial.placement, (0,))
+            EdgeScores.expected(known, joint.fit.disks, each, trial.placement, np.array([0, 1]))
             for each in (edge, replace(edge, light=0.0))
         )
         own = joint.fit.std * np.maximum(with_film.radius_std / without.radius_std, 1.0)[:, None]
         joint = replace(
             joint, fit=replace(joint.fit, std=own), covariance=rims.covariance,
             own_covariance=rims.own_covariance,
-            radius_shifts=with_film.response @ np.linalg.cholesky(rims.covariance),
+            radius_shifts=with_film.response[:, :2] @ np.linalg.cholesky(rims.covariance),
         )  # fmt: skip
         return replace(result, problem=problem, fit=joint.fit, joint=joint, film=weighed)
 

@@ -16,12 +16,8 @@ from scipy.optimize import brentq
 from contactimg.imaging.fit.edge_scores import FEWEST_SCORES
 from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.imaging.profile.edge_shape import FAMILIES, LARGEST
+from contactimg.imaging.profile.limits import ROUGH_STD, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
-
-POOLING_OUTLIER_SIGMA = 5.0
-"""Standard deviations beyond which a frame is an outlier. By hand."""
-RESOLVED_CONTRAST_FRACTION = 0.1
-"""Relative uncertainty up to which a frame's contrast is pooled. By hand: about normal."""
 
 
 def pool_optics(frames: Iterable[SharedOptics]) -> SharedOptics | None:
@@ -47,7 +43,7 @@ def pool_optics(frames: Iterable[SharedOptics]) -> SharedOptics | None:
     """
     values, best = array("d"), None
     for frame in frames:
-        if frame.contrast_relative_std < RESOLVED_CONTRAST_FRACTION:
+        if frame.contrast_relative_std < ROUGH_STD:
             values.extend((frame.contrast, frame.contrast_relative_std, frame.blur_px, frame.blur_std_px))
             if best is None or frame.contrast_relative_std < best.contrast_relative_std:
                 best = frame
@@ -146,4 +142,4 @@ def _inliers(values: NDArray[np.float64], stds: NDArray[np.float64]) -> NDArray[
     order = np.argsort(values)
     weight = np.cumsum(1.0 / stds[order] ** 2)
     away = np.abs(values - values[order][np.searchsorted(weight, 0.5 * weight[-1])])
-    return np.asarray(away <= POOLING_OUTLIER_SIGMA * np.hypot(stds, MAD_TO_STD * np.median(away)))
+    return np.asarray(away <= SIGNIFICANT_SIGMA * np.hypot(stds, MAD_TO_STD * np.median(away)))

@@ -13,13 +13,12 @@ from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
+from contactimg.imaging.profile.limits import ROUGH_STD
 
 X, Y, RADIUS, CONTRAST = range(4)
 """Columns of the parameters of a disk: x, y, radius (px), contrast (grey levels)."""
 
 
-LOOSE_CONTRAST_FRACTION = 0.1
-"""Width of the prior of the contrasts before their spread is measured, of the contrast. By hand."""
 ODD_STD_FRACTION = 0.3
 """The same of a contact that shows a contrast of its own. By hand: its pixels decide."""
 WIDE_RADIUS_BLUR_WIDTHS = 2.5
@@ -51,7 +50,7 @@ class ContrastPrior:
     @classmethod
     def loose(cls, contrast: float, odd: NDArray[np.float64] | None = None) -> "ContrastPrior":
         """The prior as long as the frame's own spread of contrasts is not known."""
-        std = LOOSE_CONTRAST_FRACTION * contrast
+        std = ROUGH_STD * contrast
         return cls(contrast, std, std, np.empty((0, 4)) if odd is None else odd)
 
     def at(self, contrast: float) -> "ContrastPrior":

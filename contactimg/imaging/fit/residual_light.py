@@ -21,14 +21,11 @@ from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fi
 from contactimg.imaging.fit.problem import CONTRAST, FitProblem
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
+from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION, ROUNDS
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 
 CORE_END_FRACTION = 5e-4
 """Level below which only the halo is left. Accuracy."""
-FEWEST_HALO_PARTS = 3
-"""... at least, with one contact each. By hand."""
-HALO_BLOCK_PX = 2
-"""Side of the block means on which halos are computed, a power of 2. Accuracy."""
 HALO_FALSE_ALARM = 3e-6
 """Probability of a halo in a frame without. False-alarm rate."""
 HALO_PARTS = 12
@@ -39,16 +36,11 @@ LARGEST_HALO_FRACTION = 0.6
 """Largest halo, of the light. By hand: more would be the point spread function itself."""
 LEAST_HALO_FRACTION = 0.01
 """Halo below which none is assumed, of the light. Accuracy."""
-GIVEN_HALO_ROUNDS = 3
-"""Rounds for a halo that is given. By hand."""
-HALO_ROUNDS = 5
-"""Rounds of halo and fit at most. By hand: each leaves about a fifth of the error."""
-HALO_SETTLED_FRACTION = 2e-3
-"""Change of the halo that ends the iteration, of the light. Accuracy."""
-FLAT_FRACTION = 3e-3
-"""Remaining illumination that ends the iteration. Accuracy."""
-GAP_BLOCK_PX = 2
-"""Side of the blocks between contacts of a crowd. By hand."""
+SETTLED_FRACTION = 2e-3
+"""Change of the halo, of the light, or remaining illumination, of the contrast, that ends the turns.
+Accuracy."""
+BLOCK_PX = 2
+"""Side of the block means on which halos, and the gaps of a crowd, are looked at, a power of 2. Accuracy."""
 GAP_SHARE = 0.05
 """Share of the blocks used there, those with the least light of contacts. By hand."""
 ILLUMINATION_ROUNDS = 8
@@ -57,8 +49,6 @@ LARGEST_BACKGROUND_FRACTION = 0.5
 """Largest remaining illumination that is removed. By hand: more would remove contacts."""
 LARGEST_GAP_FRACTION = 0.2
 """Light of contacts above which no block is used. By hand."""
-LEAST_SCATTER_FRACTION = 1e-3
-"""Smallest scatter of the blocks. Accuracy: below `FLAT_FRACTION`; an image without noise has none."""
 LONGEST_SECANT_RATIO = 4.0
 """Longest secant step over the remaining illumination. By hand."""
 
@@ -92,14 +82,12 @@ def remove_halo(
     image, fraction, removed = problem.image, 0.0, None
     dropped = [np.empty((0, 3))]
     given = bool(np.isfinite([prior_optics.contrast, prior_optics.blur_px]).all())
-    for turn in range(HALO_ROUNDS):
+    for _ in range(ROUNDS):
         halo = prior_optics.halo
         if not given:
             means = BlockMeans(problem.image, fit.model)
             halo = estimate_halo(means, contrast=problem.contrast, contacts=len(fit.disks))
-        if halo is None or (
-            abs(halo.fraction - fraction) < HALO_SETTLED_FRACTION and turn >= given * GIVEN_HALO_ROUNDS
-        ):
+        if halo is None or (not given and abs(halo.fraction - fraction) < SETTLED_FRACTION):
             break
         fraction, removed = halo.fraction, halo
         image = subtract_halo(problem.image, fit.model, halo)
@@ -154,7 +142,7 @@ def remove_background(
             break
         left = replace(illumination, coefficients=factor * illumination.coefficients)
         problem = replace(problem, image=left.subtract_from(problem.image))
-        if abs(removed) < FLAT_FRACTION * problem.contrast:
+        if abs(removed) < SETTLED_FRACTION * problem.contrast:
             break
         problem = problem.with_contrast(problem.contrast - removed)
         fit = _refit(problem, fit, np.ones(len(fit.disks), np.bool_), free_blur=free_blur)
@@ -163,18 +151,18 @@ def remove_background(
 
 def _remaining_illumination(problem: FitProblem, fit: FittedDisks) -> Illumination | None:
     """Slow field of the residual in the gaps with the least light of contacts; None if there are none."""
-    image, light = (block_means(part, side=GAP_BLOCK_PX) for part in (problem.image, np.abs(fit.model)))
+    image, light = (block_means(part, side=BLOCK_PX) for part in (problem.image, np.abs(fit.model)))
     limit = 1.01 * quantile(light, GAP_SHARE)
     if limit > LARGEST_GAP_FRACTION * float(np.max(fit.disks[:, CONTRAST], initial=1e-6)):
         return None
     dark = light <= limit
     if problem.valid is not None:
-        dark &= block_means(problem.valid, side=GAP_BLOCK_PX) == 1.0
+        dark &= block_means(problem.valid, side=BLOCK_PX) == 1.0
     if not dark.any():
         return None
-    blocks = np.where(dark, image - block_means(fit.model, side=GAP_BLOCK_PX), np.float32(np.nan))
+    blocks = np.where(dark, image - block_means(fit.model, side=BLOCK_PX), np.float32(np.nan))
     spread = MAD_TO_STD * median(np.abs(blocks[dark]))
-    least = LEAST_SCATTER_FRACTION * problem.contrast
+    least = LEAST_FRACTION * problem.contrast
     return fit_illumination(
         blocks, problem.image.shape, level=0.0, scatter=max(spread, least), least_scatter=least
     )
@@ -193,12 +181,12 @@ def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo 
         Number of contacts; fewer than three determine no halo.
     """
     parts = min(contacts, HALO_PARTS)
-    if parts < FEWEST_HALO_PARTS:
+    if parts < FEWEST:
         return None
     # a quick look at larger blocks suffices for most frames
-    if _best_halo(means, contrast, 2 * HALO_BLOCK_PX, HALO_WIDTHS_PX[::3], parts=parts) is None:
+    if _best_halo(means, contrast, 2 * BLOCK_PX, HALO_WIDTHS_PX[::3], parts=parts) is None:
         return None
-    return _best_halo(means, contrast, HALO_BLOCK_PX, HALO_WIDTHS_PX, parts=parts)
+    return _best_halo(means, contrast, BLOCK_PX, HALO_WIDTHS_PX, parts=parts)
 
 
 def _best_halo(
@@ -228,8 +216,8 @@ def _best_halo(
 
 def subtract_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
     """The image as the core of the point spread function alone would show it."""
-    wide = _blurred(block_means(model, side=HALO_BLOCK_PX), halo.sigma_px / HALO_BLOCK_PX)
-    enlarged = cv2.resize(wide, None, fx=HALO_BLOCK_PX, fy=HALO_BLOCK_PX, interpolation=cv2.INTER_CUBIC)
+    wide = _blurred(block_means(model, side=BLOCK_PX), halo.sigma_px / BLOCK_PX)
+    enlarged = cv2.resize(wide, None, fx=BLOCK_PX, fy=BLOCK_PX, interpolation=cv2.INTER_CUBIC)
     wide = np.asarray(enlarged, np.float32)[: image.shape[0], : image.shape[1]]
     return np.asarray((image - np.float32(halo.fraction) * wide) / np.float32(1.0 - halo.fraction))
 

@@ -18,14 +18,20 @@ from contactimg.imaging.fit.contact_pixels import look_at_pixels
 from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, X, Y
 from contactimg.imaging.kernels.ellipse_equations import sample_ellipse
-from contactimg.imaging.kernels.normal_equations import LARGEST_TERM, OUTLIER_SIGMA
+from contactimg.imaging.kernels.normal_equations import LARGEST_TERM
 from contactimg.imaging.kernels.pairs import count_touching
+from contactimg.imaging.profile.limits import (
+    FIT_BLUR_WIDTHS,
+    ITERATIONS,
+    LEAST_FRACTION,
+    POOR_CHI_SQUARE,
+    REACH_BLUR_WIDTHS,
+    SIGNIFICANT_SIGMA,
+)
 
 E1, E2, LIGHT = 3, 4, 5
 """Columns of the ellipticity and the contrast among the parameters of an ellipse, after x, y and radius."""
 
-ITERATIONS = 12
-"""Damped Gauss-Newton steps at most. Accuracy: four are usual."""
 LOSS_TOLERANCE = 0.03
 """Decrease of chi-square that a step brings, or promises, for a fit to end. Accuracy: an error of 0.17
 standard uncertainties."""
@@ -33,15 +39,9 @@ LARGEST_DAMPING = 1e4
 """At which a fit ends: no step decreases chi-square. Accuracy."""
 WIDEST_ELLIPTICITY = 1.2
 """Largest component of the ellipticity: ratio 11 along it. By hand: keeps a fit from needles."""
-RIM_BLUR_WIDTHS = 3.6
-"""Distance from the rim up to which pixels are at it. Theory: beyond, the profile is 0 or 1 to 2e-4."""
-LEAST_SPREAD_FRACTION = 1e-3
-"""Smallest spread of the contrasts assumed, of the contrast. Accuracy: keeps the prior finite."""
-POOR_CHI_SQUARE = 1.5
-"""Mean chi-square about the rim above which a disk does not describe a contact. By hand."""
 LEAST_ELONGATION = 1.12
-"""Ratio of the axes of the counted pixels from which an ellipse is tried. By hand: pixels and noise make
-1.05."""
+"""Ratio of the axes of the counted pixels from which an ellipse is tried, and then a pair of disks. By hand:
+pixels and noise make 1.05, two disks that are told apart 1.24."""
 ELLIPSE_SIGNIFICANCE = 30.0
 """``e' V^-1 e`` of an ellipticity that is not chance. False-alarm rate 3e-7: chi-square of two degrees of
 freedom."""
@@ -49,8 +49,6 @@ BETTER_RATIO = 0.7
 """Chi-square of an ellipse over that of the disk that it must go below, unless it fits well. By hand."""
 MOST_ELLIPSES = 400
 """Ellipses tried in a frame: the bound of the work; the widest first."""
-REACH_BLUR_WIDTHS = 5.0
-"""Margin of the window about a contact, besides half of its radius. Accuracy."""
 LARGEST_RADIUS_PX = 250.0
 """Radius up to which an ellipse is fitted: the bound of the work on one contact."""
 EXACT_OPTICS = np.diag([1e-8, 1e-8])
@@ -146,7 +144,7 @@ def fit_ellipse(
     inflation : float
         Factor of the variances for noise that pixels share.
     """
-    contrast, spread = prior[0], max(prior[1], LEAST_SPREAD_FRACTION * prior[0])
+    contrast, spread = prior[0], max(prior[1], LEAST_FRACTION * prior[0])
     seen = None if window.valid is None or window.valid.all() else window.valid.ravel() > 0
     image, noise = window.image.ravel().astype(float), window.noise
     image = image if seen is None else image[seen]
@@ -162,7 +160,7 @@ def fit_ellipse(
         level = p[LIGHT] * profile[:, 5]
         weight = 1.0 / (noise.variance * (1.0 + noise.slope * np.maximum(level, 0.0) / contrast))
         squares = (image - level) ** 2 * weight
-        share = np.minimum(OUTLIER_SIGMA / np.sqrt(np.maximum(squares, 1e-30)), 1.0)
+        share = np.minimum(SIGNIFICANT_SIGMA / np.sqrt(np.maximum(squares, 1e-30)), 1.0)
         loss = float(squares @ (share * (2.0 - share))) + ((p[LIGHT] - contrast) / spread) ** 2
         if not loss >= least:  # the first, or a better one; NaN ends as parameters that are not finite
             small, best, least, damping = least - loss < LOSS_TOLERANCE, p, loss, 0.1 * damping
@@ -173,7 +171,7 @@ def fit_ellipse(
             normal[LIGHT, LIGHT] += spread**-2.0
             gradient = slopes[:, :6].T @ (weight * share * (image - level))
             gradient[LIGHT] += (contrast - p[LIGHT]) / spread**2
-            kept, rim = np.minimum(squares, LARGEST_TERM), np.abs(profile[:, 7]) <= RIM_BLUR_WIDTHS
+            kept, rim = np.minimum(squares, LARGEST_TERM), np.abs(profile[:, 7]) <= FIT_BLUR_WIDTHS
             inside = ~rim & (profile[:, 7] < 0.0)
             if small:
                 break

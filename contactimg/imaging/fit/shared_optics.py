@@ -23,7 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.contrast.noise import NoiseCorrelation
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks, wide_disks
+from contactimg.imaging.fit.disks import (
+    NARROWEST_BLUR_PX,
+    FitControl,
+    FittedDisks,
+    ModelImage,
+    fit_disks,
+    wide_disks,
+)
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.unseen_contrast import (
     LARGEST_CONTRAST_RATIO,
@@ -32,50 +39,36 @@ from contactimg.imaging.fit.unseen_contrast import (
 )
 from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.limits import (
+    FEW,
+    FEWEST,
+    ITERATIONS,
+    LONGEST_BLUR_STEP,
+    NEAR_BLUR_WIDTHS,
+    NEGLIGIBLE_FRACTION,
+    POOR_CHI_SQUARE,
+    ROUNDS,
+    SETTLED_SIGMA,
+    SIGNIFICANT_SIGMA,
+    USUAL_CHI_SQUARE,
+)
 from contactimg.imaging.profile.optics import SharedOptics
 
-EXACT_FRACTION = 1e-4
-"""Relative standard deviation of contrast or blur given as exact. Accuracy."""
-OPTICS_STEPS = 12
-"""Newton steps at most. Accuracy."""
 LONGEST_CONTRAST_STEP = 0.4
 """Longest step of ln contrast. By hand."""
-LONGEST_BLUR_STEP = 0.25
-"""Longest step of the blur, relative to it. By hand."""
 LINEAR_STEP = 0.003
 """Relative step below which disks are extrapolated linearly. Accuracy: the error is its square."""
-STEP_WORTH_SIGMA = 0.2
-"""Change of the sum of a^3 below which no further fit is made, in its uncertainty. Accuracy."""
-DISAGREEMENT_RATIO = 2.0
-"""Variance over its expectation above which edges are not those assumed. By hand."""
-FEWEST_SCORES = 10
-"""Contacts needed to measure that variance. Theory: 20 deviates give it to a third, sqrt(2/20)."""
 BLUR_GUESS_FRACTION = 0.5
 """Relative standard deviation of a guessed blur. By hand: right to a factor 2."""
-FEWEST_WIDE_DISKS = 3
-"""Wide contacts needed to measure contrast and spread. By hand."""
-ASSUMED_SPREAD_FRACTION = 0.03
-"""Spread of the contrasts if fewer contacts are wide. By hand."""
-LEAST_SPREAD_FRACTION = 1e-4
-"""Smallest spread of the contrasts. Accuracy: keeps the prior finite."""
 SPREAD_SIGMA = 2.0
 """Standard errors from which the contrasts of the contacts differ more than their uncertainties explain."""
-ODD_SIGMA = 5.0
-"""Standard deviations from the common contrast beyond which a contact shows a contrast of its own.
-False-alarm rate: 6e-7 of a normal deviate."""
-ODD_FRACTION = 0.03
-"""Least departure of such a contrast. By hand: less moves the radius of a small contact by 1.5 %."""
-ODD_ROUNDS = 4
-"""Rounds in which contacts with a contrast of their own are told from the others. Accuracy."""
-NARROWEST = PIXEL_VARIANCE**0.5
-PLATEAU_BLUR_WIDTHS = 2.0
-"""Radius of contacts that show their contrast. Theory: 1 - exp(-2^2/2) = 86 % of it at the centre."""
+SPREAD_FRACTION = 0.03
+"""Spread of the contrasts where too few contacts are wide, and least departure of an odd contrast. By hand:
+less moves the radius of a small contact by 1.5 %."""
 KURTOSIS_STD = 0.03
 """Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
 be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
 ten times that."""
-POOR_CHI_SQUARE = 1.5
-"""Median chi-square of disks that do not fit. By hand."""
 LEAST_PRIOR_STD = np.array([0.05, 0.4])
 """Uncertainty of ln C, and of the blur relative to it, from which prior knowledge is a guess that small
 contacts need not be drawn to. By hand: a guess has 0.5 of the blur, a pooled series 0.1 and less."""
@@ -159,11 +152,11 @@ class OpticsPrior:
         std = np.array([ratio / np.sqrt(12.0), BLUR_GUESS_FRACTION * blur])
         if given[0]:
             mean[0] = np.log(optics.contrast)
-            std[0] = max(optics.contrast_relative_std, EXACT_FRACTION)
+            std[0] = max(optics.contrast_relative_std, NEGLIGIBLE_FRACTION)
         if given[1]:
             mean[1] = np.hypot(optics.blur_px / binning, np.sqrt(PIXEL_VARIANCE))
             slope = optics.blur_px / binning**2 / mean[1]
-            std[1] = max(optics.blur_std_px * slope, EXACT_FRACTION * mean[1])
+            std[1] = max(optics.blur_std_px * slope, NEGLIGIBLE_FRACTION * mean[1])
         correlation = np.eye(2)
         if given.all():
             correlation[0, 1] = correlation[1, 0] = optics.correlation
@@ -171,7 +164,7 @@ class OpticsPrior:
 
     def with_exact_blur(self, blur: float) -> "OpticsPrior":
         """The prior with a blur that is held fixed."""
-        information = np.diag([self.information[0, 0], 1.0 / (EXACT_FRACTION * blur) ** 2])
+        information = np.diag([self.information[0, 0], 1.0 / (NEGLIGIBLE_FRACTION * blur) ** 2])
         return OpticsPrior(np.array([self.mean[0], blur]), information)
 
 
@@ -182,7 +175,7 @@ def settle_optics(
     *,
     inflation: NDArray[np.float64],
     wide_contrast: float,
-    steps: int = OPTICS_STEPS,
+    steps: int = ITERATIONS,
 ) -> JointFit:
     """Find the most probable common contrast and blur of an image, and the disks with them.
 
@@ -207,7 +200,7 @@ def settle_optics(
         contact shows its contrast, see `contactimg.imaging.fit.unseen_contrast`.
     """
     joint = None
-    few = steps < OPTICS_STEPS
+    few = steps < ITERATIONS
     if few or not _is_unseen(problem, fit, optics_prior):
         joint = _newton(
             problem, fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast, steps=steps
@@ -231,7 +224,7 @@ def _newton(
     *,
     inflation: NDArray[np.float64],
     wide_contrast: float,
-    steps: int = OPTICS_STEPS,
+    steps: int = ITERATIONS,
 ) -> JointFit:
     """Newton steps of contrast and blur with fits of the disks in between, see `settle_optics`."""
     most = problem.largest_contrast
@@ -244,7 +237,7 @@ def _newton(
         gradient += optics_prior.information @ (optics_prior.mean - np.array([np.log(contrast), fit.blur]))
         covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
         step = covariance @ gradient
-        bounds = np.array([np.log(most / contrast), NARROWEST - fit.blur])
+        bounds = np.array([np.log(most / contrast), NARROWEST_BLUR_PX - fit.blur])
         step = _within_bounds(step, gradient, own + optics_prior.information, bounds)
         if not remaining or not _is_worth_a_fit(step, fit, scores, covariance):
             break
@@ -303,13 +296,13 @@ def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float) -> JointF
 def hides_contrast(fit: FittedDisks) -> bool:
     """Whether all contacts are too small to show their contrast."""
     lit = len(fit.disks) > 0 and float(np.median(fit.disks[:, CONTRAST])) > 0.0
-    return lit and _widest(fit) <= PLATEAU_BLUR_WIDTHS * fit.blur
+    return lit and _widest(fit) <= NEAR_BLUR_WIDTHS * fit.blur
 
 
 def _widest(fit: FittedDisks) -> float:
     """Radius that the widest contacts reach."""
     radius = np.sort(fit.disks[:, RADIUS])
-    return float(radius[-min(FEWEST_WIDE_DISKS, len(radius))])
+    return float(radius[-min(FEWEST, len(radius))])
 
 
 def _without_point_spread_shape(information: NDArray, fit: FittedDisks) -> NDArray[np.float64]:
@@ -321,7 +314,7 @@ def _without_point_spread_shape(information: NDArray, fit: FittedDisks) -> NDArr
     ``ln a`` by ``k (1+q)^2/(4 q^2)``, to first order in q.
     """
     widest, blur = _widest(fit), fit.blur
-    if widest > PLATEAU_BLUR_WIDTHS * blur:
+    if widest > NEAR_BLUR_WIDTHS * blur:
         return information
     q = max((widest / blur) ** 2 / 4.0, LEAST_WIDTH_RATIO)
     mode = KURTOSIS_STD * (1.0 + 1.0 / q) ** 2 / 4.0 * np.array([2.0, q * blur])
@@ -354,7 +347,7 @@ def _is_worth_a_fit(step: NDArray, fit: FittedDisks, scores: "DiskScores", covar
     weights = 3.0 * fit.disks[:, RADIUS] ** 2
     slope = weights @ scores.radius_response
     variance = slope @ covariance @ slope + np.sum((weights * fit.std[:, RADIUS]) ** 2)
-    return bool((slope @ step) ** 2 > STEP_WORTH_SIGMA**2 * variance)
+    return bool((slope @ step) ** 2 > SETTLED_SIGMA**2 * variance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -408,7 +401,7 @@ class DiskScores:
         edges: it then enters as a datum, ``plateau_offset`` being the logarithm of its ratio to the contrast.
         """
         factor = self._variance_factor(least_factor)
-        weight = max(1.0 - DISAGREEMENT_RATIO / factor, 0.0) / PLATEAU_STD_FRACTION**2
+        weight = max(1.0 - USUAL_CHI_SQUARE / factor, 0.0) / PLATEAU_STD_FRACTION**2
         weight = weight if np.isfinite(plateau_offset) else 0.0
         information = self.information.sum(axis=0) / factor + np.diag([weight, 0.0])
         score = self.score.sum(axis=0) / factor
@@ -417,7 +410,7 @@ class DiskScores:
 
     def _variance_factor(self, least: float) -> float:
         """Mean squared disagreement of the disks over its expectation, at least ``least`` and 1."""
-        if len(self.score) < FEWEST_SCORES:
+        if len(self.score) < FEW:
             return max(least, 1.0)
         # where every disk is lost, nothing is known of contrast or blur, and nothing disagrees
         total = np.linalg.pinv(self.information.sum(axis=0), hermitian=True)
@@ -440,23 +433,23 @@ def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[
     fit : FittedDisks
         With a loose prior.
     problem : FitProblem
-        Its contrast is assumed, with the spread `ASSUMED_SPREAD_FRACTION`, if fewer than three contacts are
+        Its contrast is assumed, with the spread `SPREAD_FRACTION`, if fewer than three contacts are
         wide.
     inflation : ndarray, shape (n,)
         Factor of the variance of each contrast for noise that neighbouring pixels share.
     """
     wide, default = wide_disks(fit), problem.contrast
     values, stds = fit.disks[wide, CONTRAST], fit.std[wide, CONTRAST] * np.sqrt(inflation[wide])
-    if len(values) < FEWEST_WIDE_DISKS:
-        spread = ASSUMED_SPREAD_FRACTION * default
+    if len(values) < FEWEST:
+        spread = SPREAD_FRACTION * default
         return ContrastPrior(default, spread, spread, problem.prior.odd)
     middle = float(np.median(values))
     usual = np.ones(len(values), np.bool_)
     excess = (MAD_TO_STD * float(np.median(np.abs(values - middle)))) ** 2
-    for _ in range(ODD_ROUNDS):
-        limit = np.maximum(ODD_SIGMA * np.sqrt(excess + stds**2), ODD_FRACTION * middle)
+    for _ in range(ROUNDS):
+        limit = np.maximum(SIGNIFICANT_SIGMA * np.sqrt(excess + stds**2), SPREAD_FRACTION * middle)
         usual = np.abs(values - middle) < limit
-        if np.count_nonzero(usual) < FEWEST_WIDE_DISKS:
+        if np.count_nonzero(usual) < FEWEST:
             usual = np.ones(len(values), np.bool_)
             break
         expected = float(np.mean(stds[usual] ** 2))
@@ -465,7 +458,7 @@ def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[
         excess *= excess > SPREAD_SIGMA * expected * np.sqrt(2.0 / np.count_nonzero(usual))
         middle = float(np.average(values[usual], weights=1.0 / (stds[usual] ** 2 + excess)))
     weights = 1.0 / (stds[usual] ** 2 + excess)
-    std = float(np.sqrt(excess + 1.0 / weights.sum() + (LEAST_SPREAD_FRACTION * middle) ** 2))
+    std = float(np.sqrt(excess + 1.0 / weights.sum() + (NEGLIGIBLE_FRACTION * middle) ** 2))
     small = std
     if not usual.all():
         small = float(np.hypot(std, np.sqrt(np.mean(np.where(usual, 0.0, values - middle) ** 2))))

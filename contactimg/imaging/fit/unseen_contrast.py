@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.pixels.robust import median
+from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, ROUNDS, SIGNIFICANT_SIGMA
 
 Values = NDArray[np.float64]
 
@@ -26,13 +27,9 @@ LARGEST_CONTRAST_RATIO = 10.0
 """Largest contrast over brightest light, without prior knowledge. By hand."""
 COARSE_STEPS, FINE_STEPS = 7, 4
 """Contrasts that are tried over the whole range, and then in each half step about the best. Accuracy."""
-FINE_ROUNDS = 5  # of halving that at most; accuracy: to 1/200 of the range
-REACH_BLUR_WIDTHS = 2.0  # beyond the disks of the start, of the pixels that are compared; accuracy
 CENTRAL = (0.1587, 0.8413)  # shares of the probability at the ends of an interval of one standard deviation
 FEWEST_TRIED = 4  # contrasts that the pixels do not exclude, at least; accuracy
 SMOOTH_RISE = 4.0  # of chi-square between neighbours, below which no contrast between them is tried; accuracy
-SCATTER_SIGMA = 5.0
-"""Standard deviations by which a contrast may exceed the limit of their mean. False-alarm rate: 6e-7."""
 CONTROL = FitControl(free_blur=True, iterations=15, tolerance=0.003)
 
 
@@ -122,7 +119,7 @@ def profile_contrast(
         return _conclude(tries, [tries.at(high, fit)], (low, high), kurtosis_std)
     found = tries.sweep(np.linspace(low + 0.1 * (high - low), high, COARSE_STEPS), fit)
     step = 0.9 * (high - low) / (COARSE_STEPS - 1)
-    for _ in range(FINE_ROUNDS):
+    for _ in range(ROUNDS):
         best = min(found, key=lambda each: each.chi_square)
         smooth = sum(each.chi_square < best.chi_square + SMOOTH_RISE for each in found) > FEWEST_TRIED
         if smooth:
@@ -158,7 +155,7 @@ class _Tries:
     @classmethod
     def of(cls, problem: FitProblem, fit: FittedDisks, inflation: float) -> "_Tries":
         """About a fit, with its variances, larger where it fits badly."""
-        reach = 2 * int(np.ceil(REACH_BLUR_WIDTHS * fit.blur)) + 1
+        reach = 2 * int(np.ceil(NEAR_BLUR_WIDTHS * fit.blur)) + 1
         model = render_disks(fit.disks, fit.blur, problem.image.shape, profile=problem.profile)
         near = cv2.dilate((model > 0).view(np.uint8), np.ones((reach, reach), np.uint8))
         if problem.valid is not None:
@@ -191,7 +188,7 @@ class _Tries:
         The limit of the contrasts holds for their mean: that of a single disk scatters about it by its noise.
         """
         disks, problem = start.disks.copy(), self.with_contrast(log_contrast)
-        most = problem.largest_contrast * (1.0 + SCATTER_SIGMA * self.spread)
+        most = problem.largest_contrast * (1.0 + SIGNIFICANT_SIGMA * self.spread)
         problem = replace(problem, largest_contrast=most)
         ratio = np.exp(log_contrast) / np.median(disks[:, CONTRAST])
         variance = start.blur**2 + 0.25 * float(np.median(disks[:, RADIUS])) ** 2

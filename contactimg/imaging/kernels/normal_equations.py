@@ -48,18 +48,16 @@ from contactimg.imaging.kernels.rim_pixels import (
 )
 from contactimg.imaging.kernels.solve import invert_4x4
 from contactimg.imaging.profile.blurred_disk import END_BLUR_WIDTHS, INNER_BLUR_WIDTHS, EdgeTable
+from contactimg.imaging.profile.limits import FIT_BLUR_WIDTHS, REACH_BLUR_WIDTHS, SIGNIFICANT_SIGMA
 
-EDGE_REACH_BLUR_WIDTHS = 5.0  # theory: beyond, an edge is 0 or 1 to 3e-7
 EDGE_STEPS_PER_BLUR_WIDTH = 64  # theory: linear interpolation errs by (1/64)^2/8 x 0.24 = 7e-6
-EDGE_HALF = EDGE_REACH_BLUR_WIDTHS * EDGE_STEPS_PER_BLUR_WIDTH
+EDGE_HALF = REACH_BLUR_WIDTHS * EDGE_STEPS_PER_BLUR_WIDTH
 EDGE = special.ndtr(np.arange(-EDGE_HALF, EDGE_HALF + 2) / EDGE_STEPS_PER_BLUR_WIDTH)  # a straight edge
 NODE_SPACING_BLUR_WIDTHS = 0.8  # of the integral; theory: exact to 1e-8, see above
 LEAST_NODES = 8  # theory: midpoint rule on the parabola of a thin lens, area right to 1/(2 x 8^2) = 0.8 %
 THINNEST_OVERLAP_PX = 0.02  # depth of overlaps that are ignored; theory: area 4/3 sqrt(a) 0.02^1.5
-REACH_BLUR_WIDTHS = 3.6  # pixels about the rim in the fit; theory: beyond, the profile is 0 or 1 to 2e-4
 THINNING_RADIUS_PX = 4.0  # radius for each row that a rough fit may skip; by hand
-OUTLIER_SIGMA = 5.0  # residual beyond which a pixel loses weight; false-alarm rate 6e-7 of a normal deviate
-LARGEST_TERM = 4.0 * OUTLIER_SIGMA**2  # largest term of chi-square, that of 10 sigma; by hand
+LARGEST_TERM = 4.0 * SIGNIFICANT_SIGMA**2  # largest term of chi-square, that of 10 sigma; by hand
 SATURATED = 2  # in the mask: the light is at least what the pixel shows
 CLEARED_PIXELS = 6000  # of the model image for each disk to erase, up to which all is cleared; speed only
 RINGS_PER_BLUR_WIDTH = 4  # rings over which the expected information of a rim is summed; accuracy
@@ -135,8 +133,8 @@ def sum_disk(image, model, weight, disk, s, noise, isolated, robust, row_step, t
     out[:] = 0.0
     x, y, a, c = disk
     rows, columns = image.shape
-    reach = _reach(table, REACH_BLUR_WIDTHS)
-    half, inner = a + reach * s, a - REACH_BLUR_WIDTHS * s
+    reach = _reach(table, FIT_BLUR_WIDTHS)
+    half, inner = a + reach * s, a - FIT_BLUR_WIDTHS * s
     j, bottom = max(int(np.ceil(y - half)), 0), min(int(np.floor(y + half)), rows - 1)
     row, pixels, n = interpolate_row(table, a, s), allocate_pixels(half), NONE
     masked = _has_masked_pixel(weight, image.shape, j, bottom + 1, x, half)
@@ -214,7 +212,7 @@ def _mask_pixels(pixels, n, block, weight):
 def _add_plateau(image, model, block, c, flat, isolated, robust, whole, out):
     """Add a block of pixels inside a disk to gradient and information of the contrast."""
     top, rows, step, first, width = block
-    cut = np.float32(OUTLIER_SIGMA**2 if robust else np.inf)
+    cut = np.float32(SIGNIFICANT_SIGMA**2 if robust else np.inf)
     for j in range(top, top + rows * step if width else top, step):
         line, modelled = image[j, first : first + width], model[j, first : first + width]
         out[GRADIENT + 3] += flat * _sum_residuals(line, modelled, np.float32(c), flat, cut, isolated)
@@ -244,7 +242,7 @@ def _add_rim(pixels, n, disk, s, row, noise, reach, isolated, robust, whole, out
     if not whole:
         _add_information(pixels, n, out)
     height = np.float32(disk[3] if isolated else 0.0)
-    _add_right(pixels, n, height, np.float32(OUTLIER_SIGMA**2 if robust else np.inf), out)
+    _add_right(pixels, n, height, np.float32(SIGNIFICANT_SIGMA**2 if robust else np.inf), out)
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -270,7 +268,7 @@ def _add_right(pixels, n, height, cut, out):
     by_x, by_y, by_a, by_s = pixels[BY_X, :n], pixels[BY_Y, :n], pixels[BY_A, :n], pixels[BY_S, :n]
     x = y = a = c = s = chi_square = count = zero = np.float32(0.0)
     one, most = np.float32(1.0), np.float32(LARGEST_TERM)
-    inside = np.float32(-REACH_BLUR_WIDTHS / END_BLUR_WIDTHS)
+    inside = np.float32(-FIT_BLUR_WIDTHS / END_BLUR_WIDTHS)
     for i in range(n):
         residual = data[i] - height * level[i]
         w = weight[i]
@@ -354,7 +352,7 @@ def sum_pair(model, weight, one, two, s, noise, table, out):
     """The 4 x 4 block of the normal matrix between two disks, from the pixels in the windows of both."""
     out[:] = 0.0
     row1, row2 = interpolate_row(table, one[2], s), interpolate_row(table, two[2], s)
-    reach = _reach(table, REACH_BLUR_WIDTHS)
+    reach = _reach(table, FIT_BLUR_WIDTHS)
     half1, half2 = one[2] + reach * s, two[2] + reach * s
     rows, columns = model.shape
     left = max(int(np.ceil(max(one[0] - half1, two[0] - half2))), 0)
@@ -522,7 +520,7 @@ def _draw_lens(model, frame, circles, low, high, tall, s, level):
     """
     x, y, ex, ey = frame
     a, b, d = circles
-    reach = EDGE_REACH_BLUR_WIDTHS * s
+    reach = REACH_BLUR_WIDTHS * s
     p0, p1, q1 = low.min() - reach, high.max() + reach, tall + reach
     half_x, half_y = 0.5 * (p1 - p0) * abs(ex) + q1 * abs(ey), 0.5 * (p1 - p0) * abs(ey) + q1 * abs(ex)
     cx, cy = x + 0.5 * (p0 + p1) * ex, y + 0.5 * (p0 + p1) * ey
@@ -554,6 +552,6 @@ def _draw_lens(model, frame, circles, low, high, tall, s, level):
 @njit(cache=True)
 def _edge(z):
     """Integral of the normal distribution."""
-    t = min(max((z + EDGE_REACH_BLUR_WIDTHS) * EDGE_STEPS_PER_BLUR_WIDTH, 0.0), 2.0 * EDGE_HALF)
+    t = min(max((z + REACH_BLUR_WIDTHS) * EDGE_STEPS_PER_BLUR_WIDTH, 0.0), 2.0 * EDGE_HALF)
     k = int(t)
     return EDGE[k] + (t - k) * (EDGE[k + 1] - EDGE[k])

@@ -4,14 +4,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import lengthened, njit
+from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS
 
 DEEPEST = 0.35
 """Overlap over the diameter of the smaller disk above which two disks are one contact. Chosen by hand."""
 
 LEAST_VISIBLE_RIM = 0.2
 """Visible fraction of a rim below which a disk is treated as if it showed this much. Chosen by hand."""
-EDGE_BLUR_WIDTHS = 3.0
-"""Margin of the pixels of a disk. Theory: beyond, 0.1 % of an edge is left."""
 MOST_SHARED = 10.0
 """Pixels that pairs of disks share, over those of the image, above which disks are no contacts. By hand: a
 close packing of small ones has 7, and the work of a fit grows with it."""

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, STEPS_PER_BLUR_WIDTH, disk_table
+from contactimg.imaging.profile.limits import LEAST_FRACTION
 
 Values = NDArray[np.float64]
 
@@ -57,8 +58,6 @@ RIM_RADII = (
 )
 SMALL_BLUR_WIDTHS = 3.0  # radius of contacts half way between small and large. Chosen: they show a plateau
 DEFECT_STEP = 0.02  # of the derivative by the response; accuracy
-DARKEST = 1e-3
-"""Least brightness relative to the background: nothing is darker than black, whatever the noise says."""
 NARROWEST_BLUR_RATIO = 0.4  # of a blur that varies over the field, to its mean; accuracy: keeps it positive
 
 
@@ -159,8 +158,8 @@ def respond(profile: Values, defect: float, ratio: float) -> Values:
     if defect == 0.0:
         return profile
     gamma = 1.0 - defect
-    light = max(1.0 + ratio, DARKEST) ** (1.0 / gamma) - 1.0
-    return np.asarray((np.maximum(1.0 + light * profile, DARKEST) ** gamma - 1.0) / ratio)
+    light = max(1.0 + ratio, LEAST_FRACTION) ** (1.0 / gamma) - 1.0
+    return np.asarray((np.maximum(1.0 + light * profile, LEAST_FRACTION) ** gamma - 1.0) / ratio)
 
 
 def edge_profile(disks: PlacedDisks, blur: float, shape: Values) -> Values:

@@ -334,7 +334,7 @@ def test_a_frame_object_keeps_its_name():
 
 
 def test_scores_without_information_do_not_disagree():
-    count = shared_optics.FEWEST_SCORES
+    count = shared_optics.FEW
     information = np.zeros((count, 2, 2))
     information[:, 1, 1] = 1.0  # of the blur alone
     scores = shared_optics.DiskScores(np.zeros((count, 2)), information, np.zeros((count, 4, 2)))

@@ -7,10 +7,10 @@ from scipy import special
 from contactimg.imaging.kernels.normal_equations import (
     CHI_SQUARE,
     CROSS,
+    FIT_BLUR_WIDTHS,
     GRADIENT,
     LARGEST_TERM,
     PIXEL_COUNT,
-    REACH_BLUR_WIDTHS,
     SUMS,
     add_disk,
     sum_disk,
@@ -48,12 +48,12 @@ def derivatives(disk):
 def written_out(image, disk, weight):
     """Normal matrix with the blur as fifth parameter, right side, chi-square and count."""
     slopes, r = derivatives(disk)
-    usable = (r <= disk[2] + REACH_BLUR_WIDTHS * S) & (weight > 0)
+    usable = (r <= disk[2] + FIT_BLUR_WIDTHS * S) & (weight > 0)
     rim = RIM * 4 * slopes[3] * (1 - slopes[3])
     w = usable / (VARIANCE * (1 + SLOPE * disk[3] * slopes[3] + rim))
     residual = np.where(usable, image, 0.0)
     information = np.einsum("uij,ij,vij->uv", slopes, w, slopes)
-    rim = usable & (r >= disk[2] - REACH_BLUR_WIDTHS * S)
+    rim = usable & (r >= disk[2] - FIT_BLUR_WIDTHS * S)
     chi = np.minimum(residual**2 * w, LARGEST_TERM)[rim].sum()
     return information, np.einsum("uij,ij->u", slopes, w * residual), chi, np.count_nonzero(rim)
 
@@ -140,7 +140,7 @@ def test_sums_of_a_pair(one, two, rng):
     weight = (rng.random(SHAPE) > 0.02).astype(np.uint8)
     model = np.zeros(SHAPE, np.float32)
     (first, r1), (second, r2) = derivatives(one), derivatives(two)
-    both = (r1 <= one[2] + REACH_BLUR_WIDTHS * S) & (r2 <= two[2] + REACH_BLUR_WIDTHS * S) & (weight > 0)
+    both = (r1 <= one[2] + FIT_BLUR_WIDTHS * S) & (r2 <= two[2] + FIT_BLUR_WIDTHS * S) & (weight > 0)
     expected = np.einsum("uij,ij,vij->uv", first[:4], both / VARIANCE, second[:4])
     block = np.full((4, 4), np.nan)
     sum_pair(model, weight, np.array(one), np.array(two), S, (VARIANCE, SLOPE, 0.0), disk_table(), block)

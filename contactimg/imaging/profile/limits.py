@@ -1,0 +1,47 @@
+"""Numbers that the steps of a measurement share: how far an edge reaches, what is significant, what fits.
+
+Lengths in blur widths are standard deviations of the blurred edge, counted from the rim of a disk.
+"""
+
+NEAR_BLUR_WIDTHS = 2.0
+"""About a rim. Theory: 98 % of the edge lies nearer; a disk so wide in radius shows 86 % of its contrast."""
+EDGE_BLUR_WIDTHS = 3.0
+"""Where an edge ends. Theory: 0.1 % of it is left."""
+FIT_BLUR_WIDTHS = 3.6
+"""From a rim to the pixels in a fit that it concerns. Theory: beyond, an edge is 0 or 1 to 2e-4."""
+REACH_BLUR_WIDTHS = 5.0
+"""Margin beyond a rim that nothing of it crosses. Theory: 3e-7 of it is left."""
+
+SIGNIFICANT_SIGMA = 5.0
+"""Standard deviations from which a departure is not chance. False-alarm rate: 6e-7 for a normal deviate."""
+SETTLED_SIGMA = 0.2
+"""Change, in its uncertainty, that needs no other fit. Accuracy: a coverage of 68 % is lowered by 1 %."""
+SUSPICIOUS_CHI_SQUARE = 1.3
+"""Mean squared residual over its variance above which other disks are tried. By hand."""
+POOR_CHI_SQUARE = 1.5
+"""The same above which a disk does not describe a contact. By hand."""
+USUAL_CHI_SQUARE = 2.0
+"""The largest one of a frame that is ascribed to its noise model. By hand."""
+
+FEWEST = 3
+"""Values that give a scatter. Theory: two degrees of freedom."""
+FEW = 10
+"""Values that give a variance to a half. Theory: sqrt(2/n)."""
+ITERATIONS = 12
+"""Newton or Gauss-Newton steps at most. Accuracy: four are usual."""
+ROUNDS = 5
+"""Rounds at most in which what a fit assumes and its result are settled in turn. Accuracy: each leaves about
+a fifth of the error."""
+LONGEST_BLUR_STEP = 0.25
+"""Longest step of the blur, relative to it. Accuracy: keeps Newton steps finite."""
+
+ROUGH_STD = 0.1
+"""Relative standard uncertainty of what is known roughly. By hand."""
+FAINT_FRACTION = 0.05
+"""Light, of the contrast, of which a contact does not consist. By hand."""
+LEAST_NOISE_FRACTION = 5e-3
+"""Smallest noise assumed, of the contrast. By hand: no contact is a perfect disk."""
+LEAST_FRACTION = 1e-3
+"""Smallest spread or level assumed, of the contrast. Accuracy: keeps weights finite."""
+NEGLIGIBLE_FRACTION = 1e-4
+"""Relative change that no uncertainty is as small as. Accuracy."""
