@@ -98,7 +98,7 @@ class Status(enum.StrEnum):
 
     NO_POSE = (
         "no pose",
-        "check the asperity table and [camera] pixel_size_m; rotation must be known to 3 degrees of a quarter turn",
+        "check the asperities and [camera] pixel_size_m; know rotation_deg to 3 degrees of a quarter turn",
     )
     """Fewer than half of the contacts fall on an asperity of the table, wherever the camera may look:
     contacts have no asperities. Radii and areas do not depend on that."""
