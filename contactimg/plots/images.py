@@ -3,15 +3,12 @@
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from contactimg.plots.axes import new_axes
 from contactimg.plots.overlay import MEASURED
-
-Column = NDArray | pd.Series
 
 
 def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None = None) -> Axes:
@@ -41,7 +38,7 @@ def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None =
 
 
 def plot_circles(
-    x: Column, y: Column, radius: Column, *, ax: Axes, color: str = MEASURED, **style: Any
+    x: ArrayLike, y: ArrayLike, radius: ArrayLike, *, ax: Axes, color: str = MEASURED, **style: Any
 ) -> EllipseCollection:
     """Draw outlines of circles in data units.
 
