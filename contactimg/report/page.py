@@ -50,7 +50,6 @@ JPEG_QUALITY = 82
 as it is and other formats without compression."""
 LEAST_WIDTH_PX = 480
 """Pictures are not made narrower. Chosen: the screen of a phone."""
-ATTEMPTS = 4
 
 
 @dataclass(frozen=True)
@@ -325,9 +324,7 @@ def embed_picture(path: Path, *, caption: str, most_bytes: int) -> Picture:
     except OSError as error:
         raise InputError(f"{path}: cannot be read as an image ({error})") from None
     width, content = image.width, _as_jpeg(image)
-    for _ in range(ATTEMPTS):
-        if len(content) <= most_bytes or width <= LEAST_WIDTH_PX:
-            break
+    while len(content) > most_bytes and width > LEAST_WIDTH_PX:
         width = max(LEAST_WIDTH_PX, int(0.95 * width * (most_bytes / len(content)) ** 0.5))
         height = round(image.height * width / image.width)
         content = _as_jpeg(image.resize((width, height), Image.Resampling.LANCZOS))
