@@ -343,7 +343,6 @@ def _bare_contacts(solution: InteractingSolution) -> pd.DataFrame:
 
 
 def _one_pattern(moments: pd.DataFrame) -> pd.DataFrame:
-    """Sums over each annulus of one pattern."""
     n, a = moments["n"].to_numpy(float), moments["a"].to_numpy(float)
     return moments.drop(columns=["inner", "outer", "sector"]).assign(
         patterns=1.0, occupied=(n > 0).astype(float), own_radius=a / np.maximum(n, 1.0)

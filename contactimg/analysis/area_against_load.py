@@ -109,7 +109,6 @@ def frame_areas(
 
 
 def _contact_sums(contacts: pd.DataFrame) -> tuple[float, ...]:
-    """`CONTACT_SUMS` over the contacts of a frame."""
     ratio = contacts["radius_ratio"].dropna() if "radius_ratio" in contacts else pd.Series(dtype=float)
     largest = float(ratio.max()) if len(ratio) else np.nan
     radius, count = float(contacts["radius_m"].sum()), len(contacts)

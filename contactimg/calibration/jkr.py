@@ -437,7 +437,6 @@ def _solved(
 def _series(
     load: ArrayLike, radius: ArrayLike, radius_std: ArrayLike, cell: LoadCell, sphere: SmoothSphere
 ) -> JkrSeries:
-    """Loads and radii, checked."""
     P, a = np.atleast_1d(np.asarray(load, float)), np.atleast_1d(np.asarray(radius, float))
     if P.ndim != 1 or P.shape != a.shape:
         raise InputError(f"one radius a load is needed, got shapes {P.shape} and {a.shape}")

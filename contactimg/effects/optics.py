@@ -367,7 +367,6 @@ def estimate_optics(scene: Scene, contacts: pd.DataFrame) -> tuple[EffectEstimat
 
 
 def _estimate(effect: str, scene: Scene, camera: Camera | None, shown: Shown) -> EffectEstimate:
-    """The estimate of one effect."""
     simulate = scene.need("simulate", "the effects of optics and sensor")
     output = scene.tolerance.output
     outputs = OUTPUTS if output == "all" else ("force" if output == "profile" else output,)

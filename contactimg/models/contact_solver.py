@@ -194,7 +194,6 @@ class ContactSolver:
         )
 
     def _uncoupled(self) -> tuple[ContactSystem, Iterate]:
-        """Equations and solution for independent contacts."""
         problem, still = self.problem, np.zeros_like(self.problem.gap)
         system = self._system(problem, Coupling(problem.x, problem.y, self.kernel))
         indentation = self.problem.indentation

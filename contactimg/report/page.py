@@ -285,14 +285,12 @@ def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def _flag_counts(contacts: pd.DataFrame) -> list[tuple[str, int, float]]:
-    """Flags that occur, and the number and the share of the contacts that carry each."""
     values = contacts["flags"].to_numpy(np.int64)
     counts = {str(flag.name): int(np.count_nonzero(values & int(flag))) for flag in Flag}
     return [(name, count, count / len(values)) for name, count in counts.items() if count]
 
 
 def _rejected_counts(folder: Path) -> list[tuple[str, int]]:
-    """Reasons of rejection and the number of candidates rejected for each."""
     counts = read_run_table(folder, REJECTED, optional=True).groupby("reason").size()
     return [(str(reason), int(count)) for reason, count in counts.items()]
 

@@ -154,7 +154,6 @@ def refit_base(surface: HeightMap, form: Form, base: Base, asperities: NDArray[n
 
 
 def _through(surface: HeightMap, terms: Values, on_base: NDArray[np.bool_]) -> Base:
-    """The base through some pixels."""
     heights = _form(terms, _least_squares(surface.heights, terms, on_base))
     rest = np.where(on_base, surface.heights - heights, np.nan)
     return Base(heights, _waviness(rest), float(np.nanstd(rest)), seen=True)
@@ -185,7 +184,6 @@ def _form(terms: Values, coefficients: Values) -> Values:
 
 
 def _least_squares(heights: Values, terms: Values, pixels: NDArray[np.bool_]) -> Values:
-    """Coefficients of the terms over some pixels."""
     columns = terms[:, pixels]
     return _solved(columns @ columns.T, columns @ heights[pixels])
 
@@ -195,7 +193,6 @@ def _solved(design: Values, values: Values) -> Values:
 
 
 def _tiles(values: Values) -> Iterator[Values]:
-    """The tiles of a map, or of a stack of maps."""
     for band in np.array_split(values, TILES, axis=-2):
         yield from np.array_split(band, TILES, axis=-1)
 

@@ -425,7 +425,6 @@ def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
 
 
 def _doubts(surface: HeightMap, base: Base, table: pd.DataFrame) -> list[str]:
-    """Warnings about the map as a whole."""
     warnings = []
     if not base.seen:
         warnings.append(
