@@ -175,14 +175,13 @@ def _vote(shifts: NDArray[np.complex128], cell: float) -> tuple[int, complex]:
     """Number of pairs of a point and a target that agree on a shift, and the shift on which most do."""
     if not shifts.size:
         return 0, 0j
-    low = complex(shifts.real.min(), shifts.imag.min())
-    column, row = ((shifts - low).real // cell).astype(int), ((shifts - low).imag // cell).astype(int)
-    shape = (row.max() + 1, column.max() + 1)
-    counts = (
-        np.bincount(row * shape[1] + column, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
-    )
-    i, j = np.unravel_index(int(uniform_filter(counts, 3, mode="constant").argmax()), shape)
-    close = (np.abs(row - i) <= 1) & (np.abs(column - j) <= 1)
+    places = (as_real(shifts) // cell).astype(np.intp)
+    places -= places.min(axis=0)
+    shape = places.max(axis=0) + 1
+    numbers = np.ravel_multi_index(tuple(places.T), shape)
+    counts = np.bincount(numbers, minlength=shape.prod()).reshape(shape).astype(np.float32)
+    fullest = np.unravel_index(int(uniform_filter(counts, 3, mode="constant").argmax()), shape)
+    close = (np.abs(places - fullest) <= 1).all(axis=1)
     return int(close.sum()), complex(np.median(shifts[close].real), np.median(shifts[close].imag))
 
 
@@ -316,18 +315,19 @@ def _best_pose(
         for alpha, mirrored in grid
     ]
     candidates.sort(key=lambda candidate: -candidate[0])
-    fits = [
-        refine(points, spots, guess, (alpha, beta, mirrored), gate)
-        for _, beta, alpha, mirrored in candidates[:REFINED_CANDIDATES]
-    ]
-    fits.sort(key=lambda fit: -fit.n_matched)
-    best = fits[0]
+    starts = [(alpha, beta, mirrored) for _, beta, alpha, mirrored in candidates[:REFINED_CANDIDATES]]
+    fits = [refine(points, spots, guess, start, gate) for start in starts]
+    best, (alpha, beta, mirrored) = max(zip(fits, starts, strict=True), key=lambda pair: pair[0].n_matched)
     area = np.ptp(spots.real) * np.ptp(spots.imag)
     trials = max(area / gate**2, 1.0) * len(grid)
     chance = min(best.chance / len(points), 1.0)
     if bdtrc(best.n_matched - 1, len(points), chance) * trials > FALSE_ALARM_RATE:
         return None
-    others = [fit for fit in fits[1:] if _differs(fit.pose, best.pose, gate)]
+    # on a lattice another shift explains as much
+    shifts = (spots - alpha * oriented(middle, mirrored)[:, None]).ravel()
+    _, other = _vote(shifts[np.abs(shifts - beta) > 2 * gate], gate)
+    fits.append(refine(points, spots, guess, (alpha, other, mirrored), gate))
+    others = [fit for fit in fits if _differs(fit.pose, best.pose, gate)]
     if any(fit.n_matched > NEARLY_ALL * best.n_matched for fit in others):
         return None
     return replace(best, fitted=True)
