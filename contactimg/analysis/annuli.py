@@ -197,16 +197,8 @@ def annulus_moments(
     a, p = (contacts[name].to_numpy(float)[in_image] for name in ("radius_m", "force_N"))
     has_force = np.isfinite(p)
     p = np.where(has_force, p, 0.0)
-    one = np.ones(len(a))
-    parts = {
-        "n": one,
-        "n_forces": has_force.astype(float),
-        "a": a,
-        "aa": a**2,
-        "p": p,
-        "pp": p**2,
-        "ap": a * p,
-    }
+    values = np.ones(len(a)), has_force.astype(float), a, a**2, p, p**2, a * p
+    parts = dict(zip(MOMENTS[1:], values, strict=True))
     cells = [edges, np.linspace(0.0, 1.0, sectors + 1)]
     place = distance, angle / (2 * np.pi) % 1.0
     sums = {name: np.histogram2d(*place, bins=cells, weights=part)[0].ravel() for name, part in parts.items()}

@@ -18,10 +18,6 @@ from contactimg.tables import AREA
 
 Values = NDArray[np.float64]
 
-LEAST_LOAD_SHARE = 0.02
-"""Share of the smallest load that a zero leaves of it at least. Chosen: the logarithm of the load stays
-finite; fits there are so bad that they have no weight."""
-
 ZERO_REACH, ZERO_NODES = 5.0, 101
 """Zeros that are tried: up to so many standard uncertainties, and how many. Chosen: a tenth of the standard
 uncertainty apart, so that the mean and the spread of smooth functions are exact to 1e-3 of it."""
@@ -334,7 +330,7 @@ def _zero(
     if not zero_std:
         return 0.0, (0.0, 0.0)
     zeros = zero_std * np.linspace(-ZERO_REACH, ZERO_REACH, ZERO_NODES)
-    zeros = zeros[zeros < load.min() * (1 - LEAST_LOAD_SHARE)]
+    zeros = zeros[zeros < load.min()]  # fits near its end are so bad that they have no weight
     logs, reference = logarithms(load, area, *errors)
     fit = fit_line(logs)
     points = replace(logs, x=np.log((load - zeros[:, None]) / reference))

@@ -117,21 +117,18 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
     heaviest = squares / np.where(load == 0, np.inf, np.abs(load))
     heaviest = np.maximum(heaviest, _largest_beside(heaviest, sums))
     low, high = weighted_count_interval(load, student**2 * variance, heaviest)
+    std = np.hypot(np.sqrt(variance), _empty_limit(sums))
+    loads = {"pressure_Pa": load, "pressure_std_Pa": std, "pressure_low_Pa": low, "pressure_high_Pa": high}
     return PROFILE.conform(
         {
             "frame": [frame] * len(sums),
             "model": [model] * len(sums),
             "r_m": (sums["inner"] + sums["outer"]) / 2,
-            "pressure_Pa": np.where(unknown, np.nan, sums["p"] / area),
             "density_per_m2": sums["n"] / area,
             "mean_radius_m": sums["a"] / _nonzero(sums["n"]),
             "area_fraction": np.pi * sums["aa"] / area,
-            "pressure_std_Pa": np.where(
-                unknown, np.nan, np.hypot(np.sqrt(variance), _empty_limit(sums)) / area
-            ),
-            "pressure_low_Pa": np.where(unknown, np.nan, low / area),
-            "pressure_high_Pa": np.where(unknown, np.nan, high / area),
         }
+        | {name: np.where(unknown, np.nan, values / area) for name, values in loads.items()}
     )
 
 
