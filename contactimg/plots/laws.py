@@ -175,7 +175,7 @@ def plot_friction(
 
 
 def motion_of(friction: pd.DataFrame) -> pd.Series:
-    """Of each frame: "sliding", "static" at velocity 0, "friction" where the velocity is not known."""
+    """Say how each frame moves: "sliding", "static" at velocity 0, "friction" where that is not known."""
     unknown = pd.Series(np.nan, index=friction.index)
     velocity = friction.get("velocity_m_s", unknown)
     named = np.where(velocity.isna(), "friction", np.where(velocity == 0, "static", "sliding"))

@@ -102,7 +102,7 @@ class ReviewServer(ThreadingHTTPServer):
 
     @contextmanager
     def answering(self) -> Iterator[bool]:
-        """While a request is answered; False if the server is being closed."""
+        """Count a request while it is answered; the context is False if the server is being closed."""
         with self._idle:
             self._answering += 1
         try:

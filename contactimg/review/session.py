@@ -223,7 +223,7 @@ class Session:
             return self._known[1]
 
     def tables(self) -> ShownTables:
-        """Those of the run, or of the last time it was measured again."""
+        """The tables of the run, or of the last time it was measured again."""
         with self._lock:
             return self._measured.tables
 
