@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 from contactimg.models.ensemble import EnsembleMember
-from contactimg.models.solution import InteractingSolution
 from contactimg.optics.coverage import disk_rectangle_area
 from contactimg.pose import Pose
 
@@ -308,10 +307,13 @@ def gather_annuli(
     sums: dict[tuple[str, float], dict[str, pd.DataFrame]] = {}
     for member in members:
         name = str(member.index % groups)
-        for key, solution in member.solutions.items():
-            one = _one_pattern(annulus_moments(_bare_contacts(solution), centre=centre, edges=edges))
+        for key, one in member.solutions.items():
+            # the whole table of contacts would cost more than the solution
+            bare = {"x_m": one.x, "y_m": one.y, "radius_m": one.radius, "force_N": one.force}
+            contacts = pd.DataFrame({column: values[one.touching] for column, values in bare.items()})
+            pattern = _one_pattern(annulus_moments(contacts, centre=centre, edges=edges))
             so_far = sums.setdefault(key, {})
-            so_far[name] = so_far[name] + one if name in so_far else one
+            so_far[name] = so_far[name] + pattern if name in so_far else pattern
     if not sums:
         raise InputError("an ensemble needs one pattern and one load at least")
     ends = {"inner": edges[:-1], "outer": edges[1:], "sector": 0}
@@ -319,19 +321,6 @@ def gather_annuli(
         key: {name: pd.DataFrame(ends).join(table) for name, table in tables.items()}
         for key, tables in sums.items()
     }
-
-
-def _bare_contacts(solution: InteractingSolution) -> pd.DataFrame:
-    """The columns of the contacts that annuli need: the whole table would cost more than the solution."""
-    rows = solution.touching
-    return pd.DataFrame(
-        {
-            "x_m": solution.x[rows],
-            "y_m": solution.y[rows],
-            "radius_m": solution.radius[rows],
-            "force_N": solution.force[rows],
-        }
-    )
 
 
 def _one_pattern(moments: pd.DataFrame) -> pd.DataFrame:
