@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 from contactimg.models.ensemble import EnsembleMember
-from contactimg.models.solution import InteractingSolution
 from contactimg.optics.coverage import disk_rectangle_area
 from contactimg.pose import Pose
 
@@ -197,16 +196,8 @@ def annulus_moments(
     a, p = (contacts[name].to_numpy(float)[in_image] for name in ("radius_m", "force_N"))
     has_force = np.isfinite(p)
     p = np.where(has_force, p, 0.0)
-    one = np.ones(len(a))
-    parts = {
-        "n": one,
-        "n_forces": has_force.astype(float),
-        "a": a,
-        "aa": a**2,
-        "p": p,
-        "pp": p**2,
-        "ap": a * p,
-    }
+    values = np.ones(len(a)), has_force.astype(float), a, a**2, p, p**2, a * p
+    parts = dict(zip(MOMENTS[1:], values, strict=True))
     cells = [edges, np.linspace(0.0, 1.0, sectors + 1)]
     place = distance, angle / (2 * np.pi) % 1.0
     sums = {name: np.histogram2d(*place, bins=cells, weights=part)[0].ravel() for name, part in parts.items()}
@@ -316,10 +307,13 @@ def gather_annuli(
     sums: dict[tuple[str, float], dict[str, pd.DataFrame]] = {}
     for member in members:
         name = str(member.index % groups)
-        for key, solution in member.solutions.items():
-            one = _one_pattern(annulus_moments(_bare_contacts(solution), centre=centre, edges=edges))
+        for key, one in member.solutions.items():
+            # the whole table of contacts would cost more than the solution
+            bare = {"x_m": one.x, "y_m": one.y, "radius_m": one.radius, "force_N": one.force}
+            contacts = pd.DataFrame({column: values[one.touching] for column, values in bare.items()})
+            pattern = _one_pattern(annulus_moments(contacts, centre=centre, edges=edges))
             so_far = sums.setdefault(key, {})
-            so_far[name] = so_far[name] + one if name in so_far else one
+            so_far[name] = so_far[name] + pattern if name in so_far else pattern
     if not sums:
         raise InputError("an ensemble needs one pattern and one load at least")
     ends = {"inner": edges[:-1], "outer": edges[1:], "sector": 0}
@@ -329,21 +323,7 @@ def gather_annuli(
     }
 
 
-def _bare_contacts(solution: InteractingSolution) -> pd.DataFrame:
-    """The columns of the contacts that annuli need: the whole table would cost more than the solution."""
-    rows = solution.touching
-    return pd.DataFrame(
-        {
-            "x_m": solution.x[rows],
-            "y_m": solution.y[rows],
-            "radius_m": solution.radius[rows],
-            "force_N": solution.force[rows],
-        }
-    )
-
-
 def _one_pattern(moments: pd.DataFrame) -> pd.DataFrame:
-    """Sums over each annulus of one pattern."""
     n, a = moments["n"].to_numpy(float), moments["a"].to_numpy(float)
     return moments.drop(columns=["inner", "outer", "sector"]).assign(
         patterns=1.0, occupied=(n > 0).astype(float), own_radius=a / np.maximum(n, 1.0)

@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, SECTORS
+from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, SECTORS, annulus_moments
 from contactimg.analysis.estimates import bootstrap_weights
 from contactimg.analysis.linear_fit import LinearFit, Points, fit_line
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
@@ -18,10 +17,6 @@ from contactimg.errors import InputError
 from contactimg.tables import AREA
 
 Values = NDArray[np.float64]
-
-LEAST_LOAD_SHARE = 0.02
-"""Share of the smallest load that a zero leaves of it at least. Chosen: the logarithm of the load stays
-finite; fits there are so bad that they have no weight."""
 
 ZERO_REACH, ZERO_NODES = 5.0, 101
 """Zeros that are tried: up to so many standard uncertainties, and how many. Chosen: a tenth of the standard
@@ -110,7 +105,6 @@ def frame_areas(
 
 
 def _contact_sums(contacts: pd.DataFrame) -> tuple[float, ...]:
-    """`CONTACT_SUMS` over the contacts of a frame."""
     ratio = contacts["radius_ratio"].dropna() if "radius_ratio" in contacts else pd.Series(dtype=float)
     largest = float(ratio.max()) if len(ratio) else np.nan
     radius, count = float(contacts["radius_m"].sum()), len(contacts)
@@ -121,10 +115,8 @@ def _sector_sums(contacts: pd.DataFrame, centre: tuple[float, float] | None) -> 
     """Area and force of the contacts of a frame in each sector about the centre, one after the other."""
     if centre is None or contacts.empty or contacts[["x_m", "y_m", "force_N"]].isna().any(axis=None):
         return np.full(2 * SECTORS, np.nan)
-    x, y, a, p = (contacts[name].to_numpy(float) for name in ("x_m", "y_m", "radius_m", "force_N"))
-    turn = np.arctan2(y - centre[1], x - centre[0]) / (2 * np.pi) % 1.0
-    sector = np.minimum(turn * SECTORS, SECTORS - 1).astype(int)
-    return np.concatenate([np.bincount(sector, part, SECTORS) for part in (np.pi * a**2, p)])
+    sums = annulus_moments(contacts, centre=centre, edges=[0.0, np.inf], sectors=SECTORS)
+    return np.concatenate([np.pi * sums["aa"], sums["p"]])
 
 
 def group_loads(loads: Sequence[float] | Values, *, tolerance: float) -> NDArray[np.intp]:
@@ -285,9 +277,7 @@ def fit_area_law(
     offset = offset.widened(float(np.hypot(zero_stds[0], gain)), confidence=confidence)
     if replicates is None:
         exponent = exponent.widened(zero_stds[1], confidence=confidence)
-    places = good["place"].nunique()
-    found: dict[str, Any] = {"reference": reference, "scatter": fit.scatter, "n_places": places}
-    law = power_law(exponent, offset, x=load, **found, confidence=confidence)
+    law = power_law(exponent, offset, load, reference, fit.scatter, good["place"].nunique(), confidence)
     return replace(law, zero=zero)
 
 
@@ -340,7 +330,7 @@ def _zero(
     if not zero_std:
         return 0.0, (0.0, 0.0)
     zeros = zero_std * np.linspace(-ZERO_REACH, ZERO_REACH, ZERO_NODES)
-    zeros = zeros[zeros < load.min() * (1 - LEAST_LOAD_SHARE)]
+    zeros = zeros[zeros < load.min()]  # fits near its end are so bad that they have no weight
     logs, reference = logarithms(load, area, *errors)
     fit = fit_line(logs)
     points = replace(logs, x=np.log((load - zeros[:, None]) / reference))

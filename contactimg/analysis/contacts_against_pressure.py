@@ -7,7 +7,6 @@ annulus cancel on the average, whatever their covariance.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -161,14 +160,10 @@ def fit_contact_law(
     (value,) = _fitted(line, own)
     rest = own[1, 0] - line(own[0, 0])[0] @ value
     scatter = float(np.sqrt(np.average(rest**2, weights=own[3, 0])))
-    found: dict[str, Any] = {
-        "reference": reference,
-        "scatter": scatter,
-        "n_places": blocks if by_place else 1,
-    }
+    found = pressure, reference, scatter, blocks if by_place else 1, confidence
     if blocks < MIN_PLACES_FOR_SCATTER:
         offset, exponent = (Estimate(float(v), np.nan, -np.inf, np.inf) for v in value)
-        return _unbroken(power_law(exponent, offset, x=pressure, **found, confidence=confidence))
+        return _unbroken(power_law(exponent, offset, *found))
     weights = bootstrap_weights(blocks)
     many = _coordinates([weights @ table for table in tables], kept, quantity)
     many[[0, 2]] -= np.log(reference)
@@ -176,7 +171,7 @@ def fit_contact_law(
         bootstrap_estimate(float(v), replicates, blocks=blocks, confidence=confidence)
         for v, replicates in zip(value, _fitted(line, many).T, strict=True)
     )
-    single = power_law(exponent, offset, x=pressure, **found, confidence=confidence)
+    single = power_law(exponent, offset, *found)
     return _broken(single, np.concatenate([own, many[:, :BREAK_REPLICATES]], axis=1), blocks)
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from contactimg.analysis.area_against_load import group_loads
 from contactimg.analysis.estimates import Estimate, student_estimate
 from contactimg.analysis.linear_fit import LinearFit, Points, fit_proportional
 from contactimg.errors import InputError
@@ -164,7 +165,7 @@ def stress_by_velocity(
     friction_std : float, N
         Standard uncertainty of a friction force.
     tolerance : float
-        Velocities that exceed the next lower one by no more than this fraction are taken as one.
+        Velocities that exceed the lowest of them by no more than this fraction are taken as one.
 
     Returns
     -------
@@ -200,16 +201,14 @@ def stress_by_velocity(
             "friction against velocity needs frames with friction_N, velocity_m_s and contacts; "
             "add these columns to the loads"
         )
-    speed = moving["velocity_m_s"].abs().sort_values()
-    steps = np.diff(np.log(speed.to_numpy(float)), prepend=np.log(speed.iloc[0]))
-    group = pd.Series(np.cumsum(steps > np.log1p(tolerance)), index=speed.index)
+    moving = moving.assign(speed=moving["velocity_m_s"].abs())
     rows = []
-    for _, part in moving.groupby(group, sort=True):
+    for _, part in moving.groupby(group_loads(moving["speed"].to_numpy(float), tolerance=tolerance)):
         found = fit_shear_stress(part, friction_std=friction_std)
         known = found.freedom > 0 or friction_std > 0 or (part["area_std_m2"] > 0).any()
         rows.append(
             {
-                "velocity_m_s": float(np.exp(np.log(part["velocity_m_s"].abs()).mean())),
+                "velocity_m_s": float(np.exp(np.log(part["speed"]).mean())),
                 "stress_Pa": found.stress.value,
                 "stress_std_Pa": found.stress.std if known else np.nan,
                 "n_frames": found.n_points,

@@ -2,7 +2,6 @@
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -161,8 +160,7 @@ def fit_power_law(
     several = len(names) > 1
     replicates = replace(logs, weight=bootstrap_weights(len(names))[:, owner]) if several else None
     offset, exponent = line_estimates(fit, replicates, blocks=len(names), confidence=confidence)
-    found: dict[str, Any] = {"reference": reference, "scatter": fit.scatter, "n_places": len(names)}
-    return power_law(exponent, offset, x=x, **found, confidence=confidence)
+    return power_law(exponent, offset, x, reference, fit.scatter, len(names), confidence)
 
 
 def line_estimates(
@@ -182,10 +180,9 @@ def line_estimates(
     return offset, slope
 
 
-def power_law(
+def power_law(  # noqa: PLR0917 - the fields of the law in their order
     exponent: Estimate,
     offset: Estimate,
-    *,
     x: ArrayLike,
     reference: float,
     scatter: float,
@@ -193,10 +190,8 @@ def power_law(
     confidence: float,
 ) -> PowerLaw:
     """The law of a line through the logarithms of points at ``x``."""
-    x = np.asarray(x, dtype=np.float64)
-    low, high = float(x.min()), float(x.max())
-    amplitude = exponential(offset)
-    return PowerLaw(exponent, amplitude, reference, low, high, scatter, x.size, n_places, confidence)
+    low, high, amplitude = float(np.min(x)), float(np.max(x)), exponential(offset)
+    return PowerLaw(exponent, amplitude, reference, low, high, scatter, np.size(x), n_places, confidence)
 
 
 def logarithms(

@@ -20,10 +20,6 @@ LEAST_EFFECTIVE_COUNT = 0.5
 comes from weights of both signs, for which no gamma distribution stands. Chosen: half of the bound leaves
 room for the estimate of the variance from few places."""
 
-EMPTY_CONTACTS = 1.53
-"""Number of contacts that an annulus without any may well have elsewhere, as a standard uncertainty. Theory:
-3.00 are none in 5 % of the places, over the 1.96 of a 95 % interval."""
-
 
 @stage("profile")
 def radial_profile(
@@ -121,21 +117,18 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
     heaviest = squares / np.where(load == 0, np.inf, np.abs(load))
     heaviest = np.maximum(heaviest, _largest_beside(heaviest, sums))
     low, high = weighted_count_interval(load, student**2 * variance, heaviest)
+    std = np.hypot(np.sqrt(variance), _empty_limit(sums))
+    loads = {"pressure_Pa": load, "pressure_std_Pa": std, "pressure_low_Pa": low, "pressure_high_Pa": high}
     return PROFILE.conform(
         {
             "frame": [frame] * len(sums),
             "model": [model] * len(sums),
             "r_m": (sums["inner"] + sums["outer"]) / 2,
-            "pressure_Pa": np.where(unknown, np.nan, sums["p"] / area),
             "density_per_m2": sums["n"] / area,
             "mean_radius_m": sums["a"] / _nonzero(sums["n"]),
             "area_fraction": np.pi * sums["aa"] / area,
-            "pressure_std_Pa": np.where(
-                unknown, np.nan, np.hypot(np.sqrt(variance), _empty_limit(sums)) / area
-            ),
-            "pressure_low_Pa": np.where(unknown, np.nan, low / area),
-            "pressure_high_Pa": np.where(unknown, np.nan, high / area),
         }
+        | {name: np.where(unknown, np.nan, values / area) for name, values in loads.items()}
     )
 
 
@@ -173,12 +166,14 @@ def _load_variance(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> tuple[
 
 
 def _empty_limit(sums: pd.DataFrame) -> Values:
-    """Standard uncertainty (N) of the load on annuli without contacts, `EMPTY_CONTACTS` of them; 0 on others.
+    """Standard uncertainty (N) of the load on annuli without contacts; 0 on others.
 
-    Their force is the mean force of the nearest annuli that have some, the larger of the two.
+    None are found in 5 % of the places where ``-ln 0.05`` are expected, which stand for 1.96 standard
+    uncertainties. Their force is the mean force of the nearest annuli that have some, the larger of the two.
     """
     mean = np.abs(sums["p"].to_numpy(float)) / np.maximum(sums["n_forces"].to_numpy(float), 1.0)
-    return np.where(sums["n"].to_numpy(float) > 0, 0.0, EMPTY_CONTACTS * _largest_beside(mean, sums))
+    count = float(-np.log(0.05) / special.ndtri(0.975))
+    return np.where(sums["n"].to_numpy(float) > 0, 0.0, count * _largest_beside(mean, sums))
 
 
 def _largest_beside(values: Values, sums: pd.DataFrame) -> Values:

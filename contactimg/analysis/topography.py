@@ -104,7 +104,8 @@ def describe_topography(table: pd.DataFrame, *, confidence: float = 0.95) -> Top
         if not (table[name] > 0).all():
             raise InputError(f"topography: {name} must be positive, got {table[name].min()!r}")
     h, R = table["height_m"].to_numpy(float), table["radius_m"].to_numpy(float)
-    fit = fit_proportional(Points(R, h, x_std=_stated(table, "radius"), y_std=_stated(table, "height")))
+    stated = table.reindex(columns=["radius_std_m", "height_std_m"]).to_numpy(float)
+    fit = fit_proportional(Points(R, h, *np.nan_to_num(stated, nan=0.0).T))
     slope = fit.estimate(0, confidence=confidence)
     correlation, p_value = (np.nan, 1.0) if np.ptp(h) == 0 or np.ptp(R) == 0 else scipy.stats.spearmanr(h, R)
     return Topography(
@@ -127,13 +128,6 @@ def describe_topography(table: pd.DataFrame, *, confidence: float = 0.95) -> Top
 def _normality(values: NDArray[np.float64]) -> float:
     """P-value of the test of Shapiro and Wilk."""
     return float(scipy.stats.shapiro(values / values.mean()).pvalue) if np.ptp(values) > 0 else np.nan
-
-
-def _stated(table: pd.DataFrame, quantity: str) -> NDArray[np.float64]:
-    """Stated uncertainties, 0 where there is none."""
-    name = f"{quantity}_std_m"
-    values = table[name].to_numpy(float) if name in table else np.zeros(len(table))
-    return np.nan_to_num(values, nan=0.0)
 
 
 def _angle(slope: Estimate) -> Estimate:

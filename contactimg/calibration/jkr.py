@@ -38,7 +38,8 @@ MOST_LEVERAGE = 0.6
 intervals of three loads, or of five parameters from eight, are not several times too wide."""
 
 FALSE_ALARM_RATE = 0.01
-"""Probability that a departure, a shift of the edge or a zero is seen where there is none."""
+"""Probability that a departure, a shift of the edge or a zero is seen where there is none, and that of rivals
+that are not fitted: they would add at most a tenth of the difference."""
 
 OUTLIER_FALSE_ALARM_RATE, LEAST_OUTLIER = 1e-3, 1e-6
 """Probability that a series without outliers loses a frame; least residual of one over the rms load, below
@@ -46,9 +47,6 @@ which it is a rounding error."""
 
 EXACT = 1e-18
 """Mean square of scaled residuals below which they are rounding errors, which no odds distinguish."""
-
-NEGLIGIBLE_DOUBT = 0.01
-"""Probability of a rival below which it is not fitted: it would add at most a tenth of the difference."""
 
 DRAWS = 20000
 """Draws from the distribution of the parameters. Theory: they know a 95 % interval to 1 %."""
@@ -439,7 +437,6 @@ def _solved(
 def _series(
     load: ArrayLike, radius: ArrayLike, radius_std: ArrayLike, cell: LoadCell, sphere: SmoothSphere
 ) -> JkrSeries:
-    """Loads and radii, checked."""
     P, a = np.atleast_1d(np.asarray(load, float)), np.atleast_1d(np.asarray(radius, float))
     if P.ndim != 1 or P.shape != a.shape:
         raise InputError(f"one radius a load is needed, got shapes {P.shape} and {a.shape}")
@@ -530,7 +527,7 @@ def _departures(
     odds = (first[0] / others[0][0]) ** (used.sum() / 2) if others else 0.0
     doubt = float(odds / (1 + odds))
     found = [(first[1], first[2], 1 - doubt), *((name, one, doubt) for _, name, one in others)]
-    return found[: 1 + (doubt > NEGLIGIBLE_DOUBT)]
+    return found[: 1 + (doubt > FALSE_ALARM_RATE)]
 
 
 def _without_outliers(series: JkrSeries) -> Mask:

@@ -268,7 +268,6 @@ class Comparison:
         return found
 
     def _changes(self, without: Values, complete: Values, *, may_form: bool) -> dict[str, float]:
-        """Change of each output from one state to another."""
         answers = {"without": without, "complete": complete}
         return output_changes(
             self.distance,

@@ -125,36 +125,22 @@ def film_makes_the_contrast(simulate: Simulate) -> bool:
     return 1 / FILM_CONTRAST_FACTOR <= ratio <= FILM_CONTRAST_FACTOR
 
 
-def busiest_quarter(
-    x: Values, y: Values, radius: Values, shown: NDArray[np.bool_], *, fewest: int
-) -> tuple[NDArray[np.bool_], slice, slice]:
+def busiest_quarter(places: Values, shown: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The quarter of a frame about the median place of some contacts that holds the most of them.
 
     It holds contacts from the middle of the loaded region to its rim, and so of all sizes.
 
     Parameters
     ----------
-    x, y, radius, shown : ndarray, shape (n,), px
-        Contacts, and which of them count.
-    fewest : int
-        If the quarter holds fewer, all that count are taken.
-
-    Returns
-    -------
-    chosen : ndarray of bool, shape (n,)
-    rows, columns : slice
-        Of the frame about these; the stop may lie beyond its end.
+    places : ndarray, shape (2, n)
+        Of contacts.
+    shown : ndarray of bool, shape (n,)
+        Which of them count; where the quarter holds fewer than `FEWEST_CONTACTS`, all these are taken.
     """
-    right, below = x >= np.median(x[shown]), y >= np.median(y[shown])
+    below, right = places >= np.median(places[:, shown], axis=1, keepdims=True)
     quarters = [shown & (right == one) & (below == two) for one in (True, False) for two in (True, False)]
     chosen = max(quarters, key=np.count_nonzero)
-    if np.count_nonzero(chosen) < fewest:
-        chosen = shown
-    around = float(radius[chosen].max()) + MARGIN_PX
-    rows, columns = (
-        slice(int(max(v[chosen].min() - around, 0.0)), int(v[chosen].max() + around) + 1) for v in (y, x)
-    )
-    return chosen, rows, columns
+    return chosen if np.count_nonzero(chosen) >= FEWEST_CONTACTS else shown
 
 
 def _sphere_radii(scene: Scene, contacts: pd.DataFrame) -> Values:
@@ -199,8 +185,10 @@ class Camera:
         chosen = (x >= -0.5) & (x <= shape[1] - 0.5) & (y >= -0.5) & (y <= shape[0] - 0.5) & (radius > 0)
         if not chosen.any():
             return None
-        chosen, rows, columns = busiest_quarter(x, y, radius, chosen, fewest=FEWEST_CONTACTS)
-        low, high = np.array([rows.start, columns.start]), np.minimum([rows.stop, columns.stop], shape)
+        chosen = busiest_quarter(np.array([y, x]), chosen)
+        part, around = np.array([y, x])[:, chosen], float(radius[chosen].max()) + MARGIN_PX
+        low = np.maximum(part.min(axis=1) - around, 0.0).astype(int)
+        high = np.minimum((part.max(axis=1) + around).astype(int) + 1, shape)
         table = pd.DataFrame(
             {"x_px": x[chosen] - low[1], "y_px": y[chosen] - low[0], "radius_px": radius[chosen]}
         )
@@ -367,7 +355,6 @@ def estimate_optics(scene: Scene, contacts: pd.DataFrame) -> tuple[EffectEstimat
 
 
 def _estimate(effect: str, scene: Scene, camera: Camera | None, shown: Shown) -> EffectEstimate:
-    """The estimate of one effect."""
     simulate = scene.need("simulate", "the effects of optics and sensor")
     output = scene.tolerance.output
     outputs = OUTPUTS if output == "all" else ("force" if output == "profile" else output,)

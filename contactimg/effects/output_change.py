@@ -94,8 +94,7 @@ def output_changes(
     {'area': 0.2, 'force': 1.0, 'radius': 1.0, 'hertz': 1.667, 'contacts': 0.5, 'profile': 0.5,
      'indentation': 0.25}
     """
-    pairs = {"without": (without.force, without.radius), "complete": (complete.force, complete.radius)}
-    found = {name: relative_change(name, **pairs) for name in OUTPUTS}
+    found = _basic_changes((without.force, without.radius), (complete.force, complete.radius))
     R, annulus = curvature_radius, np.floor_divide(distance, ANNULUS).astype(np.intp)
     hertz, full_hertz = without.radius**3 / R, complete.radius**3 / R
     touching, complete_touching = without.radius > 0, complete.radius > 0
@@ -152,25 +151,27 @@ def relative_change(output: str, *, without: Contacts, complete: Contacts) -> fl
     >>> [round(relative_change(name, without=before, complete=after), 3) for name in (*OUTPUTS, "all")]
     [0.0, 0.5, 0.632, 0.632]
     """
-    if output == "all":
-        return max(relative_change(name, without=without, complete=complete) for name in OUTPUTS)
-    _check(output)
-    force, radius = (np.asarray(v, dtype=np.float64) for v in without)
-    full_force, full_radius = (np.asarray(v, dtype=np.float64) for v in complete)
-    if output == "area":
-        area = float(np.sum(full_radius**2))
-        return _ratio(abs(area - float(np.sum(radius**2))), area)
-    if output in ("force", "profile"):
-        return _ratio(float(np.abs(full_force - force).sum()), float(np.abs(full_force).sum()))
-    square = _ratio(float(np.sum((full_radius - radius) ** 2)), float(np.sum(full_radius**2)))
-    return float(np.sqrt(square))
+    return _chosen(_basic_changes(without, complete), output)
 
 
-def _check(output: str) -> None:
-    """Refuse the name of an output that is none."""
-    allowed = (*OUTPUTS, "profile", "all")
-    if output not in allowed:
-        raise InputError(f"output must be one of {', '.join(map(repr, allowed))}, got {output!r}")
+def _basic_changes(without: Contacts, complete: Contacts) -> dict[str, float]:
+    """Relative change of each of `OUTPUTS`."""
+    force, radius = (np.asarray(values, float) for values in without)
+    full_force, full_radius = (np.asarray(values, float) for values in complete)
+    area = float(np.sum(full_radius**2))
+    return {
+        "area": _ratio(abs(area - float(np.sum(radius**2))), area),
+        "force": _ratio(float(np.abs(full_force - force).sum()), float(np.abs(full_force).sum())),
+        "radius": math.sqrt(_ratio(float(np.sum((full_radius - radius) ** 2)), area)),
+    }
+
+
+def _chosen(changes: Mapping[str, float], output: str) -> float:
+    """The change of one output: that of the force for a profile, the largest of the three for ``"all"``."""
+    named = {**changes, "profile": changes["force"], "all": max(changes.values())}
+    if output not in named:
+        raise InputError(f"output must be one of {', '.join(map(repr, named))}, got {output!r}")
+    return float(named[output])
 
 
 def _ratio(change: float, size: float) -> float:
@@ -198,16 +199,12 @@ def stated_change(output: str, *, radius: ArrayLike, std: ArrayLike) -> float:
     >>> round(stated_change("area", radius=[3.0, 4.0], std=[0.03, 0.04]), 6)
     0.014686
     """
-    if output == "all":
-        return max(stated_change(name, radius=radius, std=std) for name in OUTPUTS)
-    _check(output)
     a, s = np.asarray(radius, float), np.asarray(std, float)
     if not a.size:
-        return float("inf")
-    power = POWER.get(output, POWER["force"])
-    if output == "radius":
-        return float(np.sqrt(np.sum(s**2) / np.sum(a**2)))
-    return float(np.sqrt(np.sum((power * a ** (power - 1) * s) ** 2)) / np.sum(a**power))
+        return _chosen(dict.fromkeys(OUTPUTS, np.inf), output)
+    norm = np.linalg.norm
+    changes = {name: float(norm(n * a ** (n - 1) * s) / np.sum(a**n)) for name, n in POWER.items()}
+    return _chosen(changes | {"radius": float(norm(s) / norm(a))}, output)
 
 
 def change_sentence(changes: Mapping[str, float]) -> str:

@@ -232,7 +232,6 @@ def decide(
 
 
 def _warnings(decisions: Sequence[Decision]) -> Iterable[str]:
-    """Sentences on the switches that contradict the estimates."""
     for d in decisions:
         if d.switch == "on" and not d.on:
             yield f"{d.effect} is switched on but {d.reason}"

@@ -19,15 +19,13 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.errors import InputError
-from contactimg.models.conditions import ContactConditions
+from contactimg.models.conditions import CELLS_PER_SPACING, ContactConditions
 from contactimg.models.coupling import Kernel, displacement_excess, layer_deficit
-from contactimg.models.fast_coupling import FastCoupling
+from contactimg.models.fast_coupling import SINGLE_ACCURACY, FastCoupling
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
-NODES_PER_SPACING = 2.0
-"""Nodes of the grid along the mean spacing of the caps. Chosen: one hollow holds a few."""
 
 FEWEST_NODES, MOST_REFINEMENTS = 24, 4
 """Nodes along the longer side at least, and halvings of the grid until some node lies between caps."""
@@ -49,9 +47,6 @@ Chosen: Hertz's gap at 1.3 contact radii is a tenth of the penetration."""
 
 MOST_PAIRS = 3e7
 """Pairs of a node and a contact that are summed one by one. Chosen by time: 0.05 s."""
-
-SUM_ACCURACY = 1e-4
-"""Relative accuracy of the sums on the grid beyond."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +128,7 @@ class GapField:
         if places.shape[1] * force.size > MOST_PAIRS:
             both = np.concatenate([sources, places], axis=1)
             try:
-                sums = FastCoupling(both[0], both[1], k, SUM_ACCURACY)
+                sums = FastCoupling(both[0], both[1], k, SINGLE_ACCURACY)
             except InputError:  # so unevenly spread that the modes would not fit into memory
                 pass
             else:
@@ -213,7 +208,7 @@ class GapField:
     def _free_nodes(self) -> tuple[Values, float]:
         """Nodes (2, k) of a grid that no cap covers, and its step."""
         sides = np.ptp(self._box, axis=1)
-        step = min(self._spacing / NODES_PER_SPACING, float(sides.max()) / FEWEST_NODES)
+        step = min(self._spacing / CELLS_PER_SPACING, float(sides.max()) / FEWEST_NODES)
         for _ in range(MOST_REFINEMENTS if step > 0 else 0):
             free = np.ones(tuple((sides / step).astype(int) + 1), dtype=np.bool_)
             _cover(free, self._box[:, 0], step, self.discs)

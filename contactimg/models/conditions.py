@@ -8,6 +8,9 @@ from contactimg.errors import InputError
 from contactimg.models.proof import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
 from contactimg.surfaces import LENGTH_RANGE_M
 
+CELLS_PER_SPACING = 2.0
+"""Cells of a grid along the mean spacing of the asperities. Chosen: one hollow holds a few."""
+
 
 @dataclass(frozen=True)
 class ContactConditions:

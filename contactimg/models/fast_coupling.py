@@ -157,7 +157,6 @@ def _list_pairs(x, y, bounds, cells, cutoff2, sharpness, begins, others, values)
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _stored_sum(begins, others, values, q):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """The sum with stored pairs."""
     result = np.zeros(q.size)
     for i in range(q.size):
         total = 0.0

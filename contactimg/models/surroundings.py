@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.models.conditions import ContactConditions
+from contactimg.models.conditions import CELLS_PER_SPACING, ContactConditions
 from contactimg.models.coupling import Kernel
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import RingSolution, solve_greenwood_williamson
@@ -25,8 +25,6 @@ Values = NDArray[np.float64]
 HEIGHTS = 300
 """Heights that stand for those of the table, at even quantiles. Chosen: the mean field is smooth."""
 
-CELLS_PER_SPACING = 2.0
-"""Cells of the lattice outside along one mean spacing, for the load that they carry."""
 
 MOST_CELLS = 400
 """Most cells of the lattice along one side: beyond, cells are larger. Chosen: 0.02 s."""

@@ -128,7 +128,6 @@ def _contact_layers(run: Run, number: dict[str, int]) -> tuple[Layer, Layer]:
 
 
 def _rejected_layer(run: Run, number: dict[str, int]) -> Layer:
-    """Rejected candidates with the reason."""
     table = run.rejected
     table = table[table["frame"].isin(list(number))].reset_index(drop=True)
     points = np.column_stack([table["frame"].map(number), table["y_px"], table["x_px"]]).astype(float)

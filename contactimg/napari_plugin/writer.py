@@ -62,7 +62,6 @@ def write_corrections(path: str, data: Sequence[Any], properties: dict[str, Any]
 
 
 def _edits(frame: FrameContacts, corrected: list[Region]) -> pd.DataFrame:
-    """The corrections of one frame."""
     exported = [
         region
         for label, (outer, *_) in zip(frame.table["label"], frame.shapes, strict=True)

@@ -44,7 +44,7 @@ class CameraResponse:
 
     @classmethod
     def of(cls, camera: Camera | None) -> "CameraResponse | None":
-        """That of a scene's camera; None for a linear one."""
+        """The response of a scene's camera; None for a linear one."""
         if camera is None or (camera.response is None and camera.gamma == 1.0):
             return None
         return cls(camera.gamma, tuple(camera.response or ()))

@@ -258,30 +258,26 @@ def hertz_gap(r: ArrayLike, *, radius: ArrayLike, sphere_radius: ArrayLike) -> V
 
 
 @njit(cache=True, error_model="numpy")
-def _interpolate(place, values):  # type: ignore[no-untyped-def]
-    """Linear interpolation at a fractional index; the first value below index 0."""
-    if place <= 0.0:
-        return values[0]
-    k = min(int(place), values.size - 2)
-    return values[k] + (place - k) * (values[k + 1] - values[k])
-
-
-@njit(cache=True, error_model="numpy")
-def _film_light(px, py, disks, outline, gaps, excess, excess_step):  # type: ignore[no-untyped-def]  # noqa: PLR0917
+def _film_light(px, py, disks, outline, excess, excess_step):  # type: ignore[no-untyped-def]  # noqa: PLR0917
     """Light at one point: the excess of the thinnest film above it, times that contact's brightness."""
     thinnest, brightness = math.inf, 0.0
     for k in range(disks.shape[0]):
         dx, dy = px - disks[k, 0], py - disks[k, 1]
         edge = disks[k, 2] + outline[k, sector_of(dx, dy, outline.shape[1])]
-        place = (math.hypot(dx, dy) - edge) / disks[k, 4]
-        if place < gaps.shape[1] - 1:
-            gap = _interpolate(place, gaps[k])
-            if gap < thinnest:
-                thinnest, brightness = gap, disks[k, 3]
-    place = thinnest / excess_step
+        outside = math.hypot(dx, dy) - edge
+        if outside >= disks[k, 5]:
+            continue
+        # `hertz.gap` about the disk; what cancels at its edge is far below a step of the table
+        q = 1.0 + max(outside, 0.0) / disks[k, 2]
+        root = math.sqrt((q - 1.0) * (q + 1.0))
+        gap = disks[k, 4] / math.pi * ((q * q - 2.0) * math.atan(root) + root)
+        if gap < thinnest:
+            thinnest, brightness = gap, disks[k, 3]
+    place = max(thinnest, 0.0) / excess_step
     if place >= excess.size - 1:
         return 0.0
-    return brightness * _interpolate(place, excess)
+    below = int(place)
+    return brightness * (excess[below] + (place - below) * (excess[below + 1] - excess[below]))
 
 
 @njit(cache=True, error_model="numpy")
@@ -295,19 +291,18 @@ def _is_dark(px, py, cell, disks, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def film_cells(shape, disks, outline, gaps, excess, excess_step, origin, cell, points):  # type: ignore[no-untyped-def]  # noqa: PLR0917
+def film_cells(shape, disks, outline, excess, excess_step, origin, cell, points):  # type: ignore[no-untyped-def]  # noqa: PLR0917
     """Light of contacts and of the film around them, averaged over each cell.
 
     Parameters
     ----------
     shape : (int, int)
         Rows and columns of the grid.
-    disks : ndarray, shape (n, 5)
-        x, y, radius (px), brightness, and the spacing (px) of the distances at which ``gaps`` are given.
+    disks : ndarray, shape (n, 6)
+        x, y, radius (px), brightness, ``a^2/R`` (m), and the distance (px) from the edge at which the film
+        has no excess.
     outline : ndarray, shape (n, sectors), px
         Deviation of the radius in each sector of the azimuth; the gap moves with the edge.
-    gaps : ndarray, shape (n, k), m
-        Gap at ``k`` equally spaced distances from the edge of each contact; 0 at the edge.
     excess : ndarray
         Excess at equally spaced gaps, 1 in contact.
     excess_step : float, m
@@ -324,8 +319,7 @@ def film_cells(shape, disks, outline, gaps, excess, excess_step, origin, cell, p
         Where the films of several contacts meet, the thinnest one counts.
     """
     out = np.zeros(shape)
-    reach = np.array([disks[k, 2] + outline[k].max() for k in range(disks.shape[0])])
-    reach += disks[:, 4] * (gaps.shape[1] - 1)
+    reach = np.array([disks[k, 2] + outline[k].max() + disks[k, 5] for k in range(disks.shape[0])])
     step = cell / points
     for row in range(shape[0]):
         y = origin[1] + row * cell
@@ -338,6 +332,6 @@ def film_cells(shape, disks, outline, gaps, excess, excess_step, origin, cell, p
                 for j in range(points):
                     px = x + (j + 0.5) * step - 0.5 * cell
                     py = y + (i + 0.5) * step - 0.5 * cell
-                    total += _film_light(px, py, disks, outline, gaps, excess, excess_step)
+                    total += _film_light(px, py, disks, outline, excess, excess_step)
             out[row, column] = total / (points * points)
     return out

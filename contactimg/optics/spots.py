@@ -14,16 +14,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from contactimg.optics.coverage import cover_cells
-from contactimg.optics.film import ExcessTable, film_cells, hertz_gap
+from contactimg.optics.film import ExcessTable, film_cells
 from contactimg.optics.psf import Halo, Psf
 
 Values = NDArray[np.float64]
 Box = tuple[int, int, int, int]
 
 BLOCK_PX = 64  # largest side of a finely sampled block without margins; chosen for speed
-GAP_POINTS = 1025  # error of linear interpolation: 5e-11 m, 1e-4 of the contrast, at a = 45 um and R = 100 um
-FRINGE_CONTRAST_FRACTION = 0.05  # weaker fringes need not be resolved; sensitivity not measured
-POINTS_PER_FRINGE = 3  # chosen by hand; sensitivity not measured
+POINTS_PER_FRINGE = 1.5  # at the end of the film's table; chosen: 3 where fringes have 5 % of the contrast
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,32 +78,31 @@ class FilmSpots(Spots):
 
     Parameters
     ----------
-    gaps : ndarray, shape (n, k), m
-        Gap at equally spaced distances from each edge, which is sharp.
-    spacing_px : ndarray, shape (n,)
-        That spacing.
+    depth : ndarray, shape (n,), m
+        ``a^2/R`` of each contact, whose edge is sharp.
+    film_px : ndarray, shape (n,)
+        Distance from the edge at which the film has no excess.
     excess : ExcessTable
     fringe_px : float
-        Period of the finest fringe that shows.
+        Period of the finest fringe, at the end of the table.
     """
 
-    gaps: Values
-    spacing_px: Values
+    depth: Values
+    film_px: Values
     excess: ExcessTable
     fringe_px: float
 
     @property
     def extent_px(self) -> Values:
         """Distance from its centre beyond which the halo of each contact has ended."""
-        return super().extent_px + self.spacing_px * (GAP_POINTS - 1)
+        return super().extent_px + self.film_px
 
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
         """Mean light in each cell; where halos meet, that of the thinnest film counts."""
         return film_cells(
             shape,
-            np.column_stack([self.disks, self.spacing_px])[chosen],
+            np.column_stack([self.disks, self.depth, self.film_px])[chosen],
             self.outline_px[chosen],
-            self.gaps[chosen],
             self.excess.values,
             self.excess.step,
             (origin[0], origin[1]),
@@ -117,7 +114,7 @@ class FilmSpots(Spots):
 def surround_with_film(
     spots: Spots, *, sphere_radius: ArrayLike, pixel_size: float, excess: ExcessTable
 ) -> FilmSpots:
-    """Contacts with the gap around them tabulated.
+    """Contacts with the air film around them.
 
     Parameters
     ----------
@@ -134,18 +131,16 @@ def surround_with_film(
     """
     radius = spots.radius_px * pixel_size
     sphere = np.broadcast_to(np.asarray(sphere_radius, float), radius.shape)
-    spacing = (excess.reach(radius=radius, sphere_radius=sphere) - radius) / (GAP_POINTS - 1)
-    r = radius[:, None] + spacing[:, None] * np.arange(GAP_POINTS)
-    gaps = hertz_gap(r, radius=radius[:, None], sphere_radius=sphere[:, None])
-    slopes = np.diff(gaps, axis=1) / spacing[:, None]
-    steepest = float(slopes.max(where=gaps[:, 1:] <= excess.fades_at(FRINGE_CONTRAST_FRACTION), initial=0.0))
-    fringe = excess.light.wavelength / 2 / steepest if steepest else np.inf
+    reach = excess.reach(radius=radius, sphere_radius=sphere)
+    steepest = float(
+        np.max(reach / sphere, initial=np.finfo(float).tiny)
+    )  # the gap opens less than the sphere
     return FilmSpots(
         **vars(spots),
-        gaps=gaps,
-        spacing_px=spacing / pixel_size,
+        depth=radius**2 / sphere,
+        film_px=(reach - radius) / pixel_size,
         excess=excess,
-        fringe_px=fringe / pixel_size,
+        fringe_px=excess.light.wavelength / (2 * steepest * pixel_size),
     )
 
 
@@ -240,12 +235,16 @@ def _span(centre: Values, reach: Values, length: int) -> tuple[int, int]:
 MAX_ROUGHNESS_FRACTION = 1 / 6
 """Largest rms roughness of an edge as a fraction of the radius. Chosen by hand; sensitivity not measured."""
 
-SECTORS = 256  # of the azimuth; chosen to resolve the highest mode
-SECTORS_FOR_RATIO = 4.0
-"""Ratio of half-axes up to which 256 sectors follow an ellipse. Chosen: its radius then changes by less than
-4 % from one sector to the next."""
+SECTORS = 1024
+"""Of the azimuth. Chosen: the radius of an ellipse of a ratio of 16 changes by less than 4 % from one to the
+next."""
 
 LOWEST_MODE, HIGHEST_MODE = 2, 8  # waves around an edge: mode 0 is the radius, mode 1 the position
+
+
+def _azimuths() -> Values:
+    """Middle of each sector."""
+    return -np.pi + 2 * np.pi * (np.arange(SECTORS) + 0.5) / SECTORS
 
 
 def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Generator) -> Values:
@@ -261,7 +260,7 @@ def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Genera
 
     Returns
     -------
-    ndarray, shape (n, 256), px
+    ndarray, shape (n, `SECTORS`), px
 
     Examples
     --------
@@ -271,8 +270,8 @@ def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Genera
     """
     radius = np.asarray(radius_px, float)
     modes = np.arange(LOWEST_MODE, HIGHEST_MODE + 1)
-    angles = -np.pi + 2 * np.pi * (np.arange(SECTORS) + 0.5) / SECTORS
-    waves = np.concatenate([np.cos(modes[:, None] * angles), np.sin(modes[:, None] * angles)])
+    angles = modes[:, None] * _azimuths()
+    waves = np.concatenate([np.cos(angles), np.sin(angles)])
     amplitudes = rng.standard_normal((radius.size, len(waves))) / np.sqrt(len(modes))
     edges = radius[:, None] + np.minimum(rms_px, MAX_ROUGHNESS_FRACTION * radius)[:, None] * (
         amplitudes @ waves
@@ -297,17 +296,15 @@ def elliptic_outlines(
 
     Returns
     -------
-    ndarray, shape (n, sectors), px
-        256 sectors, or a multiple of that for long ellipses.
+    ndarray, shape (n, `SECTORS`), px
 
     Examples
     --------
-    >>> elliptic_outlines([4.0], [1.0], [0.0], outline_px=np.zeros((1, 1)))[0, [0, 64]].round(2)
+    >>> elliptic_outlines([4.0], [1.0], [0.0], outline_px=np.zeros((1, 1)))[0, [0, 256]].round(2)
     array([ 2., -1.])
     """
     a, b, turn = (np.asarray(values, float)[:, None] for values in (semi_major_px, semi_minor_px, angle))
-    sectors = SECTORS * int(np.ceil(np.max(a / b, initial=1.0) / SECTORS_FOR_RATIO))
-    azimuth = -np.pi + 2 * np.pi * (np.arange(sectors) + 0.5) / sectors - turn
+    azimuth = _azimuths() - turn
     edges, radius = a * b / np.hypot(b * np.cos(azimuth), a * np.sin(azimuth)), np.sqrt(a * b)
     on_circle = np.arctan2(a * np.sin(azimuth), b * np.cos(azimuth))  # where the point lay before stretching
     sector = ((on_circle + np.pi) / (2 * np.pi) * outline_px.shape[1]).astype(np.intp) % outline_px.shape[1]

@@ -156,7 +156,6 @@ def edge_light(radius: float, *, sphere_radius: float, opening: float, excess: E
 
 
 def _gap(distance: Values, radius: float, sphere_radius: float, opening: float) -> Values:
-    """Gap at distances outside the edge."""
     r = radius + distance
     angle = np.arctan(np.sqrt(distance * (r + radius)) / radius)  # acos(a/r) without cancellation
     return (

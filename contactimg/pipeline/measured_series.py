@@ -35,14 +35,13 @@ from contactimg.pose import Pose
 from contactimg.pose.apex import STATED, Apex, find_apex, find_centre
 from contactimg.pose.fit import (
     LARGEST_TURN_RAD,
-    LEAST_VOTING_POINTS,
     SIGNIFICANT_FRACTION,
     PoseFit,
     common_shift,
     fit_pose,
     search_everywhere,
 )
-from contactimg.pose.pairs import PAIRING_FRACTION, pair_points, pairing_distance
+from contactimg.pose.pairs import FEWEST_CONTACTS, PAIRING_FRACTION, pair_points, pairing_distance
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
 from contactimg.timings import stage
@@ -209,7 +208,7 @@ def locate_frames(
     asperity, reach = np.full(len(located), -1), pairing_distance(targets, pose)
     for rows in contacts.groupby("frame").indices.values():
         i, j, _ = pair_points(points[rows], targets, max_distance=reach)
-        if len(i) < MATCHED_FRACTION * len(rows) and len(rows) >= LEAST_VOTING_POINTS:
+        if len(i) < MATCHED_FRACTION * len(rows) and len(rows) >= FEWEST_CONTACTS:
             shift = common_shift(points[rows], targets, near=reach, far=reach / PAIRING_FRACTION)
             moved = pair_points(points[rows] - shift, targets, max_distance=reach)
             i, j, _ = moved if len(moved[0]) >= MATCHED_FRACTION * len(rows) else (i, j, _)
@@ -249,7 +248,7 @@ def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit) -> Run:
                     f"only {found} of {count} contacts fall on an asperity: check the asperity table, "
                     "[camera] pixel_size_m and centre_m, and [indenter] apex_m"
                 )
-            if found < SIGNIFICANT_FRACTION * count and count >= LEAST_VOTING_POINTS:
+            if found < SIGNIFICANT_FRACTION * count and count >= FEWEST_CONTACTS:
                 lost[name] = ""
         frames = _noted(_noted(frames, few), lost, Status.NO_POSE)
     return replace(run, contacts=located, frames=frames, pose=pose)

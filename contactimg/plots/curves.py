@@ -1,4 +1,4 @@
-"""Figures of an analysis over the surface: pressure profiles, contact laws, topography."""
+"""Figures of an analysis over the surface: pressure profiles, contact laws, topography, shear."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,6 +6,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
+from matplotlib.ticker import MaxNLocator
 
 from contactimg.analysis.power_laws import BrokenLaw
 from contactimg.analysis.topography import Topography
@@ -152,4 +156,41 @@ def plot_topography(table: pd.DataFrame, topography: Topography, *, ax: Axes | N
         ax.plot(radius * 1e6, topography.slope.value * radius * 1e6, color="#d55e00", label=label)
     ax.legend(fontsize="small")
     ax.set(xlabel="radius of curvature R (µm)", ylabel="height h (µm)", xlim=(0, None), ylim=(0, None))
+    return ax
+
+
+def plot_sheared_areas(followed: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
+    """Plot the area of each contact against the tangential load, coloured by its size.
+
+    Parameters
+    ----------
+    followed : DataFrame
+        Columns of `contactimg.tables.FOLLOWED`; rows without contact or tangential load are not drawn. A line
+        joins the frames of a contact in the order of its tangential loads at each normal load.
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+    """
+    ax = new_axes() if ax is None else ax
+    known = followed[followed["touches"] & followed["tangential_N"].notna()]
+    known = known.assign(force=known["tangential_N"].abs() * 1e3, area=known["area_m2"] * 1e12)
+    keys = ["place"] if known.get("place", pd.Series(dtype=str)).ne("").any() else []
+    lines, sizes = [], []
+    for _, part in known.groupby([*keys, "load_N", "asperity"], dropna=False):
+        points = part.sort_values("force")[["force", "area"]].to_numpy(float)
+        lines.append(points)
+        sizes.append(float(np.sqrt(points[:, 1].max() / np.pi)))
+    if lines:
+        norm = LogNorm(min(sizes), max(*sizes, 1.001 * min(sizes)))
+        ax.add_collection(LineCollection(lines, array=sizes, cmap="viridis", norm=norm, linewidths=0.8))
+        x, y = np.concatenate(lines).T
+        ax.scatter(x, y, c=np.repeat(sizes, [len(one) for one in lines]), cmap="viridis", norm=norm, s=6)
+        scale = ax.figure.colorbar(ScalarMappable(norm, "viridis"), ax=ax, label="largest radius (µm)")
+        scale_by_decades(scale.ax, axes="y")
+        ax.autoscale()
+    scale_by_decades(ax, axes="y")
+    ax.set(xlabel="tangential load |Q| (mN)", ylabel="contact area (µm²)")
+    ax.xaxis.set_major_locator(MaxNLocator(6))
     return ax

@@ -75,5 +75,4 @@ def decimals(std: float) -> int:
 
 
 def _fixed(value: float, places: int) -> str:
-    """A number with so many decimal places."""
     return f"{round(value, places):.{max(places, 0)}f}"

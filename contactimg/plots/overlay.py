@@ -261,7 +261,6 @@ def _around(outline: Outline, gap: float, canvas: _Canvas) -> list[NDArray[np.in
 def _draw_line(
     canvas: _Canvas, points: NDArray[np.int32], dashes: tuple[float, ...], index: int, thickness: int
 ) -> None:
-    """Draw a line, dashed or not."""
     if not dashes:
         parts = [points]
     else:

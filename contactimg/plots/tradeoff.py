@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from contactimg.plots.axes import new_axes, new_figure, scale_by_decades
+from contactimg.plots.laws import MARKER_SIZE
 from contactimg.tradeoff.knobs import KNOBS
 from contactimg.tradeoff.measure import cheapest, front_of, knob_sentence
 
@@ -21,9 +22,7 @@ MARKS: tuple[tuple[int, dict[str, str], str], ...] = (
 
 # Layout, chosen by eye
 PANEL_INCHES = (4.6, 3.4)  # width and height of a panel with its key
-LABEL_FONT = 8.3  # pt, 6 pt on a page of 170 mm
 LABEL_CHARACTERS, SENTENCE_CHARACTERS = 20, 60  # in a line of the key and of a title
-NUMBER_PT = 4.0  # from a point to its number
 
 
 def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | None = None) -> Axes:
@@ -65,16 +64,16 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     if relative is not None:
         sentence = knob_sentence(title, table, relative=relative).split(";")[0]
         title += "\n" + textwrap.fill(sentence.removeprefix(f"{title}: "), SENTENCE_CHARACTERS)
-    ax.set_title(title, fontsize=LABEL_FONT, loc="left")
+    ax.set_title(title, fontsize="small", loc="left")
     key = []
     for number, (place, name) in enumerate(zip(zip(x, y, strict=True), known["setting"], strict=True), 1):
-        offset: dict[str, Any] = {"xytext": (NUMBER_PT, NUMBER_PT), "textcoords": "offset points"}
-        ax.annotate(str(number), place, fontsize=LABEL_FONT, **offset)
+        offset: dict[str, Any] = {"xytext": (MARKER_SIZE, MARKER_SIZE), "textcoords": "offset points"}
+        ax.annotate(str(number), place, fontsize="small", **offset)
         text = textwrap.fill(name, LABEL_CHARACTERS)
         key.append(Line2D([], [], linestyle="none", marker=f"${number}$", color="black", label=text))
     if key:
         beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
-        ax.legend(handles=key, fontsize=LABEL_FONT, **beside)
+        ax.legend(handles=key, fontsize="small", **beside)
     ax.margins(x=0.1, y=0.15)
     return scale_by_decades(ax, axes="x")
 

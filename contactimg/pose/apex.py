@@ -7,21 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist
 
+from contactimg.pose.pairs import FEWEST_CONTACTS, MAD_TO_STD, OUTLIER_SIGMA, ROUNDS
+
 STATED, FOUND = "stated", "found from the contacts"
 """How a pose or an apex is known."""
-
-FEWEST_CONTACTS = 10
-"""Contacts that the four terms of the gap need. Chosen: more than twice as many as terms."""
-
-OUTLIER_SIGMA = 4.0
-"""Distance from the fit, in robust standard deviations, beyond which a contact is dropped. Chosen."""
-
-MAD_TO_STD = 1.4826
-"""Theory: standard deviation over median absolute deviation of a normal distribution."""
-
-ROUNDS = 10
-"""Fits, each without the outliers of the one before and with the contacts out of view reflected about its
-centre; whole regions settle after two."""
 
 SIGNIFICANT_STDS = 3.0
 """Standard deviations by which the gap must open: 0.1 % of false alarms."""
@@ -34,10 +23,6 @@ REGION_SHARE = 0.95
 """Share of the contact area within the circle that counts as the contact region. Chosen: in random patterns
 of 200 contacts the 68 and 95 % intervals hold for whole regions; of those that lack a tenth of their width
 9 % pass, their centre two standard uncertainties off."""
-
-FARTHEST = 1.5
-"""Distance of a centre from the middle of the contacts, in that of the outermost contact, beyond which it is
-an extrapolation that is not believed. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -128,8 +113,6 @@ def find_apex(
         if not curvature < -SIGNIFICANT_STDS * curvature_std:
             return None
         centres.append(-scale * solution[1:3] / (2 * curvature))
-        if np.hypot(*centres[-1]) > FARTHEST * scale:
-            return None
         spread = MAD_TO_STD * float(np.median(np.abs(residual)))
         kept = np.abs(residual) <= OUTLIER_SIGMA * spread if spread > 0 else kept
         if in_view is not None:

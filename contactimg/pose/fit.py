@@ -15,29 +15,23 @@ from scipy.ndimage import uniform_filter
 from scipy.spatial import KDTree
 from scipy.special import bdtrc
 
-from contactimg.pose.pairs import pair_points, pairing_distance
+from contactimg.pose.pairs import (
+    FEWEST_CONTACTS,
+    MAD_TO_STD,
+    MIN_PAIRING_PX,
+    OUTLIER_SIGMA,
+    ROUNDS,
+    pair_points,
+    pairing_distance,
+)
 from contactimg.pose.pose import Pose
 
 MIN_PAIRS = 3
 """Theory: two pairs determine a similarity; a third one tests it."""
 
-OUTLIER_SIGMA = 5.0
-"""Distance of a pair, in robust standard deviations, beyond which it is dropped. Chosen by hand; sensitivity
-not measured."""
-
-MIN_REACH_PX = 0.25
-"""Lower limit of that distance: exact points have no scatter. Chosen by hand; sensitivity not measured."""
-
-MAD_TO_STD = 1.4826
-"""Theory: standard deviation over median absolute deviation of a normal distribution."""
-
-MAX_ITERATIONS = 50
-"""Rounds of pairing and fitting; the pairs usually settle after a few."""
-
-
-COMPLETE_FRACTION = 0.9
-"""The search ends with a pose that explains this fraction of the points. Chosen by hand; sensitivity not
-measured."""
+NEARLY_ALL = 0.9
+"""The search ends with a pose that explains this fraction of the points, and two poses are ambiguous if one
+explains this fraction of what the other does (a lattice). Chosen by hand; sensitivity not measured."""
 
 SIGNIFICANT_FRACTION = 0.5
 """A pose must explain this fraction of the points to replace the guess. Chosen by hand; sensitivity not
@@ -47,16 +41,9 @@ CHANCE_SIGMA = 5.0
 """False-alarm rate: a pose must exceed the matches expected by chance by this many Poisson standard
 deviations."""
 
-POINTS_PER_VOTE = 3
-"""One point in this many must agree on a shift. Chosen by hand; sensitivity not measured."""
-
-
 VOTING_POINTS = 40
 """Contacts that vote, those closest together: few turn little when the rotation is a step off. Chosen: all
 rotations of a frame of 100 contacts over 2,500 asperities then take seconds."""
-
-LEAST_VOTING_POINTS = 10
-"""Fewer contacts do not vote: by the false-alarm rate they could not be accepted anyway."""
 
 LARGEST_TURN_RAD = np.deg2rad(3.0)
 """Rotations that are tried around each of the quarter turns. Chosen: a camera that was aligned by hand."""
@@ -74,12 +61,6 @@ others."""
 
 FALSE_ALARM_RATE = 1e-6
 """Probability that a pose is accepted although asperities and contacts have nothing to do with each other."""
-
-BLOCK_REACH = 1.5 * np.sqrt(2)
-"""From the middle of a block of three by three cells to its corner, in cells; theory."""
-
-AMBIGUOUS_FRACTION = 0.8
-"""A pose is not accepted if another one explains this fraction of its matches (a lattice). Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +98,9 @@ def fit_pose(
     """Find the camera's pose from measured contacts and the asperities they belong to.
 
     The pairs are found by voting: for each rotation and scale on a grid around the guess, a histogram counts
-    the shifts between points and targets, and its fullest cell gives a candidate. Candidates are refined by
-    least squares on one-to-one pairs, those closest to the guess first, until one explains nearly all points.
+    the shifts between points and targets, and its fullest cell gives a candidate if it has more votes than
+    any before. Candidates are refined by least squares on one-to-one pairs, those closest to the guess first,
+    until one explains nearly all points.
     If no candidate is significant, the guess is kept and ``fitted`` is False.
 
     Parameters
@@ -141,19 +123,20 @@ def fit_pose(
     best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan)
     if min(len(points), len(spots)) < MIN_PAIRS:
         return best
-    tree, centre = KDTree(as_real(spots)), complex(*guess.centre)
+    tree, centre, most = KDTree(as_real(spots)), complex(*guess.centre), MIN_PAIRS - 1
     for alpha, mirrored in _grid(float(np.abs(points).max()) * guess.pixel_size, guess, gate):
         moved = alpha * oriented(points, mirrored) + centre
         pairs = KDTree(as_real(moved)).sparse_distance_matrix(
             tree, largest_shift + gate, output_type="coo_matrix"
         )
         count, shift = _vote(spots[pairs.col] - moved[pairs.row], gate)
-        if count < max(MIN_PAIRS, len(points) / POINTS_PER_VOTE):
+        if count <= most:
             continue
+        most = count
         fit = refine(points, spots, guess, (alpha, centre + shift, mirrored), gate)
         if fit.n_matched > best.n_matched:
             best = fit
-        if best.n_matched >= COMPLETE_FRACTION * len(points):
+        if best.n_matched >= NEARLY_ALL * len(points):
             break
     by_chance = best.chance + CHANCE_SIGMA * np.sqrt(best.chance)
     significant = best.n_matched >= max(MIN_PAIRS, SIGNIFICANT_FRACTION * len(points), by_chance)
@@ -192,16 +175,13 @@ def _vote(shifts: NDArray[np.complex128], cell: float) -> tuple[int, complex]:
     """Number of pairs of a point and a target that agree on a shift, and the shift on which most do."""
     if not shifts.size:
         return 0, 0j
-    low = complex(shifts.real.min(), shifts.imag.min())
-    column, row = ((shifts - low).real // cell).astype(int), ((shifts - low).imag // cell).astype(int)
-    shape = (row.max() + 1, column.max() + 1)
-    counts = (
-        np.bincount(row * shape[1] + column, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
-    )
-    smooth = uniform_filter(counts, 3, mode="constant")
-    i, j = np.unravel_index(int(smooth.argmax()), shape)
-    peak = low + cell * complex(j + 0.5, i + 0.5)
-    close = np.abs(shifts - peak) < BLOCK_REACH * cell
+    places = (as_real(shifts) // cell).astype(np.intp)
+    places -= places.min(axis=0)
+    shape = places.max(axis=0) + 1
+    numbers = np.ravel_multi_index(tuple(places.T), shape)
+    counts = np.bincount(numbers, minlength=shape.prod()).reshape(shape).astype(np.float32)
+    fullest = np.unravel_index(int(uniform_filter(counts, 3, mode="constant").argmax()), shape)
+    close = (np.abs(places - fullest) <= 1).all(axis=1)
     return int(close.sum()), complex(np.median(shifts[close].real), np.median(shifts[close].imag))
 
 
@@ -215,7 +195,7 @@ def refine(
     """Least squares on one-to-one pairs: pair and fit in turn until the pairs no longer change."""
     alpha, beta, mirrored = start
     turned, reach, pairs = oriented(points, mirrored), 2 * gate, None
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(ROUNDS):
         i, j, distance = pair_points(as_real(alpha * turned + beta), as_real(spots), max_distance=reach)
         now = (tuple(i), tuple(j))
         if now == pairs or len(i) < MIN_PAIRS:
@@ -224,7 +204,7 @@ def refine(
         design = np.column_stack([turned[i], np.ones(len(i))])
         alpha, beta = np.linalg.lstsq(design, spots[j])[0]
         robust_std = MAD_TO_STD * float(np.median(distance))
-        reach = min(gate, max(OUTLIER_SIGMA * robust_std, MIN_REACH_PX * guess.pixel_size))
+        reach = min(gate, max(OUTLIER_SIGMA * robust_std, MIN_PAIRING_PX * guess.pixel_size))
     area = np.ptp(spots.real) * np.ptp(spots.imag)
     chance = len(points) * len(spots) * np.pi * gate**2 / area if area > 0 else float(len(points))
     return PoseFit(
@@ -335,19 +315,20 @@ def _best_pose(
         for alpha, mirrored in grid
     ]
     candidates.sort(key=lambda candidate: -candidate[0])
-    fits = [
-        refine(points, spots, guess, (alpha, beta, mirrored), gate)
-        for _, beta, alpha, mirrored in candidates[:REFINED_CANDIDATES]
-    ]
-    fits.sort(key=lambda fit: -fit.n_matched)
-    best = fits[0]
+    starts = [(alpha, beta, mirrored) for _, beta, alpha, mirrored in candidates[:REFINED_CANDIDATES]]
+    fits = [refine(points, spots, guess, start, gate) for start in starts]
+    best, (alpha, beta, mirrored) = max(zip(fits, starts, strict=True), key=lambda pair: pair[0].n_matched)
     area = np.ptp(spots.real) * np.ptp(spots.imag)
     trials = max(area / gate**2, 1.0) * len(grid)
     chance = min(best.chance / len(points), 1.0)
     if bdtrc(best.n_matched - 1, len(points), chance) * trials > FALSE_ALARM_RATE:
         return None
-    others = [fit for fit in fits[1:] if _differs(fit.pose, best.pose, gate)]
-    if any(fit.n_matched > AMBIGUOUS_FRACTION * best.n_matched for fit in others):
+    # on a lattice another shift explains as much
+    shifts = (spots - alpha * oriented(middle, mirrored)[:, None]).ravel()
+    _, other = _vote(shifts[np.abs(shifts - beta) > 2 * gate], gate)
+    fits.append(refine(points, spots, guess, (alpha, other, mirrored), gate))
+    others = [fit for fit in fits if _differs(fit.pose, best.pose, gate)]
+    if any(fit.n_matched > NEARLY_ALL * best.n_matched for fit in others):
         return None
     return replace(best, fitted=True)
 
@@ -357,7 +338,7 @@ def _voters(
 ) -> tuple[NDArray[np.complex128], list[tuple[complex, bool]]]:
     """Points that vote, and what they vote on; nothing if there are too few of them."""
     ranked = points[np.argsort(np.abs(points - _densest(points)))]
-    for count in range(min(VOTING_POINTS, len(points)), LEAST_VOTING_POINTS - 1, -5):
+    for count in range(min(VOTING_POINTS, len(points)), FEWEST_CONTACTS - 1, -5):
         reach = float(np.abs(ranked[:count] - ranked[:count].mean()).max()) * guess.pixel_size
         grid = list(_grid(reach, guess, gate, quarter_turns))
         if len(grid) <= MOST_VOTES:

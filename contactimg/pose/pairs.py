@@ -12,7 +12,21 @@ PAIRING_FRACTION = 0.15
 """Pairing distance over the median spacing of the targets. Chosen by hand; sensitivity not measured."""
 
 MIN_PAIRING_PX = 2.0
-"""Lower limit of the pairing distance. Chosen by hand; sensitivity not measured."""
+"""Lower limit of the pairing distance, and of that beyond which a pair is an outlier: exact points have no
+scatter. Chosen by hand; sensitivity not measured."""
+
+OUTLIER_SIGMA = 4.0
+"""Distance from a fit, in robust standard deviations, beyond which a contact is dropped. Chosen."""
+
+MAD_TO_STD = 1.4826
+"""Theory: standard deviation over median absolute deviation of a normal distribution."""
+
+ROUNDS = 20
+"""Most fits, each without the outliers of the one before; usually nothing changes after a few."""
+
+FEWEST_CONTACTS = 10
+"""Fewer contacts show neither where the camera looks, which the false-alarm rate would not accept, nor where
+the apex is: the gap below the lens has four terms."""
 
 
 def pair_points(

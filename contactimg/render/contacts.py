@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import InputError
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import RenderSettings, lamp
-from contactimg.optics.spots import Spots, elliptic_outlines, rough_outlines, surround_with_film
+from contactimg.optics.spots import SECTORS, Spots, elliptic_outlines, rough_outlines, surround_with_film
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
@@ -130,9 +130,8 @@ def _with_ellipses(outline_px: Values, truth: pd.DataFrame) -> Values:
     if not chosen.size:
         return outline_px
     axes = truth.iloc[chosen][ELLIPSE_COLUMNS].to_numpy(float).T
-    stretched = elliptic_outlines(*axes, outline_px=outline_px[chosen])
-    result = np.repeat(outline_px, stretched.shape[1] // outline_px.shape[1], axis=1)
-    result[chosen] = stretched
+    result = np.repeat(outline_px, SECTORS // outline_px.shape[1], axis=1)
+    result[chosen] = elliptic_outlines(*axes, outline_px=outline_px[chosen])
     return result
 
 

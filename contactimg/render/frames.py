@@ -5,7 +5,9 @@
 with the vignetting V, the surface texture T, the dust D, and the light C of the contacts.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -95,13 +97,8 @@ def render_contacts(
     >>> shot.frame.image.dtype, shot.frame.shape, float(shot.contacts["x_px"][0] - shot.shift_x_px)
     (dtype('uint8'), (60, 80), 30.0)
     """
-    settings = read_render_settings(scene)
-    simulate = settings.simulate
-    streams = [np.random.default_rng(seed) for seed in rng.integers(2**63, size=4)]
-    shift = _draw_shift(settings, streams[0])
-    truth = place_contacts(contacts, scene, shape=simulate.shape, shift_px=shift)
-    spots = contact_spots(truth, scene, settings, sphere_radius=sphere_radius, rng=streams[1])
-    return Rendered(_render(spots, settings, shift, streams[2:], name), truth, *shift)
+    spots_of = partial(contact_spots, sphere_radius=sphere_radius)
+    return _render(contacts, scene, rng, name, spots_of)
 
 
 def render_frame(
@@ -192,31 +189,29 @@ def render_smooth_contact(
     >>> int(shot.frame.image[90, 100]), float(shot.contacts["radius_m"][0]) * 1e3
     (180, 1.4312)
     """
-    settings = read_render_settings(scene)
-    streams = [np.random.default_rng(seed) for seed in rng.integers(2**63, size=4)]
-    shift = _draw_shift(settings, streams[0])
-    contact = smooth_contact(load, scene, name=name)
-    truth = place_contacts(contact, scene, shape=settings.simulate.shape, shift_px=shift)
-    spots = smooth_contact_spot(truth, scene, settings, rng=streams[1])
-    return Rendered(_render(spots, settings, shift, streams[2:], name), truth, *shift)
+    return _render(smooth_contact(load, scene, name=name), scene, rng, name, smooth_contact_spot)
 
 
 @stage("rendering")
 def _render(
-    spots: Spots,
-    settings: RenderSettings,
-    shift: Shift,
-    streams: list[np.random.Generator],
+    contacts: pd.DataFrame,
+    scene: Scene,
+    rng: np.random.Generator,
     name: str,
-) -> Frame:
-    """The frame of spots of light; ``streams`` for shot noise and read noise."""
-    simulate = settings.simulate
+    spots_of: Callable[..., Spots],
+) -> Rendered:
+    """The frame of contacts, which ``spots_of`` turns into spots of light, with the truth."""
+    settings = read_render_settings(scene)
+    simulate, streams = settings.simulate, [np.random.default_rng(k) for k in rng.integers(2**63, size=4)]
+    shift = _draw_shift(settings, streams[0])
+    truth = place_contacts(contacts, scene, shape=simulate.shape, shift_px=shift)
+    spots = spots_of(truth, scene, settings, rng=streams[1])
     psf, halo = point_spread(settings)
     light = spots_image(spots, shape=simulate.shape, psf=psf, halo=halo)
     drift = 1 + simulate.light_drift if "light_drift" in settings.effects else 1.0
     levels = drift * _background_levels(settings, psf, shift)
     levels *= 1 + simulate.contrast_levels / simulate.background_levels * light
-    return _record(levels, settings, streams[0], streams[1], name)
+    return Rendered(_record(levels, settings, streams[2], streams[3], name), truth, *shift)
 
 
 def _draw_shift(settings: RenderSettings, rng: np.random.Generator) -> Shift:

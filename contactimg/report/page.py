@@ -50,7 +50,6 @@ JPEG_QUALITY = 82
 as it is and other formats without compression."""
 LEAST_WIDTH_PX = 480
 """Pictures are not made narrower. Chosen: the screen of a phone."""
-ATTEMPTS = 4
 
 
 @dataclass(frozen=True)
@@ -286,14 +285,12 @@ def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def _flag_counts(contacts: pd.DataFrame) -> list[tuple[str, int, float]]:
-    """Flags that occur, and the number and the share of the contacts that carry each."""
     values = contacts["flags"].to_numpy(np.int64)
     counts = {str(flag.name): int(np.count_nonzero(values & int(flag))) for flag in Flag}
     return [(name, count, count / len(values)) for name, count in counts.items() if count]
 
 
 def _rejected_counts(folder: Path) -> list[tuple[str, int]]:
-    """Reasons of rejection and the number of candidates rejected for each."""
     counts = read_run_table(folder, REJECTED, optional=True).groupby("reason").size()
     return [(str(reason), int(count)) for reason, count in counts.items()]
 
@@ -325,9 +322,7 @@ def embed_picture(path: Path, *, caption: str, most_bytes: int) -> Picture:
     except OSError as error:
         raise InputError(f"{path}: cannot be read as an image ({error})") from None
     width, content = image.width, _as_jpeg(image)
-    for _ in range(ATTEMPTS):
-        if len(content) <= most_bytes or width <= LEAST_WIDTH_PX:
-            break
+    while len(content) > most_bytes and width > LEAST_WIDTH_PX:
         width = max(LEAST_WIDTH_PX, int(0.95 * width * (most_bytes / len(content)) ** 0.5))
         height = round(image.height * width / image.width)
         content = _as_jpeg(image.resize((width, height), Image.Resampling.LANCZOS))

@@ -13,8 +13,9 @@ logger = logging.getLogger(__name__)
 
 Work = Callable[[Callable[[], None]], Any]
 """A job is called with a function that it calls once a frame, and returns what the page is told."""
-SECONDS_TO_END = 20.0
-"""Time that a cancelled job is given to end. Chosen: longer than a frame takes."""
+SECONDS = 30.0
+"""Time that a request may take to arrive, and that answers and a cancelled job have to end when the server is
+closed. Chosen: longer than a frame takes."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class Jobs:
     def close(self) -> None:
         """End the job that runs."""
         self.cancel()
-        self.wait(SECONDS_TO_END)
+        self.wait(SECONDS)
 
     def _work(self) -> None:
         while True:

@@ -21,6 +21,7 @@ from typing import Any
 
 from contactimg.errors import ContactimgError, InputError
 from contactimg.review.frame_view import LIGHT_TOP
+from contactimg.review.jobs import SECONDS
 from contactimg.review.session import TABLES, Session
 from contactimg.tables import EDITS, Flag
 from contactimg.tables.outlines import kind_of_rejected, kinds_of_contacts
@@ -30,10 +31,6 @@ logger = logging.getLogger(__name__)
 ADDRESS = "127.0.0.1"
 LARGEST_BODY = 2**20
 """Most bytes of a request. Chosen: a mask of 10,000 corners."""
-SECONDS = 30.0
-"""Time that a request may take to arrive, and answers to be made when the server is closed."""
-LONGEST_TEXT = 100_000
-"""Characters of a text in an edit. Chosen: a mask of 10,000 corners."""
 PAGE_FILES = {
     "": ("page.html", "text/html; charset=utf-8"),
     "page.js": ("page.js", "text/javascript; charset=utf-8"),
@@ -105,7 +102,7 @@ class ReviewServer(ThreadingHTTPServer):
 
     @contextmanager
     def answering(self) -> Iterator[bool]:
-        """While a request is answered; False if the server is being closed."""
+        """Count a request while it is answered; the context is False if the server is being closed."""
         with self._idle:
             self._answering += 1
         try:
@@ -260,8 +257,9 @@ def answer_get(session: Session, path: str) -> Answer | None:
             "light_top": LIGHT_TOP,
         }
         return Answer.of(session.record() | fixed)
-    if path.startswith("tables/") and path.removeprefix("tables/") in TABLES:
-        return Answer(session.tables().text(path.removeprefix("tables/")), "text/csv; charset=utf-8")
+    table = re.fullmatch(r"tables/([a-z]+)\.csv", path)
+    if table is not None and table[1] in TABLES:
+        return Answer(session.tables().text(table[1]), "text/csv; charset=utf-8")
     match = re.fullmatch(r"frames/(\d{1,7})/([a-z]+)(?:/(\d{1,9}))?\.(?:json|png)", path)
     if match is None or int(match[1]) >= len(session.sources):
         return None
@@ -322,7 +320,7 @@ def _edit(row: dict[str, Any]) -> dict[str, Any]:
             edit[name] = math.nan if value is None else float(value)
         else:
             edit[name] = value or ""
-            if not isinstance(edit[name], str) or len(edit[name]) > LONGEST_TEXT or "\0" in edit[name]:
+            if not isinstance(edit[name], str) or "\0" in edit[name]:
                 raise InputError(f"{name} must be text")
     return edit
 

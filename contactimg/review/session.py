@@ -38,13 +38,8 @@ from contactimg.tables import CONTACTS, EDITS, FRAMES, OUTLINES, REJECTED, Schem
 KEPT_FRAMES = 4
 """Prepared frames and pictures kept in memory. Chosen: going back and forth between two or three."""
 
-TABLES: dict[str, Schema] = {
-    "contacts.csv": CONTACTS,
-    "frames.csv": FRAMES,
-    "rejected.csv": REJECTED,
-    "outlines.csv": OUTLINES,
-}
-"""Files that the page may read from the folder of a run."""
+TABLES: dict[str, Schema] = {schema.name: schema for schema in (CONTACTS, FRAMES, REJECTED, OUTLINES)}
+"""Tables that the page may read from the folder of a run."""
 CONTACT_COLUMNS = (
     "label", "x_px", "y_px", "radius_px", "radius_std_px", "flags", "shape", "semi_major_px", "semi_minor_px",
     "angle_rad", "area_m2", "force_N", "force_std_N", "x_m", "y_m", "asperity",
@@ -60,17 +55,16 @@ class ShownTables:
     Parameters
     ----------
     tables : dict
-        Name of a file of `TABLES` -> its table.
+        Name in `TABLES` -> the table.
     folder : Path or None
         Folder that holds the files.
     """
 
     def __init__(self, tables: dict[str, pd.DataFrame], folder: Path | None = None) -> None:
-        self.folder, self._frames = folder, tables["frames.csv"]
+        self.folder, self._frames = folder, tables["frames"]
         self._parts = {
             name: {str(frame): part for frame, part in table.groupby("frame", sort=False)}
             for name, table in tables.items()
-            if name != "frames.csv"
         }
 
     @classmethod
@@ -79,9 +73,9 @@ class ShownTables:
         read = {
             name: read_run_table(folder, schema, infinite=True, optional=True)
             for name, schema in TABLES.items()
-            if schema.name not in known
+            if name not in known
         }
-        return cls(read | {f"{name}.csv": table for name, table in known.items()}, folder)
+        return cls(read | known, folder)
 
     def rows(self, name: str, frame: str) -> pd.DataFrame:
         """The rows of a table that are about one frame."""
@@ -91,11 +85,11 @@ class ShownTables:
     def of_frame(self, frame: str) -> dict[str, Any]:
         """Contacts, rejected candidates, outlines and the row of one frame, for the page."""
         lines: dict[str, list[Any]] = {}
-        for (label, _), part in self.rows("outlines.csv", frame).groupby(["label", "outline"]):
+        for (label, _), part in self.rows("outlines", frame).groupby(["label", "outline"]):
             lines.setdefault(str(label), []).append(part[["x_px", "y_px"]].to_numpy(float).tolist())
-        contacts, rejected = (self.rows(name, frame) for name in ("contacts.csv", "rejected.csv"))
+        contacts, rejected = (self.rows(name, frame) for name in ("contacts", "rejected"))
         return {
-            "row": next(iter(plain_rows(self._frames[self._frames["frame"] == frame])), None),
+            "row": next(iter(plain_rows(self.rows("frames", frame))), None),
             "contacts": _plain(contacts[list(CONTACT_COLUMNS)]).to_dict("list"),
             "rejected": _plain(rejected.drop(columns="frame")).to_dict("list"),
             "outlines": lines,
@@ -109,7 +103,7 @@ class ShownTables:
 
     def text(self, name: str) -> bytes:
         """The file of a table; empty if the run has none."""
-        path = None if self.folder is None else self.folder / name
+        path = None if self.folder is None else self.folder / f"{name}.csv"
         return path.read_bytes() if path is not None and path.exists() else b""
 
 
@@ -229,7 +223,7 @@ class Session:
             return self._known[1]
 
     def tables(self) -> ShownTables:
-        """Those of the run, or of the last time it was measured again."""
+        """The tables of the run, or of the last time it was measured again."""
         with self._lock:
             return self._measured.tables
 
@@ -252,10 +246,10 @@ class Session:
     def window(self, number: int, label: int) -> dict[str, Any]:
         """Pixels and model of a contact that the page shows."""
         name, tables = self.sources[number].name, self.tables()
-        contacts = tables.rows("contacts.csv", name)
+        contacts = tables.rows("contacts", name)
         if label not in set(contacts["label"]):
             raise InputError(f"{name}: has no contact {label}")
-        return self.view(number).window(contacts, tables.rows("outlines.csv", name), label)
+        return self.view(number).window(contacts, tables.rows("outlines", name), label)
 
     def view(self, number: int) -> FrameView:
         """A frame prepared for closer looks, with the masks as they are now."""

@@ -276,7 +276,7 @@ class Effects(Section):
         return {name: getattr(self, name) for name in type(self).model_fields if name != "model"}
 
     def switched_off(self, *names: str) -> frozenset[str]:
-        """Those of the named effects that are "off"."""
+        """The named effects that are "off"."""
         return frozenset(name for name in names if getattr(self, name) == "off")
 
 

@@ -195,7 +195,6 @@ def _refuse_overlaps(r: Values, a: Values) -> None:
 
 
 def _factor(C: Values) -> Any:
-    """Cholesky factor of the compliance."""
     try:
         return cho_factor(C)
     except np.linalg.LinAlgError:
@@ -213,7 +212,6 @@ def _per_contact(name: str, values: ArrayLike, C: Values) -> Values:
 
 
 def _poisson_ratio(value: float) -> float:
-    """Poisson's ratio between -1 and 0.5."""
     nu = finite_number(value, "poisson_ratio", "1")
     if not -1 < nu <= 0.5:
         raise InputError(f"poisson_ratio must be above -1 and at most 0.5, got {nu!r}")
@@ -221,7 +219,6 @@ def _poisson_ratio(value: float) -> float:
 
 
 def _positive(name: str, value: float, unit: str) -> float:
-    """A positive finite number."""
     number = finite_number(value, name, unit)
     if not number > 0:
         raise InputError(f"{name} must be positive, got {number!r} {unit}")

@@ -1,5 +1,6 @@
 """The surface that the asperities stand on, and the noise of the heights."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,21 +13,20 @@ Values = NDArray[np.float64]
 Form = Literal["none", "plane", "sphere"]
 
 TILES = 16
-"""Tiles along each side from which the base is first guessed. Chosen: 8 to 32 give the same base."""
+"""Tiles along each side from which the base is first guessed, so that a map needs as many rows and columns.
+Chosen: 8 to 32 give the same base."""
 
-LOW_QUANTILE = 0.1
-"""Quantile of the heights of a tile that stands for its base at first. Chosen: the base need only be
-seen on this share of most tiles."""
+ROUNDS = 12
+"""Rounds of a fit, whose pixels are chosen anew in each. Chosen: 6 suffice on caps with noise, and those of a
+base no longer change then."""
 
-ROUNDS = 30
-"""Most rounds of the fit to the pixels of the base; it stops once they no longer change."""
+SIGMAS = 3.0
+"""Standard deviations within which pixels belong to the base, and two fits are of one sphere. Theory: 0.3 %
+are missed."""
 
-BASE_SIGMAS = 3.0
-"""Pixels within so many standard deviations belong to the base. Theory: 0.3 % of them are missed."""
-
-MIN_BASE_SHARE = 0.05
+BASE_SHARE = 0.05
 """Share of the pixels that a base must hold. Chosen: among caps that leave less, heights refer to the mean
-surface, and the result says so."""
+surface, and the result says so. The quantile of this share stands for the base of a tile at first."""
 
 ROUGHEST = 200.0
 """Standard deviation of a base over the noise of its pixels above which it is a rough surface without base.
@@ -40,12 +40,6 @@ MOST_BINS = 20_000
 
 MAD_TO_STD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation. Theory."""
-
-NARROWING = 0.9866
-"""Standard deviation of a normal distribution cut off at `BASE_SIGMAS`. Theory."""
-
-MIN_SIDE_PX = 16
-"""Fewest rows and columns of a map. Chosen: a cap and the base around it need about ten; not sensitive."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +56,7 @@ class HeightMap:
     Raises
     ------
     InputError
-        If the heights are no matrix of at least `MIN_SIDE_PX` rows and columns, none is finite, or a pixel
+        If the heights are no matrix of at least `TILES` rows and columns, none is finite, or a pixel
         size is not positive.
     """
 
@@ -71,10 +65,9 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         shape = np.shape(self.heights)
-        if len(shape) != 2 or min(shape) < MIN_SIDE_PX:
+        if len(shape) != 2 or min(shape) < TILES:
             raise InputError(
-                f"a height map must be a matrix of at least {MIN_SIDE_PX} rows and columns, got the shape "
-                f"{shape}"
+                f"a height map must be a matrix of at least {TILES} rows and columns, got the shape {shape}"
             )
         if not np.isfinite(self.heights).any():
             raise InputError("the height map holds no finite height")
@@ -139,11 +132,11 @@ def fit_base(surface: HeightMap, form: Form) -> Base:
     for _ in range(ROUNDS):
         rest = heights - _form(terms, coefficients)
         level, width = _lower_mode(rest[finite], noise)
-        before, on_base = on_base, finite & (np.abs(rest - level) < BASE_SIGMAS * width)
+        before, on_base = on_base, finite & (np.abs(rest - level) < SIGMAS * width)
         if on_base.sum() <= 3 * len(terms) or np.array_equal(before, on_base):
             break
         coefficients = _least_squares(heights, terms, on_base)
-    if on_base.sum() >= MIN_BASE_SHARE * finite.sum():
+    if on_base.sum() >= BASE_SHARE * finite.sum():
         base = _through(surface, terms, on_base)
         if base.noise <= max(ROUGHEST * noise, FLATTEST * float(np.ptp(heights[finite]))):
             return base
@@ -154,17 +147,16 @@ def fit_base(surface: HeightMap, form: Form) -> Base:
 def refit_base(surface: HeightMap, form: Form, base: Base, asperities: NDArray[np.bool_]) -> Base:
     """The base through the pixels that no asperity touches: their feet lie within the noise of the base."""
     rest = surface.heights - base.heights
-    outside = ~asperities & (np.abs(rest) < BASE_SIGMAS * base.noise)
-    if not base.seen or outside.sum() < MIN_BASE_SHARE / 2 * outside.size:
+    outside = ~asperities & (np.abs(rest) < SIGMAS * base.noise)
+    if not base.seen or outside.sum() < BASE_SHARE / 2 * outside.size:
         return base
     return _through(surface, _terms(surface, form), outside)
 
 
 def _through(surface: HeightMap, terms: Values, on_base: NDArray[np.bool_]) -> Base:
-    """The base through some pixels."""
     heights = _form(terms, _least_squares(surface.heights, terms, on_base))
     rest = np.where(on_base, surface.heights - heights, np.nan)
-    return Base(heights, _waviness(rest), float(np.nanstd(rest)) / NARROWING, seen=True)
+    return Base(heights, _waviness(rest), float(np.nanstd(rest)), seen=True)
 
 
 def pixel_noise(heights: Values) -> float:
@@ -173,8 +165,7 @@ def pixel_noise(heights: Values) -> float:
     The second difference along a row, and of that along a column, leaves of a smooth surface only its fourth
     derivatives; of white noise it leaves 6 times the standard deviation.
     """
-    second = heights[:, 2:] - 2 * heights[:, 1:-1] + heights[:, :-2]
-    fourth = second[2:] - 2 * second[1:-1] + second[:-2]
+    fourth = np.diff(np.diff(heights, 2, axis=1), 2, axis=0)
     values = fourth[np.isfinite(fourth)]
     return MAD_TO_STD * float(np.median(np.abs(values))) / 6 if values.size else 0.0
 
@@ -193,7 +184,6 @@ def _form(terms: Values, coefficients: Values) -> Values:
 
 
 def _least_squares(heights: Values, terms: Values, pixels: NDArray[np.bool_]) -> Values:
-    """Coefficients of the terms over some pixels."""
     columns = terms[:, pixels]
     return _solved(columns @ columns.T, columns @ heights[pixels])
 
@@ -202,16 +192,17 @@ def _solved(design: Values, values: Values) -> Values:
     return np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
 
 
+def _tiles(values: Values) -> Iterator[Values]:
+    for band in np.array_split(values, TILES, axis=-2):
+        yield from np.array_split(band, TILES, axis=-1)
+
+
 def _first_guess(heights: Values, terms: Values) -> Values:
     """Coefficients through a low quantile of each tile, tiles that stand out left out in turn."""
-    rows, low = [], []
-    for i in np.array_split(np.arange(heights.shape[0]), TILES):
-        for j in np.array_split(np.arange(heights.shape[1]), TILES):
-            tile = np.ix_(i, j)
-            if i.size and j.size and np.isfinite(heights[tile]).any():
-                rows.append(terms[:, tile[0], tile[1]].mean(axis=(1, 2)))
-                low.append(np.nanquantile(heights[tile], LOW_QUANTILE))
-    design, values = np.array(rows), np.array(low)
+    tiles = zip(_tiles(terms), _tiles(heights), strict=True)
+    known = [(part, tile) for part, tile in tiles if np.isfinite(tile).any()]
+    design = np.array([part.mean(axis=(1, 2)) for part, _ in known])
+    values = np.array([np.nanquantile(tile, BASE_SHARE) for _, tile in known])
     weights = np.ones_like(values)
     for _ in range(ROUNDS):  # least absolute deviations by reweighting
         coefficients = _solved(design * weights[:, None], values * weights)
@@ -241,12 +232,11 @@ def _lower_mode(values: Values, noise: float) -> tuple[float, float]:
 def _waviness(rest: Values) -> float:
     """Standard deviation of the medians of tiles of the rest of the base, m, without that of white noise."""
     medians, noise = [], []
-    for band in np.array_split(rest, TILES):
-        for tile in np.array_split(band, TILES, axis=1):
-            values = tile[np.isfinite(tile)]
-            if values.size >= 10:
-                medians.append(float(np.median(values)))
-                noise.append(np.pi / 2 * float(values.var()) / values.size)  # variance of a median
+    for tile in _tiles(rest):
+        values = tile[np.isfinite(tile)]
+        if values.size >= 10:
+            medians.append(float(np.median(values)))
+            noise.append(np.pi / 2 * float(values.var()) / values.size)  # variance of a median
     if not medians:
         return 0.0
     variance = (MAD_TO_STD * float(np.median(np.abs(medians)))) ** 2

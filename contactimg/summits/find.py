@@ -12,7 +12,7 @@ from skimage.morphology import local_maxima, reconstruction
 from skimage.segmentation import watershed
 
 from contactimg.errors import InputError
-from contactimg.summits.base import MAD_TO_STD, Base, Form, HeightMap, fit_base, refit_base
+from contactimg.summits.base import MAD_TO_STD, ROUNDS, SIGMAS, Base, Form, HeightMap, fit_base, refit_base
 from contactimg.tables import SUMMITS
 
 Values = NDArray[np.float64]
@@ -29,23 +29,12 @@ NOISE_SIGMAS = 6.0
 """How far a summit must rise above the valley to its neighbour and above the base, in standard deviations of
 the smoothed noise. Theory: of 10^7 pixels none does by chance."""
 
-DOUBT_SIGMAS = 3.0
-"""Fits to the whole and to the upper half of a patch that differ by more standard deviations say that the
-summit is no sphere. Theory: 0.3 % of spheres."""
-
 TO_THE_SUMMIT = 2.0
 """Error of the whole patch over its difference from the upper half. Theory: the next order of the form
 adds an error in proportion to the depth."""
 
-MIN_CURVATURE_SIGMAS = 4.0
-"""Least curvature over its standard uncertainty. Chosen: the radius, its inverse, has a symmetric error up to
-a quarter; not sensitive."""
-
 VALLEY_PX = 2
 """Pixels that a fit keeps away from the region of a neighbour: half the median filter of the smoothing."""
-
-FEET_PX = 4
-"""Pixels around the asperities that do not count as base. Chosen: feet are less than the smoothing wide."""
 
 TWICE = 0.5
 """Two fits whose summits are nearer than this share of the radius of their patches are one asperity."""
@@ -54,18 +43,17 @@ STEEP = np.tan(np.radians(2.0))
 """Slope of the base above which the map should be levelled first. Theory: taking a plane of slope t off
 changes radii by up to 3 t^2/2, 0.2 % at 2 degrees."""
 
-ROUNDS = 12
-"""Rounds of Gauss and Newton; pixels are chosen anew in each. Chosen: 6 suffice on caps with noise."""
-
-CLIP_SIGMAS = 4.5
-"""Pixels farther from the sphere are spikes. Theory: 1 of 150,000 pixels of normal noise."""
+RARE_SIGMAS = 4.5
+"""Standard deviations beyond which pixels are spikes, and that the curvature of a summit must exceed. Theory:
+1 of 150,000 normal values."""
 
 MIN_PIXELS = 12
 """Fewest pixels of a fit: three for each of its parameters."""
 
-LAGS = 5
-"""Distance in pixels up to which residuals may be correlated (filters and interpolation of the instrument).
-Chosen: the optics of profilometers blur over 1 to 4 px."""
+LAGS = 4
+"""Distance in pixels up to which residuals may be correlated (filters and interpolation of the instrument),
+and that of the base from asperities, whose feet the smoothing widens less. Chosen: the optics of
+profilometers blur over 1 to 4 px."""
 
 
 def sphere_heights(sphere: Values, x: Values, y: Values) -> Values:
@@ -135,7 +123,7 @@ def fit_sphere(points: Values, start: Values, *, depth: float, noise: float) -> 
         if chosen.sum() < MIN_PIXELS:
             return None
         spread = MAD_TO_STD * float(np.median(np.abs(residuals[chosen] - np.median(residuals[chosen]))))
-        chosen &= np.abs(residuals - np.median(residuals[chosen])) < CLIP_SIGMAS * max(spread, noise, 1e-300)
+        chosen &= np.abs(residuals - np.median(residuals[chosen])) < RARE_SIGMAS * max(spread, noise, 1e-300)
         if chosen.sum() < MIN_PIXELS:
             return None
         jacobian, scale = _jacobian(sphere, x[chosen], y[chosen])
@@ -273,7 +261,7 @@ def find_summits(surface: HeightMap, search: SummitSearch | None = None) -> Foun
     search = search or SummitSearch()
     base = fit_base(surface, search.form)
     labels, smoothed = _divide(surface.heights - base.heights, base, search.least_height)
-    feet = ndimage.binary_dilation(labels > 0, iterations=FEET_PX)
+    feet = ndimage.binary_dilation(labels > 0, iterations=LAGS)
     base = refit_base(surface, search.form, base, feet)
     heights = surface.heights - base.heights
     usable = np.isfinite(heights) & ~_near_neighbour(labels)
@@ -381,7 +369,7 @@ def _why_not(fit: _Fit | None, surface: HeightMap, search: SummitSearch) -> str:
     ]
     if any(beyond):
         return "summits beyond the edge of the map"
-    if not curvature > MIN_CURVATURE_SIGMAS * np.sqrt(fit.whole.covariance[3, 3] * fit.factor):
+    if not curvature > RARE_SIGMAS * np.sqrt(fit.whole.covariance[3, 3] * fit.factor):
         return "no curvature beyond the noise"
     return "lower than the least height" if height < search.least_height else ""
 
@@ -429,7 +417,7 @@ def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
     # of least squares over a part and over all, the variance of the difference is the difference of variances
     scale = (whole.scatter / half.scatter) ** 2 if half.scatter > 0 else 1.0
     spread = np.maximum(np.diag(half.covariance * scale - whole.covariance)[2:] * factor, 0.0)
-    if np.all(change**2 <= DOUBT_SIGMAS**2 * spread):
+    if np.all(change**2 <= SIGMAS**2 * spread):
         return np.zeros(2), ""
     excess = TO_THE_SUMMIT * np.sqrt(np.maximum(change**2 - spread, 0.0))
     percent = 100 * (whole.sphere[3] / half.sphere[3] - 1)
@@ -437,7 +425,6 @@ def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
 
 
 def _doubts(surface: HeightMap, base: Base, table: pd.DataFrame) -> list[str]:
-    """Warnings about the map as a whole."""
     warnings = []
     if not base.seen:
         warnings.append(

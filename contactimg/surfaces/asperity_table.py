@@ -73,7 +73,6 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
 
 
 def _checked_columns(asperities: pd.DataFrame) -> dict[str, Values]:
-    """The columns of `check_asperities`."""
     if not isinstance(asperities, pd.DataFrame):
         raise InputError(
             f"asperities must be a table (DataFrame) with columns {', '.join(ASPERITIES.first)}, "

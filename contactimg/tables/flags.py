@@ -3,60 +3,56 @@
 import enum
 from collections.abc import Iterable
 from functools import cache
+from typing import Self
 
 
 class Flag(enum.IntFlag):
     """What qualifies an accepted contact; several flags may be set at once.
 
     The column ``flags`` holds their sum; the CSV files hold their names, joined by ``|``.
+    ``cure`` says what to do about a flag.
     """
 
-    EDGE = enum.auto()
+    cure: str
+
+    def __new__(cls, value: int, cure: str = "") -> Self:
+        """A flag with what to do about it."""
+        flag = int.__new__(cls, value)
+        flag._value_, flag.cure = value, cure
+        return flag
+
+    EDGE = 1 << 0, "centre the contacts in the field of view; areas outside are not seen"
     """The contact, or its blurred rim, is cut by the border of the image or by a hole in the image."""
-    MERGED = enum.auto()
+    MERGED = 1 << 1, "look at the picture; split or merge by hand in `contactimg review`"
     """The contact touches a neighbour in the image; its radius depends on how the two were separated."""
-    SATURATED = enum.auto()
+    SATURATED = 1 << 2, "shorten the exposure"
     """Some of its pixels are at the full scale of the sensor."""
-    TOO_SMALL = enum.auto()
+    TOO_SMALL = 1 << 3, "magnify more, or leave it out of laws (`analyse --min-radius-px`)"
     """Not resolved: the radius minus its uncertainty is below the standard deviation of the blur."""
-    POOR_FIT = enum.auto()
+    POOR_FIT = 1 << 4, "look at the picture; exclude it by hand if it is no contact"
     """The pixels differ from the fitted disk by more than the noise allows, or the fit was cut off because
     the frame would have taken too long: the uncertainty then covers the area of the contact's light."""
-    BEYOND_HERTZ = enum.auto()
+    BEYOND_HERTZ = 1 << 5, "the law of the exact sphere holds further; its force is uncertain"
     """The ratio a/R of contact radius to asperity radius exceeds 0.33, the range of Hertz's law."""
-    OVERLAP = enum.auto()
+    OVERLAP = 1 << 6, "lower the load, or take areas from the measurement"
     """Two model contacts are closer than the sum of their radii: in reality they would merge."""
-    LOW_SIGNAL = enum.auto()
+    LOW_SIGNAL = 1 << 7, "take more light, or average frames"
     """The signal of the contact is close to the detection limit."""
-    NO_PLATEAU = enum.auto()
+    NO_PLATEAU = 1 << 8, "measure it in a series with larger contacts"
     """No contact of the frame is large enough to show the plateau brightness; the radius depends on the
     contrast of other frames or on an estimate, and its uncertainty includes that."""
-    DISAGREES = enum.auto()
+    DISAGREES = 1 << 9, "its uncertainty covers both; check focus and gamma if many disagree"
     """Its area by light or at half height, free of the model of the edge, differs from that of the fit by
     more than the errors; its uncertainty covers both."""
-    MANUAL = enum.auto()
+    MANUAL = 1 << 10, "nothing"
     """Added, split or merged by hand (edits.csv), then measured from the pixels like the others."""
-    BRIGHTNESS = enum.auto()
+    BRIGHTNESS = 1 << 11, "nothing, if few; else check the light"
     """Its plateau disagrees with the contrast of the frame: it is measured with its own."""
-    COUNTED = enum.auto()
+    COUNTED = 1 << 12, "nothing; its uncertainty is that of a pixel count"
     """No model describes it: its area is that of its pixels above half of its own plateau."""
 
 
-FLAG_CURES = {
-    Flag.EDGE: "centre the contacts in the field of view; areas outside are not seen",
-    Flag.MERGED: "look at the picture; split or merge by hand in `contactimg review`",
-    Flag.SATURATED: "shorten the exposure",
-    Flag.TOO_SMALL: "magnify more, or leave it out of laws (`analyse --min-radius-px`)",
-    Flag.POOR_FIT: "look at the picture; exclude it by hand if it is no contact",
-    Flag.BEYOND_HERTZ: "the law of the exact sphere holds further; its force is uncertain",
-    Flag.OVERLAP: "lower the load, or take areas from the measurement",
-    Flag.LOW_SIGNAL: "take more light, or average frames",
-    Flag.NO_PLATEAU: "measure it in a series with larger contacts",
-    Flag.DISAGREES: "its uncertainty covers both; check focus and gamma if many disagree",
-    Flag.MANUAL: "nothing",
-    Flag.BRIGHTNESS: "nothing, if few; else check the light",
-    Flag.COUNTED: "nothing; its uncertainty is that of a pixel count",
-}
+FLAG_CURES = {flag: flag.cure for flag in Flag}
 """Flag -> what to do about it."""
 
 

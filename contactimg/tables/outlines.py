@@ -123,10 +123,6 @@ CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR = "#56b4e9", "#f0
 CUT_COLOUR, TOUCHING_COLOUR = "#e69f00", "#009e73"
 """Colours of contacts that are not wholly seen, and of those that touch."""
 
-_DOUBTFUL = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU | Flag.COUNTED
-_CUT = Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL
-_TOUCHING = Flag.MERGED | Flag.OVERLAP
-
 
 @dataclass(frozen=True)
 class Kind:
@@ -163,11 +159,12 @@ def kinds_of_contacts() -> list[Kind]:
     >>> [kind.name for kind in kinds_of_contacts()]
     ['by hand', 'doubtful', 'cut or not resolved', 'touching', 'beyond Hertz', 'contact']
     """
+    doubtful = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU | Flag.COUNTED
     return [
         Kind("by hand", MANUAL_COLOUR, (), Flag.MANUAL),
-        Kind("doubtful", FLAGGED_COLOUR, (8, 4), _DOUBTFUL),
-        Kind("cut or not resolved", CUT_COLOUR, (4, 4), _CUT),
-        Kind("touching", TOUCHING_COLOUR, (14, 4), _TOUCHING),
+        Kind("doubtful", FLAGGED_COLOUR, (8, 4), doubtful),
+        Kind("cut or not resolved", CUT_COLOUR, (4, 4), Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL),
+        Kind("touching", TOUCHING_COLOUR, (14, 4), Flag.MERGED | Flag.OVERLAP),
         Kind("beyond Hertz", CONTACT_COLOUR, (6, 3), Flag.BEYOND_HERTZ),
         Kind("contact", CONTACT_COLOUR, (), Flag(0)),
     ]

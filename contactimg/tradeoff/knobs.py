@@ -210,7 +210,6 @@ def disk_change(
 
 
 def _render(scene: Scene, solution: InteractingSolution) -> Rendered:
-    """Render a frame of the contacts."""
     rng = np.random.default_rng(scene.need("simulate", "rendering a frame").seed)
     radii = solution.composite_radius[solution.touching]
     return render_contacts(solution.contacts("rendered"), scene, rng=rng, sphere_radius=radii)

@@ -305,7 +305,6 @@ def _next_digit(front: pd.DataFrame, chosen: pd.Series, relative: float) -> str:
 
 
 def _described(row: pd.Series) -> str:
-    """A setting with its error and time."""
     return f"{row['setting']} ({error_text(row['error'])}, {time_text(row['time_s'])})"
 
 

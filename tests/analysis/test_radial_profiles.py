@@ -44,15 +44,15 @@ def test_force_number_and_area_are_conserved(rng):
 
 @pytest.mark.parametrize("places", [1, 5])
 def test_an_annulus_without_contacts_has_an_upper_limit(places):
-    """Three contacts of the larger of the neighbours' mean forces at 95 %: 1.53 of them as a std."""
+    """-ln(0.05) = 3.00 contacts of the larger of the neighbours' mean forces at 95 %, over 1.96 as a std."""
     radius = np.array([0.5, 0.6, 2.5])
     table = pd.DataFrame({"x_m": radius, "y_m": 0.0, "radius_m": 0.1, "force_N": [1.0, 3.0, 0.5]})
     moments = [annulus_moments(table, centre=(0.0, 0.0), edges=np.arange(5.0))] * places
     rows = average_profile(moments, frame="f", model="measured")
     area = np.pi * np.diff(np.arange(5.0) ** 2) * places
     assert rows["pressure_Pa"].tolist()[1::2] == [0.0, 0.0]
-    assert rows["pressure_std_Pa"][1] == pytest.approx(1.53 * 2.0 / area[1])
-    assert rows["pressure_std_Pa"][3] == pytest.approx(1.53 * 0.5 / area[3])
+    assert rows["pressure_std_Pa"][1] == pytest.approx(-np.log(0.05) / 1.959964 * 2.0 / area[1])
+    assert rows["pressure_std_Pa"][3] == pytest.approx(-np.log(0.05) / 1.959964 * 0.5 / area[3])
     # the interval of 95 % ends at -ln(0.025) contacts, of the forces' weighted mean 10/4 N and of 0.5 N
     assert rows["pressure_low_Pa"].tolist()[1::2] == [0.0, 0.0]
     assert rows["pressure_high_Pa"][1] == pytest.approx(-np.log(0.025) * 2.5 / area[1])

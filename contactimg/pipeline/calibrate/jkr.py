@@ -28,7 +28,7 @@ from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.numbers import number_with_interval
-from contactimg.pose.fit import MAD_TO_STD
+from contactimg.pose.pairs import MAD_TO_STD
 from contactimg.scene import Scene
 from contactimg.tables import CIRCLES, Schema, Status
 
