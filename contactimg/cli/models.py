@@ -6,7 +6,7 @@ import click
 
 from contactimg import files, pipeline, tables
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, progress, say
+from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, say
 from contactimg.cli.scenes import scene_at
 from contactimg.scene import Effects
 from contactimg.timings import stage
@@ -122,7 +122,7 @@ def simulate(
     described, inputs = scene_at(scene, {})
     smooth = described.asperities is None
     asperities = None if smooth else pipeline.need_asperities(described, "simulating frames")
-    count = 1 + len(described.need("simulate", "simulating frames").loads)
+    count = len(described.need("simulate", "simulating frames").loads)
     planned, plans = pipeline.plan_simulation(described, asperities)
     with shared.results_in(
         output, described.folder, described, inputs, main_files=["truth.csv", "scene.toml"]
@@ -131,14 +131,13 @@ def simulate(
         out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in plans}
         switches = planned.effects.switches()
         out.record["effects"] = switches
-        with progress("making frames", count) as advance:
-            pipeline.write_simulation(planned, asperities, out.folder, workers=workers, advance=advance)
+        pipeline.write_simulation(planned, asperities, out.folder, workers=workers)
         shown, left_out = ([one for one, switch in switches.items() if switch == on] for on in ("on", "off"))
         sensor = {"shot_noise", "read_noise", "quantisation"} <= set(left_out)
         ideal = "; the frames are floating-point numbers without noise" if sensor else ""
         said = f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}{ideal}"
         say(*(plan.sentence() for plan in plans), said)
-        say(f"{count - 1} frames and the true contacts")
+        say(f"{count} frames and the true contacts")
 
 
 # --- effects
@@ -227,24 +226,14 @@ def tradeoff(
     knobs
         Measure only this choice; repeat the option for more.  [default: all that apply to the scene]
     """
-    from contactimg.tradeoff.measure import run_knobs
-
     described, inputs = scene_at(scene, stated)
-    chosen, left_out = pipeline.prepare_tradeoff(described, load=load, knobs=knobs)
     with shared.results_in(output, described.folder, described, inputs) as out:
-        count = sum(len(knob.settings) for knob in chosen)
-        with progress("measuring settings", count) as advance, stage("settings"):
-            result = run_knobs(
-                chosen,
-                relative=described.tolerance.relative,
-                seconds=pipeline.REPETITION_SECONDS,
-                left_out=left_out,
-                advance=advance,
-            )
+        with stage("settings"):
+            result = pipeline.measure_tradeoff(described, load=load, knobs=knobs)
         pipeline.write_tradeoff(result, out.folder)
         out.record["sentences"] = result.sentences
         echo_tradeoff(result.table)
-        say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in left_out.items()))
+        say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in result.left_out.items()))
 
 
 # --- selftest
@@ -267,10 +256,9 @@ def selftest() -> int:
     Example:
       contactimg selftest
     """
-    from contactimg.hard_cases import CASES, run_cases
+    from contactimg.hard_cases import run_cases
 
-    with progress("solving", len(CASES)) as advance:
-        table = run_cases(CASES, advance)
+    table = run_cases()
     rows = [
         {
             "case": row["case"],

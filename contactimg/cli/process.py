@@ -9,7 +9,7 @@ import click
 
 from contactimg import files, pipeline, plots, tables
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_first_run, echo_frames, echo_table, progress, say
+from contactimg.cli.printing import echo_first_run, echo_frames, echo_table, say
 from contactimg.cli.scenes import describe_use, refuse_idle, scene_of_folder
 from contactimg.errors import InputError
 
@@ -98,15 +98,10 @@ def process(
             main_files=files.RUN_TABLES,
             then="overlay" if predictable else "",
         ) as out:
-            count = len(experiment.frames)
-            with progress("measuring frames", count) as advance:
-                store = out.part_store()
-                series = pipeline.measure_parts(experiment, workers=workers, advance=advance, store=store)
+            series = pipeline.measure_parts(experiment, workers=workers, store=out.part_store())
             frames, facts = pipeline.write_run(series, out.folder, table_format)
             if pictures:
-                overlays = out.folder / "overlays"
-                with progress("drawing overlays", count) as advance:
-                    pipeline.draw_overlays(series, experiment, overlays, workers=workers, advance=advance)
+                pipeline.draw_overlays(series, experiment, out.folder / "overlays", workers=workers)
             counts = {str(action): int(n) for action, n in experiment.edits["action"].value_counts().items()}
             out.record |= facts | ({"edits": counts} if counts else {})
             title = f"{folder}, method {described.measure.method}"
@@ -217,8 +212,7 @@ def check(
     echo_first_run()
     main_files = ["check.csv", "drawn.csv"]
     with shared.results_in(output, folder, experiment.scene, experiment.inputs, main_files=main_files) as out:
-        with progress("checking frames", len(experiment.frames)) as advance:
-            result = pipeline.check_experiment(experiment, seed=seed, workers=workers, advance=advance)
+        result = pipeline.check_experiment(experiment, seed=seed, workers=workers)
         files.write_table(result.classes, tables.CHECK, out.folder / "check.csv")
         files.write_table(result.drawn, tables.DRAWN, out.folder / "drawn.csv")
         shown = plots.plot_check(result.drawn, result.classes)

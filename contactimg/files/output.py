@@ -584,7 +584,7 @@ class PartStore:
         *,
         workers: int | None,
         lost: Callable[..., Result],
-        said: str = "",
+        shown: str = "",
     ) -> Iterator[Result]:
         """Results of a function in order: from their part where it is there, else computed and kept in one.
 
@@ -597,16 +597,20 @@ class PartStore:
             Of the parts; a result without one is not kept.
         workers, lost
             As for `contactimg.engine.calls.in_parallel`.
-        said : str
-            What is logged if a run that was ended has left some, with places for their number and for all.
+        shown : str
+            What a person is shown of the loop; then it is logged if a run that was ended has left some.
         """
         try:
             self.folder.mkdir(exist_ok=True)
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be written ({error.strerror or error})") from None
         done = bytearray(name is not None and (self.folder / name).is_file() for name in names)
-        if said and any(done) and self.resumes:
-            logger.warning(said, f"{sum(done):,}", f"{len(jobs):,}")
+        if shown and any(done) and self.resumes:
+            logger.warning(
+                "%s of %s frames were done by a run that was ended; the others are measured",
+                f"{sum(done):,}",
+                f"{len(jobs):,}",
+            )
         others = array("q", (k for k, there in enumerate(done) if not there))
         compute = partial(_computed, function, str(self.folder))
         calls = ((names[k], *jobs[k]) for k in others)

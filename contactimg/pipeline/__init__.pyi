@@ -2,7 +2,6 @@ from .analyse.analysis import AnalysisOptions as AnalysisOptions
 from .analyse.analysis import analyse_places as analyse_places
 from .analyse.analysis import smooth_shear_stress as smooth_shear_stress
 from .analyse.analysis import write_analysis as write_analysis
-from .analyse.places import count_solutions as count_solutions
 from .analyse.places import differences as differences
 from .analyse.places import open_place as open_place
 from .analyse.places import read_centre as read_centre
@@ -31,6 +30,5 @@ from .predict import write_predictions as write_predictions
 from .series import measure_parts as measure_parts
 from .simulate import plan_simulation as plan_simulation
 from .simulate import write_simulation as write_simulation
-from .tradeoff import REPETITION_SECONDS as REPETITION_SECONDS
-from .tradeoff import prepare_tradeoff as prepare_tradeoff
+from .tradeoff import measure_tradeoff as measure_tradeoff
 from .tradeoff import write_tradeoff as write_tradeoff

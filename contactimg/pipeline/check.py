@@ -6,7 +6,6 @@ again. How many of the drawn contacts are found, how far their radii are off, an
 uncertainties hold, is known from that by their radius.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -77,7 +76,6 @@ def check_experiment(
     *,
     seed: int = 1,
     workers: int | None = None,
-    advance: Callable[[], None] | None = None,
 ) -> MeasurementCheck:
     """Draw contacts of known radius into the frames of an experiment, and measure them again.
 
@@ -88,8 +86,6 @@ def check_experiment(
         Of the random radii, brightnesses and places.
     workers : int, optional
         Processes that share the frames.
-    advance : callable, optional
-        Called once a frame.
 
     Returns
     -------
@@ -105,7 +101,7 @@ def check_experiment(
     scene = experiment.scene
     _, sites = asperities_and_sites(scene)
     call = partial(_check_frame, options=FrameOptions.of(scene, sites), seed=seed)
-    parts = list(for_each_frame(experiment, call, workers=workers, advance=advance))
+    parts = list(for_each_frame(experiment, call, workers=workers, shown="checking frames"))
     failed = [part.row for part in parts if isinstance(part, FailedFrame)]
     tables = [part for part in parts if not isinstance(part, FailedFrame)]
     if not tables:

@@ -1,13 +1,14 @@
 """A run for other programs, and regions that were drawn there as corrections by hand."""
 
 import re
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from contactimg.engine.progress import counted
 from contactimg.errors import InputError
 from contactimg.files import FrameSource, Run, open_experiment
 from contactimg.files.exports import (
@@ -40,7 +41,6 @@ def export_run(
     *,
     formats: Collection[str],
     units: str,
-    advance: Callable[[], None] | None = None,
 ) -> None:
     """Write the tables of a run in other formats.
 
@@ -52,8 +52,6 @@ def export_run(
     formats : collection of {"fiji", "napari", "labels", "xlsx"}
     units : {"um", "mm", "m"}
         Of the workbook.
-    advance : callable, optional
-        Called once a frame.
 
     Raises
     ------
@@ -70,7 +68,7 @@ def export_run(
     groups = dict(list(run.contacts.groupby("frame")))
     refused = dict(list(run.rejected.groupby("frame")))
     lines = dict(list(run.outlines.groupby("frame")))
-    for frame in run.frames["frame"]:
+    for frame in counted(run.frames["frame"], "exporting frames", len(run.frames)):
         contacts, rejected = groups.get(frame, CONTACTS.empty()), refused.get(frame, REJECTED.empty())
         outlines = lines.get(frame, OUTLINES.empty())
         stem = file_stem(frame)
@@ -87,8 +85,6 @@ def export_run(
                 write_overlay_tiff(image, regions, file, pixel_size=pixel_size)
         if "labels" in formats and image is not None:
             write_labels(contacts, image.shape, outlines, folder / "labels" / f"{stem}_labels.tif")
-        if advance is not None:
-            advance()
 
 
 def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[Region]:

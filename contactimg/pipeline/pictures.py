@@ -1,5 +1,6 @@
 """Pictures of a run: outlines of the measured contacts on each frame, predictions over them."""
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -62,7 +63,6 @@ def draw_overlays(
     folder: Path,
     *,
     workers: int | None,
-    advance: Callable[[], None] | None = None,
 ) -> None:
     """Draw contacts and rejected candidates on every frame that could be measured, as PNG files.
 
@@ -74,8 +74,6 @@ def draw_overlays(
         Is made.
     workers : int or None
         Processes that share the frames.
-    advance : callable, optional
-        Called once a frame.
     """
     folder.mkdir()
     pixel_size = None if series.pose is None else series.pose.pose.pixel_size
@@ -88,7 +86,7 @@ def draw_overlays(
         (source, partial(draw_measured, shown=shown, view=view))
         for source, (_, shown), view in zip(sources, measured, views, strict=True)
     )
-    draw_frames(jobs, folder, count=len(sources), workers=workers, advance=advance)
+    draw_frames(jobs, folder, count=len(sources), workers=workers)
 
 
 def draw_frames(
@@ -97,12 +95,10 @@ def draw_frames(
     *,
     count: int,
     workers: int | None,
-    advance: Callable[[], None] | None,
 ) -> None:
     """Read frames again, and write what a function draws of each."""
-    for _ in in_parallel(partial(_draw_frame, folder), jobs, count=count, workers=workers):
-        if advance is not None:
-            advance()
+    draw = partial(_draw_frame, folder)
+    deque(in_parallel(draw, jobs, count=count, workers=workers, shown="drawing overlays"), maxlen=0)
 
 
 @stage("pictures")

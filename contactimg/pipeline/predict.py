@@ -1,12 +1,14 @@
 """The effects that a scene calls for, and predictions at several loads."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
@@ -85,7 +87,7 @@ def predict_loads(
         _refuse_beyond_averages(scene, model, coupling)
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
     jobs = [(load,) for load in loads]
-    found = list(in_parallel(partial(_solve, predict), jobs, count=len(jobs), workers=workers))
+    found = list(in_parallel(partial(_found, predict), jobs, count=len(jobs), workers=workers))
     errors = [one for one in found if isinstance(one, ContactimgError)]
     if len(errors) == len(found):
         raise errors[0]
@@ -121,12 +123,50 @@ def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
         )
 
 
-def _solve(predict: Callable[..., Prediction], load: float) -> Prediction | ContactimgError:
+def _found(predict: Callable[..., Prediction], load: float, **how: Any) -> Prediction | ContactimgError:
     """The prediction for a load, or why there is none."""
     try:
-        return predict(load=load)
+        return predict(load=load, **how)
     except ContactimgError as error:
         return error
+
+
+def predict_in_view(
+    surfaces: Mapping[str, tuple[Scene, pd.DataFrame]],
+    jobs: Sequence[tuple[str, str, float, FieldOfView | None]],
+    *,
+    workers: int | None,
+    shown: str = "predicting contacts",
+) -> Iterator[Prediction | ContactimgError]:
+    """Predict the contacts in the field of view of several frames; without a solution, the reason is given.
+
+    Parameters
+    ----------
+    surfaces : mapping
+        Name -> scene and asperities.
+    jobs : sequence of (str, str, float, FieldOfView or None)
+        Name of a surface, of a frame, its load (N), and what the camera sees; None sees everything.
+    workers, shown
+        As for `contactimg.engine.calls.in_parallel`.
+    """
+    call = partial(_in_view, surfaces)
+    return in_parallel(call, jobs, count=len(jobs), workers=workers, shown=shown)
+
+
+def _in_view(
+    surfaces: Mapping[str, tuple[Scene, pd.DataFrame]],
+    surface: str,
+    frame: str,
+    load: float,
+    field: FieldOfView | None,
+) -> Prediction | ContactimgError:
+    """The prediction for one frame, its contacts those that the camera sees."""
+    found = _found(partial(predict_contacts, *surfaces[surface]), load, frame=frame)
+    if isinstance(found, ContactimgError) or field is None:
+        return found
+    contacts = found.contacts[field.holds(found.contacts["x_m"], found.contacts["y_m"])]
+    seen = see_contacts(contacts, field.pose, shift_px=field.shift_px)
+    return replace(found, contacts=seen.reset_index(drop=True))
 
 
 def choice_sentence(prediction: Prediction) -> str:

@@ -1,6 +1,6 @@
 """Synthetic series: solve the scene at each load, render the contacts, keep the true contacts."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -134,7 +134,7 @@ def simulate_series(
     radius = None if asperities is None else contact_sites(asperities, scene)["radius_m"].to_numpy(float)
     jobs = list(zip(range(len(names)), names, seeds[1:], strict=True))
     render = partial(_render, scene, asperities, radius)
-    yield from in_parallel(render, jobs, count=len(jobs), workers=workers)
+    yield from in_parallel(render, jobs, count=len(jobs), workers=workers, shown="making frames")
 
 
 def _render(
@@ -169,7 +169,6 @@ def write_simulation(
     folder: Path,
     *,
     workers: int | None = 1,
-    advance: Callable[[], None] | None = None,
 ) -> None:
     """Write the frames of `simulate_series` with loads, asperities, truth and scene, ready for `process`.
 
@@ -181,8 +180,6 @@ def write_simulation(
         Exists.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`.
-    advance : callable, optional
-        Called once a frame.
     """
     scene, _ = plan_simulation(scene, asperities)
     loads, truth = [], [CONTACTS.empty()]
@@ -191,8 +188,6 @@ def write_simulation(
         if simulated.truth is not None:
             loads.append({"frame": simulated.frame.name} | simulated.loads)
             truth.append(simulated.truth)
-        if advance is not None:
-            advance()
     table = pd.DataFrame(loads)
     write_table(table, LOADS.filled(table), folder / "loads.csv")
     write_table(pd.concat(truth, ignore_index=True), CONTACTS, folder / "truth.csv")

@@ -1,6 +1,6 @@
 """Accuracy against computing time for a scene: read its files, measure its knobs, write table and figure."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from math import inf, nan
 from pathlib import Path
@@ -26,7 +26,6 @@ def measure_tradeoff(
     *,
     load: float | None = None,
     knobs: str | Sequence[str] = (),
-    advance: Callable[[], None] | None = None,
 ) -> Tradeoff:
     """Measure computing time against accuracy: the settings of each knob, compared in one run.
 
@@ -39,8 +38,6 @@ def measure_tradeoff(
     knobs : str or sequence of str
         Of ``image`` (measurement of a frame), ``model`` (contact model); those that apply if
         none is named.
-    advance : callable, optional
-        Called once a setting.
 
     Returns
     -------
@@ -76,7 +73,6 @@ def measure_tradeoff(
         relative=scene.tolerance.relative,
         seconds=REPETITION_SECONDS,
         left_out=left_out,
-        advance=advance,
     )
 
 

@@ -28,7 +28,7 @@ from contactimg.files import write_figures, write_table
 from contactimg.pipeline.analyse.places import (
     Place,
     annuli_of,
-    count_solutions,
+    can_be_predicted,
     differences,
     grouped,
     joined,
@@ -132,7 +132,6 @@ def analyse_places(
     options: AnalysisOptions,
     *,
     workers: int | None = None,
-    advance: Callable[[], None] | None = None,
 ) -> Analysis:
     """Analyse the runs of one or several places of a sample.
 
@@ -144,8 +143,6 @@ def analyse_places(
     options : AnalysisOptions
     workers : int, optional
         Processes that share the model solutions.
-    advance : callable, optional
-        Called once a model solution, and once a frame that is read again.
 
     Returns
     -------
@@ -161,11 +158,11 @@ def analyse_places(
     notes = [note for place in places for note in _left_out(place)]
     friction, density = _friction_table(places), _density(places[0])
     places_of = {own: grouped(places, tolerance=options.load_tolerance)}
-    if options.models and not count_solutions(places):
+    if options.models and not can_be_predicted(places):
         notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
     elif options.models:
         for model in COMPARED_MODELS:
-            found = predict_places(places_of[own], model, workers=workers, advance=advance)
+            found = predict_places(places_of[own], model, workers=workers)
             places_of[model] = found[0]
             notes += found[1]
         for place, predicted in zip(places_of[own], places_of["coupled"], strict=True):
@@ -179,7 +176,7 @@ def analyse_places(
         for _, part in shots.groupby("group")
     ]
     shearing = {"load_tolerance": options.load_tolerance, "confidence": options.confidence}
-    sheared = analyse_shear(places, notes, **shearing, workers=workers, advance=advance)
+    sheared = analyse_shear(places, notes, **shearing, workers=workers)
     stress = None if friction.empty else _fit_or_note(notes, "friction", _shear_stress, friction, options)
     ratio = None
     if stress is not None and options.smooth_stress is not None:

@@ -1,7 +1,7 @@
 """Contacts of runs by asperity: the table with upper limits from the images, and laws under shear."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -111,13 +111,11 @@ def analyse_shear(
     load_tolerance: float,
     confidence: float = 0.95,
     workers: int | None = None,
-    advance: Callable[[], None] | None = None,
 ) -> Sheared:
     """The contacts of places by asperity, and their laws; what cannot be fitted is added to the notes.
 
     Upper limits need the images: frames in which some asperity of the table does not touch are read again
-    from the folder that the run names; ``advance`` is called once such a frame. Where they are gone, the
-    limit is the detection limit of the frame.
+    from the folder that the run names. Where they are gone, the limit is the detection limit of the frame.
     """
     tables, laws = [FOLLOWED.empty()], list[ShearLaws]()
     strip: Strip = ()
@@ -134,7 +132,7 @@ def analyse_shear(
             )
             continue
         table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
-        limits = _upper_limits(place, table, workers=workers, advance=advance)
+        limits = _upper_limits(place, table, workers=workers)
         table = table.assign(radius_upper_m=limits)
         tables.append(table if len(places) == 1 else table.assign(place=place.name))
         still = place.loads.loc[~(place.loads["velocity_m_s"].abs() > 0), "frame"]
@@ -171,7 +169,6 @@ def _upper_limits(
     table: pd.DataFrame,
     *,
     workers: int | None,
-    advance: Callable[[], None] | None,
 ) -> NDArray[np.float64]:
     """Upper limit of the radius in each row without a contact, m; NaN in the others and outside the image."""
     limits = np.full(len(table), np.nan)
@@ -196,7 +193,7 @@ def _upper_limits(
     if experiment is None:
         return limits
     call = partial(_limits_of_frame, scene=experiment.scene)
-    measured = for_each_frame(experiment, call, jobs, workers=workers, advance=advance)
+    measured = for_each_frame(experiment, call, jobs, workers=workers, shown="limiting contacts not seen")
     for index, found in zip(rows, measured, strict=True):
         if isinstance(found, FailedFrame):
             logger.warning("limits of contacts are those of detection: %s", found.row["message"])

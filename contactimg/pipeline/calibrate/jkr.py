@@ -1,6 +1,5 @@
 """`calibrate jkr`: modulus and work of adhesion from the contact circles of a smooth contact, with notes."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,7 +21,7 @@ from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_open
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
-from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
+from contactimg.pipeline.calibrate.result import Calibrated, cell_notes
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.plausibility import doubts_about_calibration, settle
@@ -98,9 +97,7 @@ class Centre:
     moves_with_sample: bool
 
 
-def measure_circles(
-    experiment: Experiment, *, workers: int | None = None, advance: Callable[[], None] | None = None
-) -> CircleSeries:
+def measure_circles(experiment: Experiment, *, workers: int | None = None) -> CircleSeries:
     """Measure the contact circle of every frame of a smooth contact.
 
     Parameters
@@ -109,8 +106,6 @@ def measure_circles(
         Of a scene with a camera and an indenter.
     workers : int, optional
         Processes that share the frames.
-    advance : callable, optional
-        Called once a frame.
 
     Returns
     -------
@@ -134,7 +129,7 @@ def measure_circles(
     measure = partial(_sample_frame, scene=scene, model=model)
     parts = [
         (part.row, None) if isinstance(part, FailedFrame) else part
-        for part in for_each_frame(experiment, measure, workers=workers, advance=advance)
+        for part in for_each_frame(experiment, measure, workers=workers, shown="measuring frames")
     ]
     sampled = [samples for _, samples in parts if samples is not None]
     if not sampled:
@@ -309,7 +304,7 @@ def _weighted_mean(
 # --- the calibration
 
 
-def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
+def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated:
     """Modulus, work of adhesion and centre from frames of the smooth contact.
 
     Parameters
@@ -317,7 +312,6 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     experiment : Experiment
         With loads; opened so that negative ones may be.
     workers : int, optional
-    advance : callable, optional
 
     Returns
     -------
@@ -329,7 +323,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
         If the loads and circles determine nothing; the message says why.
     """
     check_loads(experiment.loads["load_N"])
-    series, scene = measure_circles(experiment, workers=workers, advance=advance), experiment.scene
+    series, scene = measure_circles(experiment, workers=workers), experiment.scene
     table = series.table
     chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])
     calibration = _calibrate(table[chosen], scene)

@@ -1,6 +1,6 @@
 """The result of a calibration, and how it is written."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,6 @@ from contactimg.files import CALIBRATION_FILE, write_figures, write_json, write_
 from contactimg.plots import caption_of
 from contactimg.scene import Scene
 from contactimg.tables import Schema
-
-Advance = Callable[[], None] | None
 
 
 @dataclass(frozen=True)

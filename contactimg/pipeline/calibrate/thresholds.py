@@ -1,6 +1,5 @@
 """Calibrations by a threshold: `calibrate threshold`, `calibrate modulus` and `calibrate plateau`."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -19,7 +18,7 @@ from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
 from contactimg.imaging.measure import count_again
-from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
+from contactimg.pipeline.calibrate.result import Calibrated, cell_notes
 from contactimg.pipeline.frame import frame_row, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.measured_series import find_pose, local_law, locate_frames, with_forces
@@ -66,7 +65,6 @@ def measure_thresholds(
     thresholds: ArrayLike = THRESHOLDS,
     *,
     workers: int | None = None,
-    advance: Callable[[], None] | None = None,
 ) -> ThresholdSeries:
     """Count the pixels of every frame above each of many thresholds.
 
@@ -78,8 +76,6 @@ def measure_thresholds(
         Fractions of the contact contrast, between 0 and 1.
     workers : int, optional
         Processes that share the frames.
-    advance : callable, optional
-        Called once a frame.
 
     Returns
     -------
@@ -100,7 +96,7 @@ def measure_thresholds(
     measure = partial(_count_frame, scene=scene, thresholds=levels)
     parts = [
         (part.row, [], (0, 0)) if isinstance(part, FailedFrame) else part
-        for part in for_each_frame(experiment, measure, workers=workers, advance=advance)
+        for part in for_each_frame(experiment, measure, workers=workers, shown="measuring frames")
     ]
     loads = [experiment.load_of(str(row["frame"])) for row, _, _ in parts]
     frames = FRAMES.conform(pd.DataFrame([row for row, _, _ in parts])).assign(load_N=loads)
@@ -158,10 +154,10 @@ def _runs(
 
 
 def _with_forces(
-    experiment: Experiment, levels: ArrayLike, workers: int | None, advance: Advance
+    experiment: Experiment, levels: ArrayLike, workers: int | None
 ) -> tuple[ThresholdSeries, Values]:
     """The frames of a series that have a load and forces, and these loads, N."""
-    series = measure_thresholds(experiment, levels, workers=workers, advance=advance)
+    series = measure_thresholds(experiment, levels, workers=workers)
     good = np.isfinite(series.frames["load_N"].to_numpy(float))
     if not good.any():
         raise InputError("no frame has a load; give loads.csv with the columns frame, load_N")
@@ -221,9 +217,7 @@ def _result(
     return Calibrated(record, tables, figures, failed=len(series.failed) > 0)
 
 
-def run_threshold(
-    experiment: Experiment, *, workers: int | None = None, advance: Advance = None
-) -> Calibrated:
+def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Calibrated:
     """The threshold of slope 1 on a sample of known modulus.
 
     Parameters
@@ -231,7 +225,6 @@ def run_threshold(
     experiment : Experiment
         Of a scene with the modulus and its uncertainty, and asperities of known radii.
     workers : int, optional
-    advance : callable, optional
 
     Returns
     -------
@@ -244,7 +237,7 @@ def run_threshold(
     """
     scene, modulus = experiment.scene, _stated_modulus(experiment)
     relative = modulus.std / modulus.value
-    series, load = _with_forces(experiment, THRESHOLDS, workers, advance)
+    series, load = _with_forces(experiment, THRESHOLDS, workers)
     errors = _common_errors(experiment, relative)
     notes = _notes(series) + cell_notes(scene)
     slopes = [load_slope(row, load, **errors) for row in series.forces]
@@ -284,7 +277,6 @@ def run_modulus(
     *,
     threshold: CoverageEstimate | None,
     workers: int | None = None,
-    advance: Advance = None,
 ) -> Calibrated:
     """The modulus of slope 1 at a threshold that is kept; for the disk method, without one.
 
@@ -295,7 +287,6 @@ def run_modulus(
     threshold : CoverageEstimate or None
         The calibrated threshold; None for the disk method.
     workers : int, optional
-    advance : callable, optional
 
     Returns
     -------
@@ -304,7 +295,7 @@ def run_modulus(
     levels = THRESHOLDS if threshold is None else threshold.value + np.array([-0.02, 0.0, 0.02])
     if levels.min() <= 0 or levels.max() >= 1:
         raise InputError(f"the threshold must lie between 0.02 and 0.98, got {threshold}")
-    series, load = _with_forces(experiment, levels, workers, advance)
+    series, load = _with_forces(experiment, levels, workers)
     measured, relative = _stated_modulus(experiment), 0.0
     if threshold is None:
         forces = _disk_forces(experiment, series, workers)
@@ -340,7 +331,7 @@ def run_modulus(
     return _result(record, series, tuned, {"forces": plot_forces(load, tuned, fitted=fitted)})
 
 
-def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
+def run_plateau(experiment: Experiment, *, workers: int | None = None) -> Calibrated:
     """The two thresholds between which the total area changes marginally, and areas with error bars.
 
     Parameters
@@ -348,13 +339,12 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
     experiment : Experiment
         Of a scene with a camera; loads are not needed.
     workers : int, optional
-    advance : callable, optional
 
     Returns
     -------
     Calibrated
     """
-    series = measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance)
+    series = measure_thresholds(experiment, THRESHOLDS, workers=workers)
     found, notes = find_plateau(series.thresholds, series.areas), _notes(series)
     if not found.marginal:
         notes.append(
