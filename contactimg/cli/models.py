@@ -256,9 +256,9 @@ def selftest() -> int:
     Example:
       contactimg selftest
     """
-    from contactimg.hard_cases import run_cases
+    from contactimg.hard_cases import CASES, run_cases
 
-    table = run_cases()
+    table = run_cases(CASES)
     rows = [
         {
             "case": row["case"],

@@ -213,10 +213,9 @@ def check(
     main_files = ["check.csv", "drawn.csv"]
     with shared.results_in(output, folder, experiment.scene, experiment.inputs, main_files=main_files) as out:
         result = pipeline.check_experiment(experiment, seed=seed, workers=workers)
-        files.write_table(result.classes, tables.CHECK, out.folder / "check.csv")
-        files.write_table(result.drawn, tables.DRAWN, out.folder / "drawn.csv")
+        found = {"check": (tables.CHECK, result.classes), "drawn": (tables.DRAWN, result.drawn)}
         shown = plots.plot_check(result.drawn, result.classes)
-        files.write_figures(shown, out.folder, "check", caption=plots.caption_of("check"))
+        pipeline.write_results(out.folder, found, {"check": shown})
         out.record["sentence"] = result.sentence
         forms = {"low_px": ".2f", "high_px": ".2f", "drawn": "", "completeness": ".0%", "bias_px": "+.3f"}
         forms |= {"rms_px": ".3f", "within_1_std": ".0%", "within_2_std": ".0%"}

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import click
 
-from contactimg import files, pipeline
+from contactimg import files, pipeline, tables
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_scores, say
 from contactimg.cli.scenes import plausible
@@ -57,7 +57,11 @@ def overlay(
         numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
         spacing = mean_spacing(asperities)
         settle(doubts_about_match(measured.scene, **numbers, shown=shown, spacing=spacing), run)
-        pipeline.write_comparison(comparison, out.folder)
+        found = {
+            "matches": (tables.MATCHES, comparison.matches),
+            "scores": (tables.SCORES, comparison.scores),
+        }
+        pipeline.write_results(out.folder, found)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
         overlays = out.folder / "overlays"
         pipeline.draw_comparison(comparison, measured, experiment, overlays, workers=workers)
@@ -200,10 +204,10 @@ def export(
     formats = tuple(name for name, on in chosen.items() if on) or tuple(chosen)
     others = ["contacts.xlsx" if name == "xlsx" else name for name in chosen if name not in formats]
     source = files.read_run(run)
-    tables = files.main_tables([source.folder])
+    inputs = files.main_tables([source.folder])
     target = output or Path(run) / "export"
     main_files = ["contacts.xlsx"] if "xlsx" in formats else []
-    with shared.results_in(target, run, source.scene, tables, main_files=main_files, keeps=others) as out:
+    with shared.results_in(target, run, source.scene, inputs, main_files=main_files, keeps=others) as out:
         pipeline.export_run(source, out.folder, formats=formats, units=units)
     return 0
 

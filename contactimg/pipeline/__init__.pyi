@@ -20,13 +20,13 @@ from .measured_series import write_joined_tables as write_joined_tables
 from .measured_series import write_run as write_run
 from .overlay import compare_run as compare_run
 from .overlay import draw_comparison as draw_comparison
-from .overlay import write_comparison as write_comparison
 from .pictures import draw_overlays as draw_overlays
 from .predict import choice_sentence as choice_sentence
 from .predict import plan_effects as plan_effects
 from .predict import predict_loads as predict_loads
 from .predict import touching_load as touching_load
 from .predict import write_predictions as write_predictions
+from .results import write_results as write_results
 from .series import measure_parts as measure_parts
 from .simulate import plan_simulation as plan_simulation
 from .simulate import write_simulation as write_simulation

@@ -98,9 +98,9 @@ def check_experiment(
     InputError
         If no frame shows a contact, whose contrast and blur are needed; the message gives the first reason.
     """
-    scene = experiment.scene
-    _, sites = asperities_and_sites(scene)
-    call = partial(_check_frame, options=FrameOptions.of(scene, sites), seed=seed)
+    _, sites = asperities_and_sites(experiment)
+    options = FrameOptions.of(experiment.scene, sites)
+    call = partial(_check_frame, options=options, seed=seed)
     parts = list(for_each_frame(experiment, call, workers=workers, shown="checking frames"))
     failed = [part.row for part in parts if isinstance(part, FailedFrame)]
     tables = [part for part in parts if not isinstance(part, FailedFrame)]

@@ -23,7 +23,7 @@ from contactimg.files.exports import (
 )
 from contactimg.files.workbook import write_workbook
 from contactimg.pipeline.pictures import file_stem
-from contactimg.tables import CONTACTS, EDITS, FRAMES, OUTLINES, REJECTED, Flag
+from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED, Flag
 from contactimg.tables.outlines import (
     CONTACT_COLOUR,
     FLAGGED_COLOUR,
@@ -65,19 +65,14 @@ def export_run(
     for name in per_frame:
         (folder / name).mkdir()
     sources = frame_sources(run) if {"fiji", "labels"} & set(formats) else {}
-    groups = dict(list(run.contacts.groupby("frame")))
-    refused = dict(list(run.rejected.groupby("frame")))
-    lines = dict(list(run.outlines.groupby("frame")))
-    for frame in counted(run.frames["frame"], "exporting frames", len(run.frames)):
-        contacts, rejected = groups.get(frame, CONTACTS.empty()), refused.get(frame, REJECTED.empty())
-        outlines = lines.get(frame, OUTLINES.empty())
-        stem = file_stem(frame)
+    for frame, shown in counted(run.by_frame(), "exporting frames", len(run.frames)):
+        contacts, outlines, stem = shown.contacts, shown.outlines, file_stem(frame)
         image = sources[frame].read().image if frame in sources else None
         if "napari" in formats:
             write_napari_shapes(contacts, outlines, folder / "napari" / f"{stem}_shapes.csv")
             write_napari_points(contacts, folder / "napari" / f"{stem}_points.csv")
         if "fiji" in formats:
-            regions = contact_regions(contacts, outlines) + rejected_regions(rejected)
+            regions = contact_regions(contacts, outlines) + rejected_regions(shown.rejected)
             write_regions(regions, folder / "fiji" / f"{stem}.zip")
             if image is not None:
                 file, camera = folder / "fiji" / f"{stem}_overlay.tif", run.scene.camera
@@ -202,10 +197,9 @@ def edits_from_regions(
         raise InputError(f"{path}: its name is not that of an exported frame; name the frame with --frame")
     if frame not in set(run.frames["frame"]):
         raise InputError(f"{run.folder}: has no frame {frame!r}")
-    contacts = run.contacts[run.contacts["frame"] == frame]
-    lines = run.outlines
-    exported = contact_regions(contacts, lines[lines["frame"] == frame])
-    edits = edits_between(contacts, exported, read_regions(path), program="ImageJ")
+    shown = dict(run.by_frame())[frame]
+    exported = contact_regions(shown.contacts, shown.outlines)
+    edits = edits_between(shown.contacts, exported, read_regions(path), program="ImageJ")
     return edits.assign(frame=frame, author=author, time=time)
 
 

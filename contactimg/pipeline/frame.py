@@ -2,7 +2,7 @@
 
 import logging
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.effects.optics import measuring
 from contactimg.errors import FrameWarning, InputError
-from contactimg.files import read_part
+from contactimg.files import FrameTables, read_part
 from contactimg.forces import common_radius
 from contactimg.frame import Frame
 from contactimg.imaging.detect.hand_edits import HandEdit
@@ -140,22 +140,6 @@ def measure_frame(
         text = measurement.message or "see contactimg.tables.Status"
         warnings.warn(f"{frame.name or 'frame'}: {measurement.status}: {text}", FrameWarning, stacklevel=2)
     return contacts
-
-
-@dataclass(frozen=True, eq=False)
-class FrameTables:
-    """The tables of a measured frame.
-
-    Parameters
-    ----------
-    contacts, rejected : DataFrame
-    outlines : DataFrame
-        Of its contacts of free shape.
-    """
-
-    contacts: pd.DataFrame = field(default_factory=CONTACTS.empty)
-    rejected: pd.DataFrame = field(default_factory=REJECTED.empty)
-    outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
 
 
 @dataclass(frozen=True, eq=False)

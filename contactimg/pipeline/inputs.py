@@ -68,12 +68,15 @@ def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:
     return asperities
 
 
-def asperities_and_sites(scene: Scene) -> tuple[pd.DataFrame | None, pd.DataFrame | None]:
-    """The asperities of a scene, and their composite summits.
+def asperities_and_sites(experiment: Experiment) -> tuple[pd.DataFrame | None, pd.DataFrame | None]:
+    """The asperities of an experiment, and their composite summits.
 
     Without a camera no contact has a place, and the asperities are left out.
     """
-    asperities = None if scene.camera is None else scene_asperities(scene)
+    scene, asperities = experiment.scene, experiment.asperities
+    asperities = (
+        None if scene.camera is None else scene_asperities(scene) if asperities is None else asperities
+    )
     return asperities, None if asperities is None else contact_sites(asperities, scene)
 
 

@@ -13,7 +13,7 @@ import pandas as pd
 from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.plan import Plan
 from contactimg.errors import ContactimgError, InputError
-from contactimg.files import Experiment, write_table
+from contactimg.files import Experiment
 from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
 from contactimg.matching import match_contacts
@@ -184,12 +184,6 @@ def _rms(values: pd.Series) -> float:
     return float(np.sqrt(np.mean(values.to_numpy(float) ** 2))) if len(values) else np.nan
 
 
-def write_comparison(comparison: Comparison, folder: Path) -> None:
-    """Write matches.csv and scores.csv."""
-    write_table(comparison.matches, MATCHES, folder / "matches.csv")
-    write_table(comparison.scores, SCORES, folder / "scores.csv")
-
-
 def draw_comparison(
     comparison: Comparison,
     run: Run,
@@ -208,17 +202,14 @@ def draw_comparison(
     stretch = series_stretch([sources[frame] for frame in predicted])
     pose = run.need_pose()
 
-    loads, least = run.frames.set_index("frame")["load_N"], comparison.min_radius_px
+    loads, tables = run.frames.set_index("frame")["load_N"], dict(run.by_frame())
+    how = {"pixel_size": pose.pixel_size, "min_radius_px": comparison.min_radius_px}
 
     def jobs() -> Iterator[tuple[Any, ...]]:
         for frame, models in predicted.items():
             shift, view = frame_shift(run.frames, frame), view_of(frame, experiment, stretch, pose.pixel_size)
             circle = disk_in_pixels(hertz_circle(run.scene, float(loads[frame])), pose, shift)
-            contacts, lines = (table[table["frame"] == frame] for table in (run.contacts, run.outlines))
-            seen, how = (
-                _in_view(contacts, pose.shape),
-                {"pixel_size": pose.pixel_size, "min_radius_px": least},
-            )
+            seen, lines = _in_view(tables[frame].contacts, pose.shape), tables[frame].outlines
             marked = {model: mark_contacts(seen, one.contacts, lines, **how) for model, one in models.items()}
             draw = partial(draw_predicted, marked=marked, hertz_circle=circle, view=view)
             yield sources[frame], draw

@@ -70,7 +70,7 @@ def measure_parts(
     With a ``store``, frames that it contains are not measured again, and a long series takes little memory.
     """
     scene = experiment.scene
-    asperities, sites = asperities_and_sites(scene)
+    asperities, sites = asperities_and_sites(experiment)
     edits = edits_by_frame(experiment)
     options = FrameOptions.of(scene, sites)
     parts, shape = _measure_frames(experiment, options, edits, workers=workers, store=store)

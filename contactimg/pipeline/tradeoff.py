@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from contactimg.errors import InputError, finite_number
-from contactimg.files import open_experiment, write_figures, write_table
+from contactimg.files import open_experiment
 from contactimg.pipeline.inputs import largest_load, read_reference, scene_asperities
-from contactimg.plots import caption_of
+from contactimg.pipeline.results import write_results
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene
 from contactimg.tables import TRADEOFF
@@ -114,6 +114,5 @@ def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
 
 def write_tradeoff(tradeoff: Tradeoff, folder: Path) -> None:
     """Write tradeoff.csv and the figure of the choices, as PNG, SVG and PDF."""
-    write_table(tradeoff.table, TRADEOFF, folder / "tradeoff.csv")
     ax = plot_tradeoff(tradeoff.table, relative=tradeoff.relative)
-    write_figures(ax, folder, "tradeoff", caption=caption_of("tradeoff"))
+    write_results(folder, {"tradeoff": (TRADEOFF, tradeoff.table)}, {"tradeoff": ax})

@@ -24,7 +24,6 @@ from contactimg.analysis.radial_profiles import (
     ring_profile,
 )
 from contactimg.errors import ConvergenceError, InputError
-from contactimg.files import write_figures, write_table
 from contactimg.pipeline.analyse.places import (
     Place,
     annuli_of,
@@ -37,8 +36,9 @@ from contactimg.pipeline.analyse.places import (
 )
 from contactimg.pipeline.analyse.sheared import Sheared, analyse_shear
 from contactimg.pipeline.measured_series import shown_apex
+from contactimg.pipeline.results import write_results
 from contactimg.plausibility import doubts_about_match, mean_spacing, settle
-from contactimg.plots import caption_of, plot_areas, plot_friction, plot_pressure_law, plot_profile
+from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile
 from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE, RESULTS, RUN_MODELS
 
@@ -579,15 +579,15 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
     DataFrame
         The numbers of the analysis, results.csv.
     """
+    results = result_rows(analysis)
     tables = [
-        (analysis.area, AREA),
-        (analysis.profile, PROFILE),
-        (analysis.normalised, NORMALISED),
-        (analysis.pressure_law, PRESSURE_LAW),
-        *([(analysis.friction, FRICTION)] if len(analysis.friction) else []),
+        (AREA, analysis.area),
+        (PROFILE, analysis.profile),
+        (NORMALISED, analysis.normalised),
+        (PRESSURE_LAW, analysis.pressure_law),
+        (RESULTS, results),
+        *([(FRICTION, analysis.friction)] if len(analysis.friction) else []),
     ]
-    for table, schema in tables:
-        write_table(table, schema, folder / f"{schema.name}.csv")
     analysis.sheared.write(folder)
     figures = {"area": plot_areas(analysis.area, analysis.area_laws)}
     normalised = analysis.normalised
@@ -600,8 +600,5 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
         figures[quantity] = plot_pressure_law(analysis.pressure_law, analysis.contact_laws, quantity)
     if analysis.shear_stress is not None:
         figures["friction"] = plot_friction(analysis.friction, analysis.shear_stress, smooth_stress)
-    for name, ax in figures.items():
-        write_figures(ax, folder, name, caption=caption_of(name))
-    results = result_rows(analysis)
-    write_table(results, RESULTS, folder / "results.csv")
+    write_results(folder, {schema.name: (schema, table) for schema, table in tables}, figures)
     return results

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from contactimg.analysis.area_against_load import group_loads
 from contactimg.analysis.estimates import Estimate
 from contactimg.errors import ContactimgError
-from contactimg.files import Experiment, write_figures, write_table
+from contactimg.files import Experiment
 from contactimg.files.runs import frame_shift
 from contactimg.frame import Frame
 from contactimg.pipeline.analyse.places import Place
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.plots import caption_of, plot_sheared_areas, plot_strip
+from contactimg.pipeline.results import write_results
+from contactimg.plots import plot_sheared_areas, plot_strip
 from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.shear.followed import ShearLaws, fit_beta, fit_shear_laws, follow_contacts
@@ -95,13 +96,10 @@ class Sheared:
             return
         several = (self.followed["place"] != "").any()
         schema = FOLLOWED if several else FOLLOWED.and_later()
-        write_table(self.followed[list(schema.columns)], schema, folder / "asperities.csv")
-        if self.laws:
-            figures = {"sheared_areas": plot_sheared_areas(self.followed)}
-            if self.strip:
-                figures["strip"] = plot_strip(self.strip)
-            for name, ax in figures.items():
-                write_figures(ax, folder, name, caption=caption_of(name))
+        figures = {"sheared_areas": plot_sheared_areas(self.followed)} if self.laws else {}
+        if figures and self.strip:
+            figures["strip"] = plot_strip(self.strip)
+        write_results(folder, {"asperities": (schema, self.followed[list(schema.columns)])}, figures)
 
 
 def analyse_shear(

@@ -343,7 +343,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated
     notes = calibration_notes(calibration, table, scene)
     record = _jkr_record(calibration, series) | {"notes": notes}
     failed = bool((table["status"] == Status.FAILED).any())
-    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"circles.csv": (CIRCLES, table)}
+    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"circles": (CIRCLES, table)}
     return Calibrated(record, tables, {"jkr": _jkr_figure(calibration)}, failed=failed)
 
 

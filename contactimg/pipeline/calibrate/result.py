@@ -9,8 +9,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.files import CALIBRATION_FILE, write_figures, write_json, write_table
-from contactimg.plots import caption_of
+from contactimg.files import CALIBRATION_FILE, write_json
+from contactimg.pipeline.results import write_results
 from contactimg.scene import Scene
 from contactimg.tables import Schema
 
@@ -24,7 +24,7 @@ class Calibrated:
     record : dict
         Contents of ``calibration.json``.
     tables : dict
-        File name -> (schema, table).
+        Name of the file without ending -> (schema, table).
     figures : dict
         Name without ending -> axes.
     failed : bool
@@ -54,10 +54,7 @@ def write_calibration(result: Calibrated, folder: Path, *, frames: list[Mapping[
         The inputs with their sha256, as `provenance` lists them.
     """
     write_json(result.record | {"frames": frames}, folder / CALIBRATION_FILE)
-    for name, (schema, table) in result.tables.items():
-        write_table(table, schema, folder / name)
-    for name, ax in result.figures.items():
-        write_figures(ax, folder, name, caption=caption_of(name))
+    write_results(folder, result.tables, result.figures)
 
 
 def cell_notes(scene: Scene) -> list[str]:

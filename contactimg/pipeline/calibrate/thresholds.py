@@ -109,7 +109,7 @@ def measure_thresholds(
         for tables in zip(*(contacts for _, contacts, _ in parts if contacts), strict=True)
     ]
     shape = next(size for _, contacts, size in parts if contacts)
-    runs = _runs(scene, kept, counted, shape, int(np.abs(levels - 0.5).argmin()))
+    runs = _runs(experiment, kept, counted, shape, int(np.abs(levels - 0.5).argmin()))
     return ThresholdSeries(
         levels,
         np.array([run.frames["area_m2"].to_numpy(float) for run in runs]),
@@ -133,10 +133,15 @@ def _count_frame(
 
 
 def _runs(
-    scene: Scene, frames: pd.DataFrame, counted: list[pd.DataFrame], shape: tuple[int, int], half: int
+    experiment: Experiment,
+    frames: pd.DataFrame,
+    counted: list[pd.DataFrame],
+    shape: tuple[int, int],
+    half: int,
 ) -> list[Run]:
     """One run a threshold, all under the pose found at the threshold of number ``half``."""
-    _, sites = asperities_and_sites(scene)
+    _, sites = asperities_and_sites(experiment)
+    scene = experiment.scene
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
     middle = counted[half]
     run = Run(scene, middle, frames)
@@ -211,9 +216,9 @@ def _result(
         "residual_rms_N": float(np.sqrt(np.mean(rest[pressed] ** 2))),
         "worst_relative_residual": float(np.max(np.abs(rest[pressed] / load[pressed]))),
     }
-    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"forces.csv": (FORCE_SUMS, table)}
+    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"forces": (FORCE_SUMS, table)}
     if curve:
-        tables["curve.csv"] = (THRESHOLD_CURVE, pd.DataFrame(curve))
+        tables["curve"] = (THRESHOLD_CURVE, pd.DataFrame(curve))
     return Calibrated(record, tables, figures, failed=len(series.failed) > 0)
 
 
@@ -377,5 +382,5 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None) -> Calibr
         ],
     )
     columns = [name for name in FORCE_SUMS.columns if name in table]
-    tables = {"curve.csv": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas.csv": (FORCE_SUMS, table[columns])}
+    tables = {"curve": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas": (FORCE_SUMS, table[columns])}
     return Calibrated(record, tables, {"plateau": figure}, failed=len(series.failed) > 0)
