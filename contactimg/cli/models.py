@@ -71,12 +71,7 @@ def predict(
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
     with shared.results_in(output, described.folder, described, inputs, main_files=files.RUN_TABLES) as out:
         predictions = pipeline.predict_loads(
-            described,
-            loads,
-            model=model,
-            coupling=coupling,
-            annulus=annulus_mm * 1e-3,
-            workers=workers,
+            described, loads, model=model, coupling=coupling, annulus=annulus_mm * 1e-3, workers=workers
         )
         frames, record = pipeline.write_predictions(predictions, described, out.folder)
         out.record |= record | touching
@@ -91,12 +86,7 @@ def predict(
 
 
 @shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
-def simulate(
-    scene: shared.Existing,
-    *,
-    output: shared.Output = None,
-    workers: shared.OneWorker = 1,
-) -> None:
+def simulate(scene: shared.Existing, *, output: shared.Output = None, workers: shared.OneWorker = 1) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 
     The section [simulate] of the scene describes loads, optics and sensor. Without a section [asperities] the

@@ -27,11 +27,7 @@ JOINED_FOLDER = "combined"
 
 
 @shared.command(
-    *shared.FRAMES,
-    METHOD,
-    shared.SceneOption("--shape", "measure", "shape"),
-    THRESHOLD,
-    shared.CLUSTER,
+    *shared.FRAMES, METHOD, shared.SceneOption("--shape", "measure", "shape"), THRESHOLD, shared.CLUSTER
 )
 def process(
     folders: Annotated[tuple[shared.Existing, ...], "FOLDER..."],

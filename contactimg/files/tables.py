@@ -53,11 +53,7 @@ class OtherFormError(InputError):
 
 @stage("reading")
 def read_table(
-    path: str | Path,
-    schema: Schema,
-    *,
-    required: Collection[str] | None = None,
-    infinite: bool = False,
+    path: str | Path, schema: Schema, *, required: Collection[str] | None = None, infinite: bool = False
 ) -> pd.DataFrame:
     """Read a CSV file of a known schema.
 

@@ -72,10 +72,7 @@ class MeasurementCheck:
 
 
 def check_experiment(
-    experiment: Experiment,
-    *,
-    seed: int = 1,
-    workers: int | None = None,
+    experiment: Experiment, *, seed: int = 1, workers: int | None = None
 ) -> MeasurementCheck:
     """Draw contacts of known radius into the frames of an experiment, and measure them again.
 

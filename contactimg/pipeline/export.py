@@ -35,13 +35,7 @@ from contactimg.tables.outlines import (
 _NAME = re.compile(r"contact_(\d+)")
 
 
-def export_run(
-    run: Run,
-    folder: Path,
-    *,
-    formats: Collection[str],
-    units: str,
-) -> None:
+def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) -> None:
     """Write the tables of a run in other formats.
 
     Parameters

@@ -66,11 +66,7 @@ class Comparison:
 
 
 def compare_run(
-    run: Run,
-    asperities: pd.DataFrame,
-    *,
-    min_radius_px: float = 1.0,
-    workers: int | None = 1,
+    run: Run, asperities: pd.DataFrame, *, min_radius_px: float = 1.0, workers: int | None = 1
 ) -> Comparison:
     """Predict the contacts of every frame with a load, coupled and uncoupled, and match them.
 
@@ -185,12 +181,7 @@ def _rms(values: pd.Series) -> float:
 
 
 def draw_comparison(
-    comparison: Comparison,
-    run: Run,
-    experiment: Experiment,
-    folder: Path,
-    *,
-    workers: int | None,
+    comparison: Comparison, run: Run, experiment: Experiment, folder: Path, *, workers: int | None
 ) -> None:
     """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files."""
     folder.mkdir()

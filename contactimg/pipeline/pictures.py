@@ -57,11 +57,7 @@ LEAST_SQUARE_PX = 3.0
 
 
 def draw_overlays(
-    series: MeasuredSeries,
-    experiment: Experiment,
-    folder: Path,
-    *,
-    workers: int | None,
+    series: MeasuredSeries, experiment: Experiment, folder: Path, *, workers: int | None
 ) -> None:
     """Draw contacts and rejected candidates on every frame that could be measured, as PNG files.
 

@@ -13,12 +13,7 @@ from contactimg.effects.plan import Plan, make_plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.files import write_table
-from contactimg.pipeline.inputs import (
-    largest_load,
-    need_asperities,
-    refuse_repeated,
-    scene_asperities,
-)
+from contactimg.pipeline.inputs import largest_load, need_asperities, refuse_repeated, scene_asperities
 from contactimg.prediction import (
     Coupling,
     Model,

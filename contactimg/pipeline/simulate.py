@@ -138,10 +138,7 @@ def simulate_series(
 
 
 def _render(
-    scene: Scene,
-    asperities: pd.DataFrame | None,
-    sphere_radius: NDArray[np.float64] | None,
-    *job: Any,
+    scene: Scene, asperities: pd.DataFrame | None, sphere_radius: NDArray[np.float64] | None, *job: Any
 ) -> SimulatedFrame:
     """The frame of a number: a smooth contact, or asperities with the radius of each on the smooth sphere."""
     number, name, seed = job
@@ -164,11 +161,7 @@ def _render(
 
 
 def write_simulation(
-    scene: Scene,
-    asperities: pd.DataFrame | None,
-    folder: Path,
-    *,
-    workers: int | None = 1,
+    scene: Scene, asperities: pd.DataFrame | None, folder: Path, *, workers: int | None = 1
 ) -> None:
     """Write the frames of `simulate_series` with loads, asperities, truth and scene, ready for `process`.
 

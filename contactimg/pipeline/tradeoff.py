@@ -21,12 +21,7 @@ REPETITION_SECONDS = 15.0
 """Time for repeated runs of the settings, s. Chosen by hand."""
 
 
-def measure_tradeoff(
-    scene: Scene,
-    *,
-    load: float | None = None,
-    knobs: str | Sequence[str] = (),
-) -> Tradeoff:
+def measure_tradeoff(scene: Scene, *, load: float | None = None, knobs: str | Sequence[str] = ()) -> Tradeoff:
     """Measure computing time against accuracy: the settings of each knob, compared in one run.
 
     Parameters
@@ -68,12 +63,7 @@ def measure_tradeoff(
     """
     names = [knobs] if isinstance(knobs, str) else knobs
     chosen, left_out = prepare_tradeoff(scene, load=load, knobs=names)
-    return run_knobs(
-        chosen,
-        relative=scene.tolerance.relative,
-        seconds=REPETITION_SECONDS,
-        left_out=left_out,
-    )
+    return run_knobs(chosen, relative=scene.tolerance.relative, seconds=REPETITION_SECONDS, left_out=left_out)
 
 
 def prepare_tradeoff(

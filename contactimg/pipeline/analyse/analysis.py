@@ -128,10 +128,7 @@ class Analysis:
 
 
 def analyse_places(
-    places: Sequence[Place],
-    options: AnalysisOptions,
-    *,
-    workers: int | None = None,
+    places: Sequence[Place], options: AnalysisOptions, *, workers: int | None = None
 ) -> Analysis:
     """Analyse the runs of one or several places of a sample.
 

@@ -162,12 +162,7 @@ def analyse_shear(
     return Sheared(followed, tuple(laws), beta, strip, confidence)
 
 
-def _upper_limits(
-    place: Place,
-    table: pd.DataFrame,
-    *,
-    workers: int | None,
-) -> NDArray[np.float64]:
+def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> NDArray[np.float64]:
     """Upper limit of the radius in each row without a contact, m; NaN in the others and outside the image."""
     limits = np.full(len(table), np.nan)
     if place.pose is None:

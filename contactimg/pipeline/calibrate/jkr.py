@@ -387,10 +387,7 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, 
             "departure_rival": calibration.rival,
             "axis_ratio": mean_astigmatism(table).axis_ratio,
         },
-        "fixed": {
-            "sphere_radius_m": sphere.radius,
-            "poisson_ratio": sphere.poisson_ratio,
-        },
+        "fixed": {"sphere_radius_m": sphere.radius, "poisson_ratio": sphere.poisson_ratio},
     }
     if sphere.thickness is not None:
         record["fixed"]["thickness_m"] = sphere.thickness

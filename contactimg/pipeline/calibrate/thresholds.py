@@ -61,10 +61,7 @@ class ThresholdSeries:
 
 
 def measure_thresholds(
-    experiment: Experiment,
-    thresholds: ArrayLike = THRESHOLDS,
-    *,
-    workers: int | None = None,
+    experiment: Experiment, thresholds: ArrayLike = THRESHOLDS, *, workers: int | None = None
 ) -> ThresholdSeries:
     """Count the pixels of every frame above each of many thresholds.
 
@@ -201,11 +198,7 @@ def _notes(series: ThresholdSeries) -> list[str]:
 
 
 def _result(
-    record: dict[str, Any],
-    series: ThresholdSeries,
-    forces: Values,
-    figures: dict[str, Axes],
-    **curve: Any,
+    record: dict[str, Any], series: ThresholdSeries, forces: Values, figures: dict[str, Axes], **curve: Any
 ) -> Calibrated:
     """The result with scatter about the line of the record's slope, and tables of forces and curve."""
     table = series.frames[["frame", "load_N", "message"]].assign(force_sum_N=forces)
@@ -278,10 +271,7 @@ def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Cali
 
 
 def run_modulus(
-    experiment: Experiment,
-    *,
-    threshold: CoverageEstimate | None,
-    workers: int | None = None,
+    experiment: Experiment, *, threshold: CoverageEstimate | None, workers: int | None = None
 ) -> Calibrated:
     """The modulus of slope 1 at a threshold that is kept; for the disk method, without one.
 
