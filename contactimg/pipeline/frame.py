@@ -365,6 +365,8 @@ def visible_areas(contacts: pd.DataFrame, shape: tuple[int, ...]) -> NDArray[np.
     low, high = np.full(2, -0.5), np.array([shape[1] - 0.5, shape[0] - 0.5])
     places, reach = contacts[["x_px", "y_px"]].to_numpy(float), contacts[["semi_major_px"]].to_numpy(float)
     cut = ((places - reach <= low) | (places + reach >= high)).any(axis=1) & (contacts["shape"] != "free")
+    if not cut.any():
+        return visible
     for row, outline in zip(np.flatnonzero(cut), contact_outlines(contacts[cut]), strict=True):
         # what lies outside falls onto the border, where it has no area
         whole, inside = (

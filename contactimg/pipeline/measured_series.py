@@ -332,6 +332,8 @@ class MeasuredSeries:
         None without an indenter.
     shown : Apex or None
         Apex and radius of the lens that the contacts show, None where they show none.
+    law : LawPlan or None
+        Law of the local forces, on which the contacts of all frames decide; None without forces.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`, for what is done with blocks.
     """
@@ -343,10 +345,11 @@ class MeasuredSeries:
     pose: PoseFit | None = None
     apex: Apex | None = None
     shown: Apex | None = None
+    law: LawPlan | None = None
     workers: int | None = 1
 
     def posed(self, shape: tuple[int, int], asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
-        """The series with the pose and apex that the frame with most contacts gives.
+        """The series with the pose and apex that the frame with most contacts gives, and the law of all.
 
         Frames have this usual shape. Where an asperity first touches depends on the apex, by less than the
         asperities are apart: where the apex is found from the contacts, the pose is found once more.
@@ -355,31 +358,31 @@ class MeasuredSeries:
             return self
         counts = [part.row.get("n_contacts", pd.NA) for part in self.parts]
         most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
-        run = self._part(most, most + 1)._run()
+        run = self._part(most, most + 1)._in_pixels
         pose = find_pose(run, self.sites, self.scene.pose(shape))
         places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
         several = replace(self, parts=[self.parts[k] for k in places], loads=self.loads[places])
-        located = with_pose(several._run(), self.sites, pose)
+        located = with_pose(several._in_pixels, self.sites, pose)
         shown = shown_apex(located.contacts, located.frames, self.scene, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
-        if apex is None or apex.known == STATED or asperities is None:
-            return replace(self, pose=pose, apex=apex, shown=shown)
-        logger.info("%s", apex.sentence())
-        scene = self.scene.with_apex(apex.place)
-        sites = contact_sites(asperities, scene)
-        return replace(
-            self, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose), apex=apex, shown=shown
-        )
+        posed = replace(self, pose=pose, apex=apex, shown=shown)
+        if apex is not None and apex.known != STATED and asperities is not None:
+            logger.info("%s", apex.sentence())
+            scene = self.scene.with_apex(apex.place)
+            sites = contact_sites(asperities, scene)
+            posed = replace(posed, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose))
+        if posed.scene.elastic is None:
+            return posed
+        evidence = posed._share(lambda block: _law_evidence(block._located, block.sites))
+        return replace(posed, law=decide_law(posed.scene, reduce(or_, evidence)))
 
     def blocks(self) -> Iterator[Run]:
         """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""
-        law = self._law
-        return (part._finished(law) for part in self._parts())
+        return (part._finished for part in self._parts())
 
     def of_blocks(self, make: Callable[[Run], Result]) -> Iterator[Result]:
         """The results of a function for the blocks, in order; several processes share the blocks."""
-        law = self._law
-        return self._share(lambda block: make(block._finished(law)))
+        return self._share(lambda block: make(block._finished))
 
     def whole(self) -> Run:
         """The run with the tables of all frames in memory."""
@@ -388,38 +391,33 @@ class MeasuredSeries:
         law = next((block.law for block in blocks if block.law is not None), None)
         return Run(self.scene, contacts, frames, self.pose, {"rejected": rejected, "outlines": outlines}, law)
 
-    @cached_property
-    def _law(self) -> LawPlan | None:
-        """The law of the local forces, on which the contacts of all frames decide; None without forces."""
-        if self.scene.elastic is None or self.pose is None:
-            return None
-        evidence = self._share(lambda block: _law_evidence(block._located(), block.sites))
-        return decide_law(self.scene, reduce(or_, evidence))
-
     def _share(self, call: Callable[["MeasuredSeries"], Result]) -> Iterator[Result]:
         """The results of a function of each block, as a series of its own."""
         count = -(-len(self.parts) // BLOCK_FRAMES)
         return in_parallel(call, ((part,) for part in self._parts()), count=count, workers=self.workers)
 
     def _parts(self) -> Iterator["MeasuredSeries"]:
-        """The blocks, each as a series."""
+        """The blocks, each as a series; a short series is its only block, which keeps its tables."""
+        if len(self.parts) <= BLOCK_FRAMES:
+            return iter((self,))
         return (self._part(first, first + BLOCK_FRAMES) for first in range(0, len(self.parts), BLOCK_FRAMES))
 
     def _part(self, first: int, end: int) -> "MeasuredSeries":
         """Some of the frames as a series."""
         return replace(self, parts=self.parts[first:end], loads=self.loads[first:end])
 
-    def _finished(self, law: LawPlan | None) -> Run:
+    @cached_property
+    def _finished(self) -> Run:
         """The run with pose and forces."""
-        run = self._located()
-        return run if self.pose is None else with_forces(run, self.sites, law)
+        return self._located if self.pose is None else with_forces(self._located, self.sites, self.law)
 
+    @cached_property
     def _located(self) -> Run:
         """The run without forces."""
-        run = self._run()
-        return run if self.pose is None else with_pose(run, self.sites, self.pose)
+        return self._in_pixels if self.pose is None else with_pose(self._in_pixels, self.sites, self.pose)
 
-    def _run(self) -> Run:
+    @cached_property
+    def _in_pixels(self) -> Run:
         """The run in pixels."""
         tables = [part.tables for part in self.parts]
         frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
