@@ -62,10 +62,16 @@ def predict(
         Elastic coupling between the asperities. auto: as the plan of the effects decides. Any other level:
         the paper's model with this coupling; other effects only where the scene switches them on.
     """
+    from contactimg.prediction import find_touching_load
+
     described, inputs = scene_at(scene, stated)
     touching = {}
     if touching_load:
-        planes_touch_at = pipeline.touching_load(described, model=model, coupling=coupling)
+        needed = (
+            pipeline.need_asperities(described, "predicting contacts") if model == "interacting" else None
+        )
+        surface = pipeline.scene_asperities(described) if needed is None else needed
+        planes_touch_at = find_touching_load(described, surface, model=model, coupling=coupling)
         loads = (*loads, *([planes_touch_at] if planes_touch_at > 0 else []))
         touching = {"touching_load_N": planes_touch_at}
         say(f"the base planes touch from {planes_touch_at:.4g} N on")

@@ -15,6 +15,7 @@ from .check import check_experiment as check_experiment
 from .export import edits_from_regions as edits_from_regions
 from .export import export_run as export_run
 from .inputs import need_asperities as need_asperities
+from .inputs import scene_asperities as scene_asperities
 from .measured_series import shown_apex as shown_apex
 from .measured_series import write_joined_tables as write_joined_tables
 from .measured_series import write_run as write_run
@@ -24,7 +25,6 @@ from .pictures import draw_overlays as draw_overlays
 from .predict import choice_sentence as choice_sentence
 from .predict import plan_effects as plan_effects
 from .predict import predict_loads as predict_loads
-from .predict import touching_load as touching_load
 from .predict import write_predictions as write_predictions
 from .results import write_results as write_results
 from .series import measure_parts as measure_parts

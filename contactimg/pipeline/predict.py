@@ -13,12 +13,12 @@ from contactimg.effects.plan import Plan, make_plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.files import write_table
-from contactimg.pipeline.inputs import largest_load, need_asperities, refuse_repeated, scene_asperities
+from contactimg.pipeline.inputs import largest_load, need_asperities, scene_asperities
 from contactimg.prediction import (
     Coupling,
     Model,
     Prediction,
-    find_touching_load,
+    load_name,
     predict_average,
     predict_contacts,
     see_contacts,
@@ -73,7 +73,9 @@ def predict_loads(
     """
     if not loads:
         raise InputError("no load is given; give --load-N")
-    refuse_repeated(loads)
+    repeated = [load for load in loads if list(loads).count(load) > 1]
+    if repeated:
+        raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")
     if model == "interacting":
         asperities = need_asperities(scene, "predicting contacts")
         how: dict[str, Any] = {"coupling": coupling, "annulus": annulus}
@@ -90,17 +92,6 @@ def predict_loads(
         Prediction.failed(load, str(one)) if isinstance(one, ContactimgError) else one
         for load, one in zip(loads, found, strict=True)
     ]
-
-
-def touching_load(scene: Scene, *, model: Model, coupling: Coupling) -> float:
-    """`contactimg.prediction.find_touching_load` for the asperities of a scene."""
-    asperities = need_asperities(scene, "predicting contacts") if model == "interacting" else None
-    return find_touching_load(
-        scene,
-        asperities if model == "interacting" else scene_asperities(scene),
-        model=model,
-        coupling=coupling,
-    )
 
 
 def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:

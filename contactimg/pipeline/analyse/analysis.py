@@ -178,15 +178,16 @@ def analyse_places(
     ratio = None
     if stress is not None and options.smooth_stress is not None:
         ratio = compare_stress(stress, options.smooth_stress)
+    area, area_laws = _areas(places_of, averages, density, options, notes)
     return Analysis(
-        area=_area_table(places_of, averages, density, options),
+        area=area,
         profile=joined([average.profile for average in averages], PROFILE),
         normalised=joined([average.normalised for average in averages], NORMALISED),
         pressure_law=joined(
             [_points(average, density, options.min_contacts) for average in averages], PRESSURE_LAW
         ),
         friction=friction,
-        area_laws=_area_laws(places_of, options, notes),
+        area_laws=area_laws,
         contact_laws=_contact_laws(averages, own, options, notes),
         shear_stress=stress,
         stress_ratio=ratio,
@@ -391,51 +392,40 @@ def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.Dat
 # --- tables and laws
 
 
-def _area_frames(places: Sequence[Place]) -> pd.DataFrame:
-    """Areas of all usable frames."""
-    tables = [
-        frame_areas(usable_frames(place), place.contacts, place=place.name, centre=place.centre)
-        for place in places
-    ]
-    return pd.concat([table for table in tables if len(table)] or tables, ignore_index=True)
-
-
-def _area_table(
-    places_of: dict[str, list[Place]], averages: list[LoadAverage], density: float, options: AnalysisOptions
-) -> pd.DataFrame:
-    """Areas of each load, measured and of every model."""
-    tables = []
+def _areas(
+    places_of: dict[str, list[Place]],
+    averages: list[LoadAverage],
+    density: float,
+    options: AnalysisOptions,
+    notes: list[str],
+) -> tuple[pd.DataFrame, dict[str, PowerLaw]]:
+    """Areas of each load, and exponents of A(P), measured and of every model."""
+    tables, laws = list[pd.DataFrame](), dict[str, PowerLaw]()
     for model, places in places_of.items():
+        parts = [
+            frame_areas(usable_frames(place), place.contacts, place=place.name, centre=place.centre)
+            for place in places
+        ]
+        areas = pd.concat([table for table in parts if len(table)] or parts, ignore_index=True)
         numbers = pd.concat([place.frames for place in places]).set_index(["place", "frame"])["group"]
-        areas = _area_frames(places)
         groups = numbers.loc[pd.MultiIndex.from_frame(areas[["place", "frame"]])].to_numpy(np.intp)
         table = area_by_load(areas, groups, model=model, asperity_density=density)
         spread = np.hypot(options.load_relative_std * table["load_N"], options.load_std)
         tables.append(table.assign(load_std_N=spread / np.sqrt(table["n_frames"].astype(float))))
-    rings = [("gt", one.load, one.ring_area) for one in averages if np.isfinite(one.ring_area)]
-    return joined([*tables, AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"]))], AREA)
-
-
-def _area_laws(
-    places_of: dict[str, list[Place]], options: AnalysisOptions, notes: list[str]
-) -> dict[str, PowerLaw]:
-    """Exponents of A(P), measured and of every model."""
-
-    def law(model: str, places: list[Place]) -> PowerLaw:
-        areas = _area_frames(places)
-        return fit_area_law(
-            areas[areas["load"].between(*options.load_range)],
+        cell = LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS
+        fit = partial(
+            fit_area_law,
             load_relative_std=options.load_relative_std,
             load_std=options.load_std,
-            load_cell=LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS,
+            load_cell=cell,
             confidence=options.confidence,
         )
-
-    laws = {
-        model: _fit_or_note(notes, f"A(P), {model}", law, model, places)
-        for model, places in places_of.items()
-    }
-    return {model: law for model, law in laws.items() if law is not None}
+        chosen = areas[areas["load"].between(*options.load_range)]
+        law = _fit_or_note(notes, f"A(P), {model}", fit, chosen)
+        laws |= {} if law is None else {model: law}
+    rings = [("gt", one.load, one.ring_area) for one in averages if np.isfinite(one.ring_area)]
+    tables.append(AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"])))
+    return joined(tables, AREA), laws
 
 
 def _contact_laws(
