@@ -216,33 +216,25 @@ def edits_between(
     DataFrame
         Columns of `contactimg.tables.EDITS`, without frame, author and time.
     """
-    columns = ["label", "x_px", "y_px", "radius_px"]
-    places = {
-        int(label): (x, y, radius) for label, x, y, radius in contacts[columns].astype(float).to_numpy()
-    }
-    before = {region.name: region for region in exported}
-    rows: list[dict[str, object]] = []
-    kept: set[int] = set()
+    places = contacts.set_index("label")[["x_px", "y_px"]].astype(float).T.to_dict()
+    before, rows, kept = {region.name: region for region in exported}, list[dict[str, object]](), set[int]()
     for region in corrected:
         if region.name.startswith(REJECTED_PREFIX):
             continue
-        label = label_of(region.name)
-        if label is None or label not in places or label in kept:
-            rows.append(_row("add", (region.x, region.y, region.radius), f"drawn in {program}"))
-            continue
-        kept.add(label)
-        old, names = before[region.name], ("x", "y", "radius_x", "radius_y")
-        if any(abs(getattr(region, name) - getattr(old, name)) >= SAME_PX for name in names):
-            rows.append(_row("exclude", places[label], f"moved in {program}"))
-            rows.append(_row("add", (region.x, region.y, region.radius), f"moved in {program}"))
-    gone = [_row("exclude", places[label], f"deleted in {program}") for label in sorted(places.keys() - kept)]
-    return EDITS.conform(pd.DataFrame([*gone, *rows], columns=["action", *_PLACE, "reason"]))
-
-
-_PLACE = ("x_px", "y_px", "radius_px")
-
-
-def _row(action: str, place: tuple[float, float, float], reason: str) -> dict[str, object]:
-    """One correction; the radius only where it is used."""
-    radius = place[2] if action == "add" else np.nan
-    return {"action": action, "x_px": place[0], "y_px": place[1], "radius_px": radius, "reason": reason}
+        label, why = label_of(region.name), "drawn"
+        if label is not None and label in places and label not in kept:
+            kept.add(label)
+            old, names = before[region.name], ("x", "y", "radius_x", "radius_y")
+            if all(abs(getattr(region, name) - getattr(old, name)) < SAME_PX for name in names):
+                continue
+            why = "moved"
+            rows.append(places[label] | {"action": "exclude", "reason": f"moved in {program}"})
+        new = {"x_px": region.x, "y_px": region.y, "radius_px": region.radius}
+        rows.append(new | {"action": "add", "reason": f"{why} in {program}"})
+    gone = [
+        place | {"action": "exclude", "reason": f"deleted in {program}"}
+        for label, place in places.items()
+        if label not in kept
+    ]
+    columns = ["action", "x_px", "y_px", "radius_px", "reason"]
+    return EDITS.conform(pd.DataFrame([*gone, *rows], columns=columns))

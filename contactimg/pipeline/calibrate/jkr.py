@@ -366,15 +366,24 @@ def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
 def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, Any]:
     """What ``calibration.json`` says of a JKR fit: results, quality, what was fixed and fitted."""
     centre, sphere, table = mean_centre(series.table), calibration.sphere, series.table
-    fitted = ["young_modulus", "work_of_adhesion", "centre_x", "centre_y"]
-    record: dict[str, Any] = {
+    edge = calibration.edge if calibration.edge is not None and calibration.edge.settled else None
+    found = {
+        "young_modulus": (calibration.young_modulus, "Pa"),
+        "work_of_adhesion": (calibration.work_of_adhesion, "J/m^2"),
+        "centre_x": (CoverageEstimate.of_normal(centre.x_px, centre.std_px), "px"),
+        "centre_y": (CoverageEstimate.of_normal(centre.y_px, centre.std_px), "px"),
+        "load_zero": (calibration.load_zero, "N"),
+        "drift": (calibration.drift, "N" if calibration.departure.endswith("zero") else "1"),
+        "work_of_adhesion_unloading": (calibration.work_of_adhesion_unloading, "J/m^2"),
+        "edge_shift": (None if edge is None else edge.shift, "px"),
+    }
+    numbers = {name: one.record(unit) for name, (one, unit) in found.items() if one is not None}
+    unfitted = {"work_of_adhesion_unloading"} | (set() if calibration.load_zero_seen else {"load_zero"})
+    fixed = {"sphere_radius_m": sphere.radius, "poisson_ratio": sphere.poisson_ratio}
+    return numbers | {
         "kind": "jkr",
-        "young_modulus": calibration.young_modulus.record("Pa"),
-        "work_of_adhesion": calibration.work_of_adhesion.record("J/m^2"),
-        "centre_x": CoverageEstimate.of_normal(centre.x_px, centre.std_px).record("px"),
-        "centre_y": CoverageEstimate.of_normal(centre.y_px, centre.std_px).record("px"),
         "correlation": {"young_modulus, work_of_adhesion": calibration.correlation},
-        "fitted": fitted,
+        "fitted": [name for name in numbers if name not in unfitted],
         "quality": {
             "frames_used": int(calibration.points["used"].sum()),
             "frames": len(table),
@@ -387,22 +396,8 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, 
             "departure_rival": calibration.rival,
             "axis_ratio": mean_astigmatism(table).axis_ratio,
         },
-        "fixed": {"sphere_radius_m": sphere.radius, "poisson_ratio": sphere.poisson_ratio},
+        "fixed": fixed if sphere.thickness is None else fixed | {"thickness_m": sphere.thickness},
     }
-    if sphere.thickness is not None:
-        record["fixed"]["thickness_m"] = sphere.thickness
-    if calibration.load_zero is not None:
-        record["load_zero"] = calibration.load_zero.record("N")
-        fitted += ["load_zero"] * calibration.load_zero_seen
-    if calibration.drift is not None:
-        record["drift"] = calibration.drift.record("N" if calibration.departure.endswith("zero") else "1")
-        fitted.append("drift")
-    if calibration.work_of_adhesion_unloading is not None:
-        record["work_of_adhesion_unloading"] = calibration.work_of_adhesion_unloading.record("J/m^2")
-    if calibration.edge is not None and calibration.edge.settled:
-        record["edge_shift"] = calibration.edge.shift.record("px")
-        fitted.append("edge_shift")
-    return record
 
 
 def _jkr_figure(calibration: JkrCalibration) -> Axes:
