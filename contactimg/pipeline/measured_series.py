@@ -450,23 +450,24 @@ def write_run(
     with ExitStack() as stack:
         tables = [stack.enter_context(TableWriter(schema, folder, table_format)) for schema in _TABLES]
 
-        def encoded(block: Run) -> tuple[list[str | pd.DataFrame], pd.DataFrame, str]:
+        def encoded(block: Run) -> tuple[list[str | pd.DataFrame], pd.DataFrame]:
             rows = [encoded_rows(getattr(block, one.name), one, table_format) for one in _TABLES]
-            return rows, block.frames, "" if block.law is None else block.law.sentence()
+            return rows, block.frames
 
-        for contents, rows, law in series.of_blocks(encoded):
+        for contents, rows in series.of_blocks(encoded):
             for table, part in zip(tables, contents, strict=True):
                 table.append(part)
             frames.append(rows)
-            if law:
-                record["law"] = law
     if tables[-1].empty:
         tables[-1].path.unlink()
-    films = [part.film for part in series.parts if part.film is not None]
+    whole = FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True))
+    if series.law is not None and whole["law"].ne("").any():
+        record["law"] = series.law.sentence()
+    films = {part.row["frame"]: part.film for part in series.parts if part.film is not None}
     if films:
-        record["film_summary"] = summarise_films(films)
-        record["film"] = {p.row["frame"]: asdict(p.film) for p in series.parts if p.film is not None}
-    return FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True)), record
+        record["film_summary"] = summarise_films(list(films.values()))
+        record["film"] = {name: asdict(film) for name, film in films.items()}
+    return whole, record
 
 
 def write_joined_tables(

@@ -75,9 +75,8 @@ def measure_parts(
     options = FrameOptions.of(scene, sites)
     parts, shape = _measure_frames(experiment, options, edits, workers=workers, store=store)
     parts = [replace(part, own_optics=None) for part in parts]  # which is the largest part of a frame
-    loads = experiment.loads.drop_duplicates("frame").set_index("frame")["load_N"]
-    in_order = loads.reindex([part.row["frame"] for part in parts]).to_numpy(float)
-    return MeasuredSeries(scene, parts, in_order, sites, workers=workers).posed(shape, asperities)
+    loads = np.array([experiment.load_of(part.row["frame"]) for part in parts])
+    return MeasuredSeries(scene, parts, loads, sites, workers=workers).posed(shape, asperities)
 
 
 def edits_by_frame(experiment: Experiment) -> dict[str, Edits]:

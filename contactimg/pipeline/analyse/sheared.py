@@ -186,7 +186,7 @@ def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> 
     if experiment is None:
         return limits
     call = partial(_limits_of_frame, scene=experiment.scene)
-    measured = for_each_frame(experiment, call, jobs, workers=workers, shown="limiting contacts not seen")
+    measured = for_each_frame(experiment, call, jobs, workers=workers, shown="looking for contacts not seen")
     for index, found in zip(rows, measured, strict=True):
         if isinstance(found, FailedFrame):
             logger.warning("limits of contacts are those of detection: %s", found.row["message"])
