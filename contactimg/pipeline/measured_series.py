@@ -332,8 +332,8 @@ class MeasuredSeries:
         None without an indenter.
     shown : Apex or None
         Apex and radius of the lens that the contacts show, None where they show none.
-    law : LawPlan or None
-        Law of the local forces, on which the contacts of all frames decide; None without forces.
+    decided : LawPlan or None
+        Of a block: the law of the local forces that the whole series decided on.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`, for what is done with blocks.
     """
@@ -345,11 +345,11 @@ class MeasuredSeries:
     pose: PoseFit | None = None
     apex: Apex | None = None
     shown: Apex | None = None
-    law: LawPlan | None = None
+    decided: LawPlan | None = None
     workers: int | None = 1
 
     def posed(self, shape: tuple[int, int], asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
-        """The series with the pose and apex that the frame with most contacts gives, and the law of all.
+        """The series with the pose and apex that the frame with most contacts gives.
 
         Frames have this usual shape. Where an asperity first touches depends on the apex, by less than the
         asperities are apart: where the apex is found from the contacts, the pose is found once more.
@@ -371,18 +371,15 @@ class MeasuredSeries:
             scene = self.scene.with_apex(apex.place)
             sites = contact_sites(asperities, scene)
             posed = replace(posed, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose))
-        if posed.scene.elastic is None:
-            return posed
-        evidence = posed._share(lambda block: _law_evidence(block._located, block.sites))
-        return replace(posed, law=decide_law(posed.scene, reduce(or_, evidence)))
+        return posed
 
     def blocks(self) -> Iterator[Run]:
         """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""
-        return (part._finished for part in self._parts())
+        return (part._finished for part in self._parts(self.law))
 
     def of_blocks(self, make: Callable[[Run], Result]) -> Iterator[Result]:
         """The results of a function for the blocks, in order; several processes share the blocks."""
-        return self._share(lambda block: make(block._finished))
+        return self._share(lambda block: make(block._finished), self.law)
 
     def whole(self) -> Run:
         """The run with the tables of all frames in memory."""
@@ -391,16 +388,27 @@ class MeasuredSeries:
         law = next((block.law for block in blocks if block.law is not None), None)
         return Run(self.scene, contacts, frames, self.pose, {"rejected": rejected, "outlines": outlines}, law)
 
-    def _share(self, call: Callable[["MeasuredSeries"], Result]) -> Iterator[Result]:
+    @cached_property
+    def law(self) -> LawPlan | None:
+        """The law of the local forces, on which the contacts of all frames decide; None without forces."""
+        if self.decided is not None or self.scene.elastic is None or self.pose is None:
+            return self.decided
+        evidence = self._share(lambda block: _law_evidence(block._located, block.sites))
+        return decide_law(self.scene, reduce(or_, evidence))
+
+    def _share(
+        self, call: Callable[["MeasuredSeries"], Result], law: LawPlan | None = None
+    ) -> Iterator[Result]:
         """The results of a function of each block, as a series of its own."""
         count = -(-len(self.parts) // BLOCK_FRAMES)
-        return in_parallel(call, ((part,) for part in self._parts()), count=count, workers=self.workers)
+        return in_parallel(call, ((part,) for part in self._parts(law)), count=count, workers=self.workers)
 
-    def _parts(self) -> Iterator["MeasuredSeries"]:
+    def _parts(self, law: LawPlan | None) -> Iterator["MeasuredSeries"]:
         """The blocks, each as a series; a short series is its only block, which keeps its tables."""
         if len(self.parts) <= BLOCK_FRAMES:
             return iter((self,))
-        return (self._part(first, first + BLOCK_FRAMES) for first in range(0, len(self.parts), BLOCK_FRAMES))
+        firsts = range(0, len(self.parts), BLOCK_FRAMES)
+        return (replace(self._part(first, first + BLOCK_FRAMES), decided=law) for first in firsts)
 
     def _part(self, first: int, end: int) -> "MeasuredSeries":
         """Some of the frames as a series."""
