@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from contactimg.engine.progress import counted
 from contactimg.errors import ContactimgError
 from contactimg.mechanics import hertz, jkr
 from contactimg.models.adhesive import solve_adhesive
@@ -239,17 +240,13 @@ CASES: dict[str, Callable[[], Outcome]] = {
 """Name of a case -> what runs it."""
 
 
-def run_cases(
-    cases: Mapping[str, Callable[[], Outcome]] = CASES, advance: Callable[[], None] = lambda: None
-) -> pd.DataFrame:
+def run_cases(cases: Mapping[str, Callable[[], Outcome]] = CASES) -> pd.DataFrame:
     """The table of the cases: one row each, with ``passed``.
 
     Parameters
     ----------
     cases : mapping
         Name of a case -> what runs it.
-    advance : callable
-        Called after each case.
 
     Examples
     --------
@@ -257,11 +254,10 @@ def run_cases(
     [{'case': 'Hertz', 'passed': True}]
     """
     rows = []
-    for name, check in cases.items():
+    for name, check in counted(cases.items(), "solving", len(cases)):
         try:
             outcome = check()
         except ContactimgError as error:
             outcome = Outcome(str(error), np.inf, 0.0, "an answer")
         rows.append({"case": name} | asdict(outcome) | {"passed": outcome.passed})
-        advance()
     return pd.DataFrame(rows)

@@ -22,11 +22,7 @@ from contactimg.mechanics import hertz
 from contactimg.models.base_gap import MAX_TOUCHING_SHARE
 from contactimg.models.conditions import ContactConditions
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
-from contactimg.models.greenwood_williamson import (
-    RingSolution,
-    ring_weights,
-    solve_greenwood_williamson,
-)
+from contactimg.models.greenwood_williamson import RingSolution, ring_weights, solve_greenwood_williamson
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
@@ -355,11 +351,7 @@ def predict_average(
 
 
 def solve_average(
-    scene: Scene,
-    asperities: pd.DataFrame | None,
-    *,
-    load: float,
-    model: Literal["gw", "gt"],
+    scene: Scene, asperities: pd.DataFrame | None, *, load: float, model: Literal["gw", "gt"]
 ) -> RingSolution:
     """Solve a statistical model for a scene: the rings behind `predict_average`, with its arguments."""
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)

@@ -66,6 +66,7 @@ INNER_ROOMS = {
     ],
     "pipeline": [
         "inputs",
+        "results",
         "parallel",
         "frame",
         "background",

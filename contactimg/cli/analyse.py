@@ -9,7 +9,7 @@ import click
 
 from contactimg import files, pipeline
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_results, progress, say
+from contactimg.cli.printing import echo_results, say
 
 
 @shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
@@ -77,8 +77,6 @@ def analyse(
     smooth
         Output folder of `process` for a smooth lens; its shear stress is the one to compare with.
     """
-    from contactimg.prediction import COMPARED_MODELS
-
     settings = pipeline.AnalysisOptions(
         annulus=annulus_mm * 1e-3,
         confidence=confidence,
@@ -101,10 +99,7 @@ def analyse(
     inputs += [] if calibration is None else [Path(calibration)]
     then = "report" if len(runs) == 1 else ""
     with shared.results_in(output, runs[0], None, inputs, main_files=["results.csv"], then=then) as out:
-        count = len(COMPARED_MODELS) * pipeline.count_solutions(places) if models else 0
-        count += sum(len(place.frames) for place in places if place.asperities is not None)
-        with progress("models and upper limits", count) as advance:
-            analysis = pipeline.analyse_places(places, settings, workers=workers, advance=advance)
+        analysis = pipeline.analyse_places(places, settings, workers=workers)
         results = pipeline.write_analysis(analysis, out.folder, smooth_stress=settings.smooth_stress)
         out.record["notes"] = [*pipeline.differences(places), *analysis.notes]
         echo_results(results, title=", ".join(runs))

@@ -8,7 +8,7 @@ import click
 
 from contactimg import files, pipeline
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_first_run, progress, say
+from contactimg.cli.printing import echo_first_run, say
 from contactimg.cli.scenes import apply_calibration, results_of, scene_of_folder
 from contactimg.errors import InputError
 from contactimg.scene import Scene
@@ -191,8 +191,7 @@ def _calibrate(
     ) as out:
         if other_frames and files.shares_frames(other_frames, out.record["inputs"]):
             raise InputError(ONE_OF_TWO)
-        with progress("measuring frames", len(experiment.frames)) as advance:
-            result = run(experiment, workers=workers, advance=advance)
+        result = run(experiment, workers=workers)
         pipeline.write_calibration(result, out.folder, frames=out.record["inputs"])
         _echo(result, title=f"{folder}, calibrate {kind}")
     return 1 if result.failed else 0

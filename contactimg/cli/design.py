@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from contactimg import files, plots, tables
+from contactimg import files, pipeline, plots, tables
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_table, say
 from contactimg.cli.scenes import scene_at
@@ -123,11 +123,9 @@ def design(
     main_files = [ASPERITIES_FILE, LAW_FILE, "scene.toml"]
     with shared.results_in(output, ".", described, inputs, main_files=main_files) as out:
         out.record |= {"status": found.status, "residual": found.residual}
-        files.write_table(found.asperities, tables.ASPERITIES, out.folder / ASPERITIES_FILE)
-        files.write_table(found.law, tables.DESIGNED, out.folder / LAW_FILE)
+        made = {"asperities": (tables.ASPERITIES, found.asperities), "law": (tables.DESIGNED, found.law)}
+        pipeline.write_results(out.folder, made, {"law": plots.plot_design(found.law)})
         files.write_scene(_designed_scene(described), out.folder / "scene.toml")
-        shown = plots.plot_design(found.law)
-        files.write_figures(shown, out.folder, "law", caption=plots.caption_of("law"))
         _echo(found, height_error_um)
     return int(found.residual > tolerance)
 

@@ -6,7 +6,7 @@ import click
 
 from contactimg import files, pipeline, tables
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, progress, say
+from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, say
 from contactimg.cli.scenes import scene_at
 from contactimg.scene import Effects
 from contactimg.timings import stage
@@ -62,21 +62,22 @@ def predict(
         Elastic coupling between the asperities. auto: as the plan of the effects decides. Any other level:
         the paper's model with this coupling; other effects only where the scene switches them on.
     """
+    from contactimg.prediction import find_touching_load
+
     described, inputs = scene_at(scene, stated)
     touching = {}
     if touching_load:
-        planes_touch_at = pipeline.touching_load(described, model=model, coupling=coupling)
+        needed = (
+            pipeline.need_asperities(described, "predicting contacts") if model == "interacting" else None
+        )
+        surface = pipeline.scene_asperities(described) if needed is None else needed
+        planes_touch_at = find_touching_load(described, surface, model=model, coupling=coupling)
         loads = (*loads, *([planes_touch_at] if planes_touch_at > 0 else []))
         touching = {"touching_load_N": planes_touch_at}
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
     with shared.results_in(output, described.folder, described, inputs, main_files=files.RUN_TABLES) as out:
         predictions = pipeline.predict_loads(
-            described,
-            loads,
-            model=model,
-            coupling=coupling,
-            annulus=annulus_mm * 1e-3,
-            workers=workers,
+            described, loads, model=model, coupling=coupling, annulus=annulus_mm * 1e-3, workers=workers
         )
         frames, record = pipeline.write_predictions(predictions, described, out.folder)
         out.record |= record | touching
@@ -91,12 +92,7 @@ def predict(
 
 
 @shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
-def simulate(
-    scene: shared.Existing,
-    *,
-    output: shared.Output = None,
-    workers: shared.OneWorker = 1,
-) -> None:
+def simulate(scene: shared.Existing, *, output: shared.Output = None, workers: shared.OneWorker = 1) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 
     The section [simulate] of the scene describes loads, optics and sensor. Without a section [asperities] the
@@ -122,7 +118,7 @@ def simulate(
     described, inputs = scene_at(scene, {})
     smooth = described.asperities is None
     asperities = None if smooth else pipeline.need_asperities(described, "simulating frames")
-    count = 1 + len(described.need("simulate", "simulating frames").loads)
+    count = len(described.need("simulate", "simulating frames").loads)
     planned, plans = pipeline.plan_simulation(described, asperities)
     with shared.results_in(
         output, described.folder, described, inputs, main_files=["truth.csv", "scene.toml"]
@@ -131,14 +127,13 @@ def simulate(
         out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in plans}
         switches = planned.effects.switches()
         out.record["effects"] = switches
-        with progress("making frames", count) as advance:
-            pipeline.write_simulation(planned, asperities, out.folder, workers=workers, advance=advance)
+        pipeline.write_simulation(planned, asperities, out.folder, workers=workers)
         shown, left_out = ([one for one, switch in switches.items() if switch == on] for on in ("on", "off"))
         sensor = {"shot_noise", "read_noise", "quantisation"} <= set(left_out)
         ideal = "; the frames are floating-point numbers without noise" if sensor else ""
         said = f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}{ideal}"
         say(*(plan.sentence() for plan in plans), said)
-        say(f"{count - 1} frames and the true contacts")
+        say(f"{count} frames and the true contacts")
 
 
 # --- effects
@@ -227,24 +222,14 @@ def tradeoff(
     knobs
         Measure only this choice; repeat the option for more.  [default: all that apply to the scene]
     """
-    from contactimg.tradeoff.measure import run_knobs
-
     described, inputs = scene_at(scene, stated)
-    chosen, left_out = pipeline.prepare_tradeoff(described, load=load, knobs=knobs)
     with shared.results_in(output, described.folder, described, inputs) as out:
-        count = sum(len(knob.settings) for knob in chosen)
-        with progress("measuring settings", count) as advance, stage("settings"):
-            result = run_knobs(
-                chosen,
-                relative=described.tolerance.relative,
-                seconds=pipeline.REPETITION_SECONDS,
-                left_out=left_out,
-                advance=advance,
-            )
+        with stage("settings"):
+            result = pipeline.measure_tradeoff(described, load=load, knobs=knobs)
         pipeline.write_tradeoff(result, out.folder)
         out.record["sentences"] = result.sentences
         echo_tradeoff(result.table)
-        say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in left_out.items()))
+        say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in result.left_out.items()))
 
 
 # --- selftest
@@ -269,8 +254,7 @@ def selftest() -> int:
     """
     from contactimg.hard_cases import CASES, run_cases
 
-    with progress("solving", len(CASES)) as advance:
-        table = run_cases(CASES, advance)
+    table = run_cases(CASES)
     rows = [
         {
             "case": row["case"],

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_
 import click
 
 from contactimg import files
-from contactimg.cli.printing import QUIET, echo_timings, say
+from contactimg.cli.printing import QUIET, echo_timings, progress_bars, say
 from contactimg.scene import section_keys
 from contactimg.timings import collect
 
@@ -57,7 +57,8 @@ def command(
                 value = values.pop(str(option.name))
                 if value not in (None, ()):
                     stated.setdefault(option.section, {})[option.key] = option.in_scene(value)
-            return function(**values, **({"stated": stated} if keys else {}))
+            with progress_bars():
+                return function(**values, **({"stated": stated} if keys else {}))
 
         made = click.Command(
             function.__name__.replace("_", "-"),

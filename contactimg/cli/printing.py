@@ -3,13 +3,14 @@
 import logging
 import textwrap
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from math import floor, isnan, log10
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from contactimg.engine.progress import shown_by
 from contactimg.timings import Timings
 
 if TYPE_CHECKING:
@@ -41,8 +42,24 @@ def say(*sentences: str) -> None:
 
 
 @contextmanager
-def progress(text: str, total: int) -> Iterator[Callable[[], None]]:
-    """Show a progress bar on standard error; call what it yields once per item."""
+def progress_bars() -> Iterator[None]:
+    """Show the loops inside the block as progress bars on standard error, one after another."""
+    with ExitStack() as shown:  # an error leaves the generator of a loop open, and with it its bar
+
+        @contextmanager
+        def bar(text: str, total: int) -> Iterator[Callable[[], None]]:
+            try:
+                yield shown.enter_context(_progress(text, total))
+            finally:
+                shown.close()
+
+        with shown_by(bar):
+            yield
+
+
+@contextmanager
+def _progress(text: str, total: int) -> Iterator[Callable[[], None]]:
+    """Show a progress bar; call what it yields once per item."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

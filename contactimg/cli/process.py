@@ -9,7 +9,7 @@ import click
 
 from contactimg import files, pipeline, plots, tables
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_first_run, echo_frames, echo_table, progress, say
+from contactimg.cli.printing import echo_first_run, echo_frames, echo_table, say
 from contactimg.cli.scenes import describe_use, refuse_idle, scene_of_folder
 from contactimg.errors import InputError
 
@@ -27,11 +27,7 @@ JOINED_FOLDER = "combined"
 
 
 @shared.command(
-    *shared.FRAMES,
-    METHOD,
-    shared.SceneOption("--shape", "measure", "shape"),
-    THRESHOLD,
-    shared.CLUSTER,
+    *shared.FRAMES, METHOD, shared.SceneOption("--shape", "measure", "shape"), THRESHOLD, shared.CLUSTER
 )
 def process(
     folders: Annotated[tuple[shared.Existing, ...], "FOLDER..."],
@@ -98,15 +94,10 @@ def process(
             main_files=files.RUN_TABLES,
             then="overlay" if predictable else "",
         ) as out:
-            count = len(experiment.frames)
-            with progress("measuring frames", count) as advance:
-                store = out.part_store()
-                series = pipeline.measure_parts(experiment, workers=workers, advance=advance, store=store)
+            series = pipeline.measure_parts(experiment, workers=workers, store=out.part_store())
             frames, facts = pipeline.write_run(series, out.folder, table_format)
             if pictures:
-                overlays = out.folder / "overlays"
-                with progress("drawing overlays", count) as advance:
-                    pipeline.draw_overlays(series, experiment, overlays, workers=workers, advance=advance)
+                pipeline.draw_overlays(series, experiment, out.folder / "overlays", workers=workers)
             counts = {str(action): int(n) for action, n in experiment.edits["action"].value_counts().items()}
             out.record |= facts | ({"edits": counts} if counts else {})
             title = f"{folder}, method {described.measure.method}"
@@ -217,12 +208,10 @@ def check(
     echo_first_run()
     main_files = ["check.csv", "drawn.csv"]
     with shared.results_in(output, folder, experiment.scene, experiment.inputs, main_files=main_files) as out:
-        with progress("checking frames", len(experiment.frames)) as advance:
-            result = pipeline.check_experiment(experiment, seed=seed, workers=workers, advance=advance)
-        files.write_table(result.classes, tables.CHECK, out.folder / "check.csv")
-        files.write_table(result.drawn, tables.DRAWN, out.folder / "drawn.csv")
+        result = pipeline.check_experiment(experiment, seed=seed, workers=workers)
+        found = {"check": (tables.CHECK, result.classes), "drawn": (tables.DRAWN, result.drawn)}
         shown = plots.plot_check(result.drawn, result.classes)
-        files.write_figures(shown, out.folder, "check", caption=plots.caption_of("check"))
+        pipeline.write_results(out.folder, found, {"check": shown})
         out.record["sentence"] = result.sentence
         forms = {"low_px": ".2f", "high_px": ".2f", "drawn": "", "completeness": ".0%", "bias_px": "+.3f"}
         forms |= {"rms_px": ".3f", "within_1_std": ".0%", "within_2_std": ".0%"}

@@ -5,9 +5,9 @@ from typing import Annotated, Literal
 
 import click
 
-from contactimg import files, pipeline
+from contactimg import files, pipeline, tables
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_scores, progress, say
+from contactimg.cli.printing import echo_scores, say
 from contactimg.cli.scenes import plausible
 from contactimg.errors import InputError
 
@@ -48,26 +48,23 @@ def overlay(
     pose = measured.need_pose()
     experiment = files.open_experiment(plausible(measured.scene))
     asperities = pipeline.need_asperities(measured.scene, "predicting contacts")
-    count = len(measured.frames)
     inputs = [*files.main_tables([Path(run)]), *experiment.inputs]
     main_files = ["scores.csv", "matches.csv"]
     with shared.results_in(output, run, measured.scene, inputs, main_files=main_files, then="analyse") as out:
-        with progress("predicting contacts", count) as advance:
-            comparison = pipeline.compare_run(
-                measured, asperities, min_radius_px=min_radius_px, advance=advance
-            )
+        comparison = pipeline.compare_run(measured, asperities, min_radius_px=min_radius_px, workers=workers)
         counts = comparison.scores[comparison.scores["model"] == "coupled"]
         shown = pipeline.shown_apex(measured.contacts, measured.frames, measured.scene, pose, asperities)
         numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
         spacing = mean_spacing(asperities)
         settle(doubts_about_match(measured.scene, **numbers, shown=shown, spacing=spacing), run)
-        pipeline.write_comparison(comparison, out.folder)
+        found = {
+            "matches": (tables.MATCHES, comparison.matches),
+            "scores": (tables.SCORES, comparison.scores),
+        }
+        pipeline.write_results(out.folder, found)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
         overlays = out.folder / "overlays"
-        with progress("drawing overlays", count) as advance:
-            pipeline.draw_comparison(
-                comparison, measured, experiment, overlays, workers=workers, advance=advance
-            )
+        pipeline.draw_comparison(comparison, measured, experiment, overlays, workers=workers)
         echo_scores(comparison.scores, title=f"{run}: measured against predicted contacts")
         say(*(f"{frame}: {plan.sentence()}" for frame, plan in comparison.plans.items()))
     for frame, reason in comparison.left_out.items():
@@ -207,14 +204,11 @@ def export(
     formats = tuple(name for name, on in chosen.items() if on) or tuple(chosen)
     others = ["contacts.xlsx" if name == "xlsx" else name for name in chosen if name not in formats]
     source = files.read_run(run)
-    tables = files.main_tables([source.folder])
+    inputs = files.main_tables([source.folder])
     target = output or Path(run) / "export"
     main_files = ["contacts.xlsx"] if "xlsx" in formats else []
-    with (
-        shared.results_in(target, run, source.scene, tables, main_files=main_files, keeps=others) as out,
-        progress("exporting frames", len(source.frames)) as advance,
-    ):
-        pipeline.export_run(source, out.folder, formats=formats, units=units, advance=advance)
+    with shared.results_in(target, run, source.scene, inputs, main_files=main_files, keeps=others) as out:
+        pipeline.export_run(source, out.folder, formats=formats, units=units)
     return 0
 
 

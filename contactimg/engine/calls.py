@@ -21,6 +21,7 @@ from loky.process_executor import BrokenProcessPool
 
 from contactimg.engine.cluster import WorkerEndedError, cluster_in_use
 from contactimg.engine.processes import end_workers, keep_workers, live_with_parent, workers_wait
+from contactimg.engine.progress import counted
 from contactimg.errors import ContactimgError
 from contactimg.timings import collect_call, gather, is_collecting
 
@@ -59,6 +60,7 @@ def in_parallel(
     count: int,
     workers: int | None,
     lost: Callable[..., Result] | None = None,
+    shown: str = "",
 ) -> Iterator[Result]:
     """Call a function for each tuple of arguments and yield the results in order, a few in memory at a time.
 
@@ -77,6 +79,8 @@ def in_parallel(
     lost : callable, optional
         Called with the error and the arguments of a call that ended its worker among others and again alone:
         gives the result in its place. Default: the error is raised.
+    shown : str
+        As for `contactimg.engine.progress.counted`.
 
     Raises
     ------
@@ -90,11 +94,12 @@ def in_parallel(
     """
     cluster, items = cluster_in_use(), iter(arguments)
     if cluster is not None:
-        return _shared(cluster, function, items, lost)
-    processes = _processes(workers)
-    if workers is not None and processes > 1:
-        return _shared(_Processes(processes), function, items, lost)
-    return _begun_alone(function, items, count, processes, lost)
+        results = _shared(cluster, function, items, lost)
+    elif workers is not None and _processes(workers) > 1:
+        results = _shared(_Processes(_processes(workers)), function, items, lost)
+    else:
+        results = _begun_alone(function, items, count, _processes(workers), lost)
+    return counted(results, shown, count)
 
 
 def _processes(workers: int | None) -> int:

@@ -37,6 +37,7 @@ from .output import read_part as read_part
 from .output import read_records as read_records
 from .runs import CALIBRATION_FILE as CALIBRATION_FILE
 from .runs import RUN_TABLES as RUN_TABLES
+from .runs import FrameTables as FrameTables
 from .runs import Run as Run
 from .runs import read_calibration as read_calibration
 from .runs import read_run as read_run

@@ -11,24 +11,29 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from skimage.draw import polygon
 
 from contactimg.errors import FrameError, InputError
 from contactimg.files.atomic import flush_to_disk, read_bytes, write_text
-from contactimg.files.exports import ROI_SUFFIXES, Region, read_regions
 from contactimg.files.sources import FrameSource, list_frames
 from contactimg.files.tables import read_table, read_text_table, text_of_rows
 from contactimg.frame import Frame
 from contactimg.tables import EDITS
 from contactimg.tables.outlines import Outline
 
+if TYPE_CHECKING:
+    from contactimg.files.exports import Region
+
 Points = tuple[tuple[float, float], ...]
 Source = str | list[list[tuple[float, float]]]
 """A mask as the scene states it: a file, or polygons."""
+
+ROI_SUFFIXES = (".roi", ".zip")
+"""File name extensions of ImageJ ROIs: one region, or a set of them."""
 
 _NAMES_SHOWN = 3  # in a message
 
@@ -149,21 +154,19 @@ def _areas(frame: str, mask: Source, folder: Path) -> list[MaskedArea]:
     if not path.is_file():
         raise InputError(f"{path}: the scene names this mask, but there is no such file")
     if path.suffix.lower() in ROI_SUFFIXES:
-        _regions(path)
+        _mask(path)
     else:
         list_frames(path)
     return [MaskedArea(frame, path)]
 
 
 @lru_cache(maxsize=16)
-def _regions(path: Path) -> tuple[Region, ...]:
-    """The regions of an ImageJ file."""
-    return tuple(read_regions(path))
+def _mask(path: Path) -> "NDArray | list[Region]":
+    """The pixels of a mask, or the regions of an ImageJ file."""
+    if path.suffix.lower() in ROI_SUFFIXES:
+        from contactimg.files.exports import read_regions  # noqa: PLC0415 - most runs have no mask
 
-
-@lru_cache(maxsize=16)
-def _mask_image(path: Path) -> NDArray:
-    """The pixels of a mask."""
+        return read_regions(path)
     return FrameSource(path.name, path).read().image
 
 
@@ -180,16 +183,17 @@ def _mean(sources: tuple[FrameSource, ...]) -> NDArray[np.float32]:
 
 def _of_file(path: Path, number: int, shape: tuple[int, int], name: str) -> NDArray[np.bool_]:
     """Masked pixels of a file: those other than 0 of an image, those inside a region of ImageJ."""
-    if path.suffix.lower() in ROI_SUFFIXES:
-        regions = [region for region in _regions(path) if region.image in (0, number)]
-        return _inside([region.outline for region in regions], shape)
-    image = _mask_image(path)
-    _check_size(path.name, image, shape, name)
-    return image != 0
+    mask = _mask(path)
+    if isinstance(mask, list):
+        return _inside([region.outline for region in mask if region.image in (0, number)], shape)
+    _check_size(path.name, mask, shape, name)
+    return mask != 0
 
 
 def _inside(polygons: Iterable[NDArray | Points], shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Pixels whose centres lie inside one of the polygons (x, y; px)."""
+    from skimage.draw import polygon  # noqa: PLC0415 - most runs have no mask
+
     out = np.zeros(shape, np.bool_)
     for corners in polygons:
         x, y = np.asarray(corners, float).T

@@ -14,7 +14,6 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple, cast
@@ -184,40 +183,27 @@ def _decode_other(data: bytes) -> NDArray:
         raise ValueError("the content is not that of a PNG, JPEG or BMP image") from None
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """Where the images of a sequence lie and how their pixels are stored."""
-
-    rows: int
-    columns: int
-    dtype: np.dtype
-    full_scale: float
-    first: int
-    step: int
-    count: int
-
-
 def list_norpix(path: Path) -> range:
     """Numbers of the images that the header announces."""
-    return range(_read_layout(path).count)
+    return range(len(_read_header(path)[0]))
 
 
 def read_norpix(path: Path, index: int) -> Pixels:
     """Image number ``index``, from 0."""
-    layout = _read_layout(path)
-    pixels = layout.rows * layout.columns
-    offset = layout.first + index * layout.step
-    missing = offset + pixels * layout.dtype.itemsize - path.stat().st_size
+    offsets, shape, dtype, full_scale = _read_header(path)
+    pixels, offset = math.prod(shape), offsets[index]
+    missing = offset + pixels * dtype.itemsize - path.stat().st_size
     if missing > 0:
         raise ValueError(f"the file is truncated: {missing} bytes are missing")
-    array = np.fromfile(path, layout.dtype, pixels, offset=offset)
-    return Pixels(
-        array.reshape(layout.rows, layout.columns).astype(array.dtype.newbyteorder("=")), layout.full_scale
-    )
+    array = np.fromfile(path, dtype, pixels, offset=offset).reshape(shape)
+    return Pixels(array.astype(dtype.newbyteorder("=")), full_scale)
 
 
-def _read_layout(path: Path) -> _Layout:
-    """Read the header and check that the images are of a kind that can be read."""
+def _read_header(path: Path) -> tuple[range, tuple[int, int], np.dtype, float]:
+    """Where the images of a sequence begin, their rows and columns, type of pixel and full scale.
+
+    They must be of a kind that can be read: monochrome, 8 or 16 bits, uncompressed.
+    """
     with path.open("rb") as file:
         head = file.read(_HEADER.size)
     if len(head) < _HEADER.size:
@@ -226,7 +212,13 @@ def _read_layout(path: Path) -> _Layout:
     if magic != _MAGIC:
         raise ValueError("the content is not that of a Norpix sequence")
     columns, rows, bits, used_bits, image_bytes, kind, count, _, step = fields[:9]
-    _check_kind(kind, bits, fields[-1])
+    if fields[-1] != 0:
+        raise ValueError("compressed Norpix sequences are not supported; export it uncompressed or as TIFF")
+    if kind != _MONOCHROME or bits not in (8, 16):
+        raise ValueError(
+            "only monochrome Norpix sequences of 8 or 16 bits are supported, "
+            f"got image format {kind} of {bits} bits"
+        )
     # from version 5 on the images begin on a sector of 8192 bytes, before at 1024
     first = 8192 if version >= 5 else 1024
     check_size(columns, rows)
@@ -235,19 +227,8 @@ def _read_layout(path: Path) -> _Layout:
     held = max((path.stat().st_size - first) // step, 0)
     # 0: a recording that was not closed properly; one number beyond the end stands for all that are lost
     count = min(count, held + 1) if count else held
-    dtype = np.dtype(f"<u{bits // 8}")
-    return _Layout(rows, columns, dtype, float(2 ** (used_bits or bits) - 1), first, step, count)
-
-
-def _check_kind(kind: int, bits: int, compression: int) -> None:
-    """Raise unless the images are monochrome, 8 or 16 bits, uncompressed."""
-    if compression != 0:
-        raise ValueError("compressed Norpix sequences are not supported; export it uncompressed or as TIFF")
-    if kind != _MONOCHROME or bits not in (8, 16):
-        raise ValueError(
-            "only monochrome Norpix sequences of 8 or 16 bits are supported, "
-            f"got image format {kind} of {bits} bits"
-        )
+    offsets = range(first, first + count * step, step)
+    return offsets, (rows, columns), np.dtype(f"<u{bits // 8}"), float(2 ** (used_bits or bits) - 1)
 
 
 def list_video(path: Path) -> range:

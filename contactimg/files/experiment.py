@@ -76,11 +76,6 @@ class Experiment:
     corrections: PixelCorrections = field(default_factory=PixelCorrections)
 
     @property
-    def reference(self) -> FrameSource | None:
-        """The first of the references; None without one."""
-        return self.references[0] if self.references else None
-
-    @property
     def inputs(self) -> list[Path]:
         """Every file that a result depends on, once: references, frames, the others."""
         images = [source.path for source in (*self.references, *self.frames)]

@@ -21,8 +21,6 @@ from contactimg.files.atomic import replacing, write_text
 from contactimg.tables import flag_names
 from contactimg.tables.outlines import Outline, contact_outlines
 
-ROI_SUFFIXES = (".roi", ".zip")
-"""File name extensions of ImageJ ROIs: one region, or a set of them."""
 CORNER_TO_CENTRE_PX = 0.5
 """Position in ImageJ minus position here, px."""
 

@@ -4,11 +4,10 @@ import io
 from pathlib import Path
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files.decoders import check_size, stated_pixel_size
+from contactimg.files.decoders import check_size, list_tiff, read_tiff, stated_pixel_size
 from contactimg.summits import HeightMap
 
 Values = NDArray[np.float64]
@@ -61,10 +60,13 @@ def _plain_matrix(path: Path) -> Values:
         if suffix == ".npy":
             return _real(path, np.load(path, allow_pickle=False))
         if suffix in (".tif", ".tiff"):
-            return _real(path, _tiff(path))
+            count = len(list_tiff(path))
+            if count != 1:
+                raise InputError(f"{path}: holds {count} pages; a height map has one")
+            return _real(path, read_tiff(path, 0).array)
         if suffix in TEXT:
             return _text_matrix(path)
-    except (OSError, ValueError, EOFError, tifffile.TiffFileError) as error:
+    except (OSError, ValueError, EOFError) as error:
         raise InputError(f"{path}: cannot be read as a height map ({error})") from None
     raise InputError(f"{path}: cannot be read as a height map; save it as .npy, text or TIFF")
 
@@ -77,16 +79,6 @@ def _real(path: Path, array: NDArray) -> Values:
         )
     check_size(array.shape[1], array.shape[0])
     return array.astype(np.float64)
-
-
-def _tiff(path: Path) -> NDArray:
-    """The first page of a TIFF file, if it is the only one."""
-    with tifffile.TiffFile(path) as tif:
-        if len(tif.pages) != 1:
-            raise InputError(f"{path}: holds {len(tif.pages)} pages; a height map has one")
-        page = tif.pages.first
-        check_size(page.imagewidth, page.imagelength, page.samplesperpixel)
-        return page.asarray()
 
 
 def _text_matrix(path: Path) -> Values:

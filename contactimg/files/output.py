@@ -10,7 +10,6 @@ import platform
 import re
 import secrets
 import shutil
-from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -584,7 +583,7 @@ class PartStore:
         *,
         workers: int | None,
         lost: Callable[..., Result],
-        said: str = "",
+        shown: str = "",
     ) -> Iterator[Result]:
         """Results of a function in order: from their part where it is there, else computed and kept in one.
 
@@ -597,41 +596,40 @@ class PartStore:
             Of the parts; a result without one is not kept.
         workers, lost
             As for `contactimg.engine.calls.in_parallel`.
-        said : str
-            What is logged if a run that was ended has left some, with places for their number and for all.
+        shown : str
+            What a person is shown of the loop; then it is logged if a run that was ended has left some.
         """
         try:
             self.folder.mkdir(exist_ok=True)
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be written ({error.strerror or error})") from None
-        done = bytearray(name is not None and (self.folder / name).is_file() for name in names)
-        if said and any(done) and self.resumes:
-            logger.warning(said, f"{sum(done):,}", f"{len(jobs):,}")
-        others = array("q", (k for k, there in enumerate(done) if not there))
-        compute = partial(_computed, function, str(self.folder))
-        calls = ((names[k], *jobs[k]) for k in others)
-        new = in_parallel(
-            compute, calls, count=len(others), workers=workers, lost=lambda error, _, *job: lost(error, *job)
+        done = sum(name is not None and (self.folder / name).is_file() for name in names)
+        if shown and done and self.resumes:
+            logger.warning(
+                "%s of %s frames were done by a run that was ended; the others are measured",
+                f"{done:,}",
+                f"{len(jobs):,}",
+            )
+        return in_parallel(
+            partial(_kept, function, str(self.folder)),
+            ((name, *job) for name, job in zip(names, jobs, strict=True)),
+            count=len(jobs),
+            workers=workers,
+            lost=lambda error, _, *job: lost(error, *job),
         )
-        for k, there in enumerate(done):
-            if not there:
-                yield next(new)
-                continue
-            path = self.folder / str(names[k])
-            try:
-                result = read_part(path)
-            except InputError as error:
-                logger.warning("%s; it is computed again", error)
-                result = compute(names[k], *jobs[k])
-            yield _kept_in(path, result)
 
 
-def _computed(function: Callable[..., Any], folder: str, name: str | None, *job: Any) -> Any:
-    """A result, in any process: written to its part, unless it is a failure."""
+def _kept(function: Callable[..., Any], folder: str, name: str | None, *job: Any) -> Any:
+    """A result, in any process: from its part, or computed and written there, unless it is a failure."""
+    path = None if name is None else Path(folder) / name
+    if path is not None and path.is_file():
+        try:
+            return _kept_in(path, read_part(path))
+        except InputError as error:
+            logger.warning("%s; it is computed again", error)
     result = function(*job)
-    if name is None or getattr(result, "is_failure", False):
+    if path is None or getattr(result, "is_failure", False):
         return result
-    path = Path(folder) / name
     parts = result.parts() if hasattr(result, "parts") else (result,)
     with replacing(path) as part:
         with part.open("wb") as file:
@@ -657,7 +655,7 @@ def read_part(path: str | Path, number: int = 0) -> Any:
     try:
         with Path(path).open("rb") as file:
             for _ in range(number):
-                pickle.load(file)  # noqa: S301 - written by `_computed`
+                pickle.load(file)  # noqa: S301 - written by `_kept`
             return pickle.load(file)  # noqa: S301
     except (OSError, EOFError, pickle.UnpicklingError, ValueError, AttributeError, ImportError) as error:
         raise InputError(f"{path}: is damaged ({type(error).__name__})") from None

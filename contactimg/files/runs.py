@@ -4,7 +4,7 @@ import json
 import logging
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from math import degrees, nan, radians
 from pathlib import Path
@@ -214,6 +214,22 @@ def _pose_of(record: Mapping[str, Any]) -> PoseFit:
 
 
 @dataclass(frozen=True, eq=False)
+class FrameTables:
+    """The tables of a measured frame.
+
+    Parameters
+    ----------
+    contacts, rejected : DataFrame
+    outlines : DataFrame
+        Of its contacts of free shape.
+    """
+
+    contacts: pd.DataFrame = field(default_factory=CONTACTS.empty)
+    rejected: pd.DataFrame = field(default_factory=REJECTED.empty)
+    outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
+
+
+@dataclass(frozen=True, eq=False)
 class Run:
     """A run: what `measure_series` gives, or `process` or `predict` left in a folder.
 
@@ -264,6 +280,14 @@ class Run:
         if schema.name in self.tables or not self.provenance:
             return self.tables.get(schema.name, schema.empty())
         return read_run_table(self.folder, schema, optional=True)
+
+    def by_frame(self) -> Iterator[tuple[str, FrameTables]]:
+        """Name and tables of each frame, in order."""
+        tables = (self.contacts, self.rejected, self.outlines)
+        groups = [dict(list(table.groupby("frame"))) for table in tables]
+        for name in self.frames["frame"]:
+            parts = (group.get(name, table[:0]) for group, table in zip(groups, tables, strict=True))
+            yield str(name), FrameTables(*parts)
 
     @property
     def command(self) -> str:

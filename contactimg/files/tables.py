@@ -11,7 +11,6 @@ import io
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
@@ -53,11 +52,7 @@ class OtherFormError(InputError):
 
 @stage("reading")
 def read_table(
-    path: str | Path,
-    schema: Schema,
-    *,
-    required: Collection[str] | None = None,
-    infinite: bool = False,
+    path: str | Path, schema: Schema, *, required: Collection[str] | None = None, infinite: bool = False
 ) -> pd.DataFrame:
     """Read a CSV file of a known schema.
 
@@ -226,22 +221,20 @@ def _parsed(cell: str, kind: str, *, infinite: bool = False) -> Any:
         return sum(Flag[name].value for name in names)
     if not cell.strip():
         return math.nan if kind == "float64" else pd.NA
-    if kind != "float64" and cell.isdecimal() and len(cell) < 19:  # the usual case, below the largest count
-        return int(cell)
-    number = float if kind == "float64" else Decimal  # which holds all whole numbers exactly
     try:
-        value: Any = number(cell.replace("_", "?"))  # Python would take 1_000
-    except (ValueError, InvalidOperation):
+        number = float(cell.replace("_", "?"))  # Python would take 1_000
+    except ValueError:
         raise ValueError("must be a number") from None
-    if math.isnan(value) or (math.isinf(value) and not (infinite and kind == "float64")):
+    if math.isnan(number) or (math.isinf(number) and not (infinite and kind == "float64")):
         raise ValueError("must be a finite number")
     if kind == "float64":
-        return value
+        return number
+    if number % 1:
+        raise ValueError("must be a whole number")
+    value = int(cell) if cell.strip().lstrip("+-").isdecimal() else int(number)  # the former is exact
     if not -_LARGEST_COUNT - 1 <= value <= _LARGEST_COUNT:
         raise ValueError(f"must be a whole number of at most {_LARGEST_COUNT}")
-    if value % 1:
-        raise ValueError("must be a whole number")
-    return int(value)
+    return value
 
 
 def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:

@@ -6,7 +6,6 @@ again. How many of the drawn contacts are found, how far their radii are off, an
 uncertainties hold, is known from that by their radius.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -73,11 +72,7 @@ class MeasurementCheck:
 
 
 def check_experiment(
-    experiment: Experiment,
-    *,
-    seed: int = 1,
-    workers: int | None = None,
-    advance: Callable[[], None] | None = None,
+    experiment: Experiment, *, seed: int = 1, workers: int | None = None
 ) -> MeasurementCheck:
     """Draw contacts of known radius into the frames of an experiment, and measure them again.
 
@@ -88,8 +83,6 @@ def check_experiment(
         Of the random radii, brightnesses and places.
     workers : int, optional
         Processes that share the frames.
-    advance : callable, optional
-        Called once a frame.
 
     Returns
     -------
@@ -102,10 +95,10 @@ def check_experiment(
     InputError
         If no frame shows a contact, whose contrast and blur are needed; the message gives the first reason.
     """
-    scene = experiment.scene
-    _, sites = asperities_and_sites(scene)
-    call = partial(_check_frame, options=FrameOptions.of(scene, sites), seed=seed)
-    parts = list(for_each_frame(experiment, call, workers=workers, advance=advance))
+    _, sites = asperities_and_sites(experiment)
+    options = FrameOptions.of(experiment.scene, sites)
+    call = partial(_check_frame, options=options, seed=seed)
+    parts = list(for_each_frame(experiment, call, workers=workers, shown="checking frames"))
     failed = [part.row for part in parts if isinstance(part, FailedFrame)]
     tables = [part for part in parts if not isinstance(part, FailedFrame)]
     if not tables:
@@ -123,26 +116,20 @@ def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
     """Completeness, errors and coverage by classes of the true radius: `contactimg.tables.CHECK`."""
     radius, error = drawn["radius_px"], drawn["measured_px"] - drawn["radius_px"]
     edges = np.geomspace(radius.min() * (1 - 1e-9), radius.max() * (1 + 1e-9), CLASSES + 1)
-    apart = error.abs() / drawn["measured_std_px"]
-    each = drawn.assign(error=error, square=error**2, one=apart.le(1), two=apart.le(2))
-    found = each["found"] == 1
-    each[["one", "two"]] = each[["one", "two"]].astype(float).where(found)
-    classes = each.groupby(np.searchsorted(edges, radius) - 1)
-    table = classes[["found", "error", "square", "one", "two"]].mean()
-    names = {"found": "completeness", "error": "bias_px", "one": "within_1_std", "two": "within_2_std"}
+    apart, missed = error.abs() / drawn["measured_std_px"], drawn["found"] == 0
+    columns = {"error": error, "square": error**2}
+    columns |= {f"within_{n}": apart.le(n).astype(float).mask(missed) for n in (1, 2)}
+    table = drawn.assign(**columns).groupby(np.searchsorted(edges, radius) - 1).agg(
+        drawn=("found", "size"),
+        found=("found", "sum"),
+        completeness=("found", "mean"),
+        bias_px=("error", "mean"),
+        rms_px=("square", lambda square: np.sqrt(square.mean())),
+        within_1_std=("within_1", "mean"),
+        within_2_std=("within_2", "mean"),
+    )  # fmt: skip
     low, high = edges[table.index], edges[table.index + 1]
-    return CHECK.conform(
-        table.drop(columns="square")
-        .rename(columns=names)
-        .assign(
-            low_px=low,
-            high_px=high,
-            radius_px=np.sqrt(low * high),
-            drawn=classes.size(),
-            found=classes["found"].sum(),
-            rms_px=np.sqrt(table["square"]),
-        )
-    )
+    return CHECK.conform(table.assign(low_px=low, high_px=high, radius_px=np.sqrt(low * high)))
 
 
 def _sentence(drawn: pd.DataFrame, classes: pd.DataFrame, stated_px: float) -> str:

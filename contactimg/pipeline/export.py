@@ -1,13 +1,14 @@
 """A run for other programs, and regions that were drawn there as corrections by hand."""
 
 import re
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from contactimg.engine.progress import counted
 from contactimg.errors import InputError
 from contactimg.files import FrameSource, Run, open_experiment
 from contactimg.files.exports import (
@@ -22,7 +23,7 @@ from contactimg.files.exports import (
 )
 from contactimg.files.workbook import write_workbook
 from contactimg.pipeline.pictures import file_stem
-from contactimg.tables import CONTACTS, EDITS, FRAMES, OUTLINES, REJECTED, Flag
+from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED, Flag
 from contactimg.tables.outlines import (
     CONTACT_COLOUR,
     FLAGGED_COLOUR,
@@ -34,14 +35,7 @@ from contactimg.tables.outlines import (
 _NAME = re.compile(r"contact_(\d+)")
 
 
-def export_run(
-    run: Run,
-    folder: Path,
-    *,
-    formats: Collection[str],
-    units: str,
-    advance: Callable[[], None] | None = None,
-) -> None:
+def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) -> None:
     """Write the tables of a run in other formats.
 
     Parameters
@@ -52,8 +46,6 @@ def export_run(
     formats : collection of {"fiji", "napari", "labels", "xlsx"}
     units : {"um", "mm", "m"}
         Of the workbook.
-    advance : callable, optional
-        Called once a frame.
 
     Raises
     ------
@@ -67,19 +59,14 @@ def export_run(
     for name in per_frame:
         (folder / name).mkdir()
     sources = frame_sources(run) if {"fiji", "labels"} & set(formats) else {}
-    groups = dict(list(run.contacts.groupby("frame")))
-    refused = dict(list(run.rejected.groupby("frame")))
-    lines = dict(list(run.outlines.groupby("frame")))
-    for frame in run.frames["frame"]:
-        contacts, rejected = groups.get(frame, CONTACTS.empty()), refused.get(frame, REJECTED.empty())
-        outlines = lines.get(frame, OUTLINES.empty())
-        stem = file_stem(frame)
+    for frame, shown in counted(run.by_frame(), "exporting frames", len(run.frames)):
+        contacts, outlines, stem = shown.contacts, shown.outlines, file_stem(frame)
         image = sources[frame].read().image if frame in sources else None
         if "napari" in formats:
             write_napari_shapes(contacts, outlines, folder / "napari" / f"{stem}_shapes.csv")
             write_napari_points(contacts, folder / "napari" / f"{stem}_points.csv")
         if "fiji" in formats:
-            regions = contact_regions(contacts, outlines) + rejected_regions(rejected)
+            regions = contact_regions(contacts, outlines) + rejected_regions(shown.rejected)
             write_regions(regions, folder / "fiji" / f"{stem}.zip")
             if image is not None:
                 file, camera = folder / "fiji" / f"{stem}_overlay.tif", run.scene.camera
@@ -87,8 +74,6 @@ def export_run(
                 write_overlay_tiff(image, regions, file, pixel_size=pixel_size)
         if "labels" in formats and image is not None:
             write_labels(contacts, image.shape, outlines, folder / "labels" / f"{stem}_labels.tif")
-        if advance is not None:
-            advance()
 
 
 def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[Region]:
@@ -206,10 +191,9 @@ def edits_from_regions(
         raise InputError(f"{path}: its name is not that of an exported frame; name the frame with --frame")
     if frame not in set(run.frames["frame"]):
         raise InputError(f"{run.folder}: has no frame {frame!r}")
-    contacts = run.contacts[run.contacts["frame"] == frame]
-    lines = run.outlines
-    exported = contact_regions(contacts, lines[lines["frame"] == frame])
-    edits = edits_between(contacts, exported, read_regions(path), program="ImageJ")
+    shown = dict(run.by_frame())[frame]
+    exported = contact_regions(shown.contacts, shown.outlines)
+    edits = edits_between(shown.contacts, exported, read_regions(path), program="ImageJ")
     return edits.assign(frame=frame, author=author, time=time)
 
 
@@ -232,33 +216,25 @@ def edits_between(
     DataFrame
         Columns of `contactimg.tables.EDITS`, without frame, author and time.
     """
-    columns = ["label", "x_px", "y_px", "radius_px"]
-    places = {
-        int(label): (x, y, radius) for label, x, y, radius in contacts[columns].astype(float).to_numpy()
-    }
-    before = {region.name: region for region in exported}
-    rows: list[dict[str, object]] = []
-    kept: set[int] = set()
+    places = contacts.set_index("label")[["x_px", "y_px"]].astype(float).T.to_dict()
+    before, rows, kept = {region.name: region for region in exported}, list[dict[str, object]](), set[int]()
     for region in corrected:
         if region.name.startswith(REJECTED_PREFIX):
             continue
-        label = label_of(region.name)
-        if label is None or label not in places or label in kept:
-            rows.append(_row("add", (region.x, region.y, region.radius), f"drawn in {program}"))
-            continue
-        kept.add(label)
-        old, names = before[region.name], ("x", "y", "radius_x", "radius_y")
-        if any(abs(getattr(region, name) - getattr(old, name)) >= SAME_PX for name in names):
-            rows.append(_row("exclude", places[label], f"moved in {program}"))
-            rows.append(_row("add", (region.x, region.y, region.radius), f"moved in {program}"))
-    gone = [_row("exclude", places[label], f"deleted in {program}") for label in sorted(places.keys() - kept)]
-    return EDITS.conform(pd.DataFrame([*gone, *rows], columns=["action", *_PLACE, "reason"]))
-
-
-_PLACE = ("x_px", "y_px", "radius_px")
-
-
-def _row(action: str, place: tuple[float, float, float], reason: str) -> dict[str, object]:
-    """One correction; the radius only where it is used."""
-    radius = place[2] if action == "add" else np.nan
-    return {"action": action, "x_px": place[0], "y_px": place[1], "radius_px": radius, "reason": reason}
+        label, why = label_of(region.name), "drawn"
+        if label is not None and label in places and label not in kept:
+            kept.add(label)
+            old, names = before[region.name], ("x", "y", "radius_x", "radius_y")
+            if all(abs(getattr(region, name) - getattr(old, name)) < SAME_PX for name in names):
+                continue
+            why = "moved"
+            rows.append(places[label] | {"action": "exclude", "reason": f"moved in {program}"})
+        new = {"x_px": region.x, "y_px": region.y, "radius_px": region.radius}
+        rows.append(new | {"action": "add", "reason": f"{why} in {program}"})
+    gone = [
+        place | {"action": "exclude", "reason": f"deleted in {program}"}
+        for label, place in places.items()
+        if label not in kept
+    ]
+    columns = ["action", "x_px", "y_px", "radius_px", "reason"]
+    return EDITS.conform(pd.DataFrame([*gone, *rows], columns=columns))

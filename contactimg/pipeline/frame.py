@@ -2,7 +2,7 @@
 
 import logging
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.effects.optics import measuring
 from contactimg.errors import FrameWarning, InputError
-from contactimg.files import read_part
+from contactimg.files import FrameTables, read_part
 from contactimg.forces import common_radius
 from contactimg.frame import Frame
 from contactimg.imaging.detect.hand_edits import HandEdit
@@ -26,14 +26,12 @@ from contactimg.pipeline.parallel import FailedFrame
 from contactimg.pose import Pose
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Status
+from contactimg.tables.outlines import contact_outlines
 
 logger = logging.getLogger(__name__)
 
 Edits = tuple[HandEdit, ...]
 """Corrections by hand to the contacts of a frame, in the order of their table."""
-
-POINTS_IN_DISK = 4096
-"""Points that the visible part of a contact is counted with. Measured: to 0.3 % of the contact's area."""
 
 
 def measure_frame(
@@ -140,22 +138,6 @@ def measure_frame(
         text = measurement.message or "see contactimg.tables.Status"
         warnings.warn(f"{frame.name or 'frame'}: {measurement.status}: {text}", FrameWarning, stacklevel=2)
     return contacts
-
-
-@dataclass(frozen=True, eq=False)
-class FrameTables:
-    """The tables of a measured frame.
-
-    Parameters
-    ----------
-    contacts, rejected : DataFrame
-    outlines : DataFrame
-        Of its contacts of free shape.
-    """
-
-    contacts: pd.DataFrame = field(default_factory=CONTACTS.empty)
-    rejected: pd.DataFrame = field(default_factory=REJECTED.empty)
-    outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,35 +350,30 @@ def contacts_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
 
 
 def visible_areas(contacts: pd.DataFrame, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Area of each disk or ellipse inside an image of that shape (px^2), to 0.3 % of its area.
+    """Area of each disk or ellipse inside an image of that shape (px^2).
 
     Contacts of free shape are outlined inside the image.
 
     Examples
     --------
-    >>> half = {"shape": "disk", "x_px": -0.5, "y_px": 9.0, "area_px2": 100.0, "angle_rad": np.nan}
-    >>> table = pd.DataFrame([half | {"semi_major_px": 5.64, "semi_minor_px": 5.64}])
+    >>> half = {"shape": "disk", "x_px": -0.5, "y_px": 9.0, "area_px2": 100.0, "radius_px": 5.64}
+    >>> table = pd.DataFrame([half | {"label": 1, "semi_major_px": 5.64, "semi_minor_px": 5.64}])
     >>> visible_areas(table, (20, 30)).round()
     array([50.])
     """
     visible = contacts["area_px2"].to_numpy(float, copy=True)
-    count = np.arange(POINTS_IN_DISK)
-    # points of equal areas on the unit disk, turned by the golden angle
-    radius, turn = np.sqrt((count + 0.5) / POINTS_IN_DISK), np.pi * (3 - 5**0.5) * count
-    u, v = radius * np.cos(turn), radius * np.sin(turn)
-    reach = contacts["semi_major_px"]
-    inside = (contacts["x_px"] - reach).gt(-0.5) & (contacts["x_px"] + reach).lt(shape[1] - 0.5)
-    inside &= (contacts["y_px"] - reach).gt(-0.5) & (contacts["y_px"] + reach).lt(shape[0] - 0.5)
-    for row in np.flatnonzero(~inside & (contacts["shape"] != "free")):
-        contact = contacts.iloc[row]
-        angle = np.nan_to_num(contact["angle_rad"])
-        major, minor = contact["semi_major_px"] * u, contact["semi_minor_px"] * v
-        x = contact["x_px"] + major * np.cos(angle) - minor * np.sin(angle)
-        y = contact["y_px"] + major * np.sin(angle) + minor * np.cos(angle)
-        seen = (np.abs(x - (shape[1] - 1) / 2) < shape[1] / 2) & (
-            np.abs(y - (shape[0] - 1) / 2) < shape[0] / 2
+    low, high = np.full(2, -0.5), np.array([shape[1] - 0.5, shape[0] - 0.5])
+    places, reach = contacts[["x_px", "y_px"]].to_numpy(float), contacts[["semi_major_px"]].to_numpy(float)
+    cut = ((places - reach <= low) | (places + reach >= high)).any(axis=1) & (contacts["shape"] != "free")
+    if not cut.any():
+        return visible
+    for row, outline in zip(np.flatnonzero(cut), contact_outlines(contacts[cut]), strict=True):
+        # what lies outside falls onto the border, where it has no area
+        whole, inside = (
+            x[:-1] @ y[1:] - x[1:] @ y[:-1]
+            for x, y in (outline.polygon.T, np.clip(outline.polygon, low, high).T)
         )
-        visible[row] *= seen.mean()
+        visible[row] *= inside / whole
     return visible
 
 

@@ -1,7 +1,6 @@
 """Inputs of a computation from a scene: its reference, its asperities, its loads and their order."""
 
 import logging
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -11,7 +10,6 @@ from contactimg.errors import InputError
 from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
 from contactimg.frame import Frame
 from contactimg.imaging.pooled import average_references
-from contactimg.prediction import load_name
 from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
 
@@ -68,12 +66,15 @@ def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:
     return asperities
 
 
-def asperities_and_sites(scene: Scene) -> tuple[pd.DataFrame | None, pd.DataFrame | None]:
-    """The asperities of a scene, and their composite summits.
+def asperities_and_sites(experiment: Experiment) -> tuple[pd.DataFrame | None, pd.DataFrame | None]:
+    """The asperities of an experiment, and their composite summits.
 
     Without a camera no contact has a place, and the asperities are left out.
     """
-    asperities = None if scene.camera is None else scene_asperities(scene)
+    scene, asperities = experiment.scene, experiment.asperities
+    asperities = (
+        None if scene.camera is None else scene_asperities(scene) if asperities is None else asperities
+    )
     return asperities, None if asperities is None else contact_sites(asperities, scene)
 
 
@@ -99,10 +100,3 @@ def largest_load(scene: Scene) -> float:
             "the scene states no load; give one, [simulate] loads_N or [images] loads, or --load-N"
         )
     return max(loads)
-
-
-def refuse_repeated(loads: Sequence[float]) -> None:
-    """Raise if a load is given twice: loads are told apart by their names."""
-    repeated = [load for load in loads if list(loads).count(load) > 1]
-    if repeated:
-        raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")

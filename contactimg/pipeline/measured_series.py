@@ -331,6 +331,8 @@ class MeasuredSeries:
         None without an indenter.
     shown : Apex or None
         Apex and radius of the lens that the contacts show, None where they show none.
+    decided : LawPlan or None
+        Of a block: the law of the local forces that the whole series decided on.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`, for what is done with blocks.
     """
@@ -342,6 +344,7 @@ class MeasuredSeries:
     pose: PoseFit | None = None
     apex: Apex | None = None
     shown: Apex | None = None
+    decided: LawPlan | None = None
     workers: int | None = 1
 
     def posed(self, shape: tuple[int, int], asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
@@ -354,31 +357,28 @@ class MeasuredSeries:
             return self
         counts = [part.row.get("n_contacts", pd.NA) for part in self.parts]
         most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
-        run = self._part(most, most + 1)._run()
+        run = self._part(most, most + 1)._in_pixels
         pose = find_pose(run, self.sites, self.scene.pose(shape))
         places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
         several = replace(self, parts=[self.parts[k] for k in places], loads=self.loads[places])
-        located = with_pose(several._run(), self.sites, pose)
+        located = with_pose(several._in_pixels, self.sites, pose)
         shown = shown_apex(located.contacts, located.frames, self.scene, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
-        if apex is None or apex.known == STATED or asperities is None:
-            return replace(self, pose=pose, apex=apex, shown=shown)
-        logger.info("%s", apex.sentence())
-        scene = self.scene.with_apex(apex.place)
-        sites = contact_sites(asperities, scene)
-        return replace(
-            self, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose), apex=apex, shown=shown
-        )
+        posed = replace(self, pose=pose, apex=apex, shown=shown)
+        if apex is not None and apex.known != STATED and asperities is not None:
+            logger.info("%s", apex.sentence())
+            scene = self.scene.with_apex(apex.place)
+            sites = contact_sites(asperities, scene)
+            posed = replace(posed, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose))
+        return posed
 
     def blocks(self) -> Iterator[Run]:
         """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""
-        law = self._law
-        return (part._finished(law) for part in self._parts())
+        return (part._finished for part in self._parts(self.law))
 
     def of_blocks(self, make: Callable[[Run], Result]) -> Iterator[Result]:
         """The results of a function for the blocks, in order; several processes share the blocks."""
-        law = self._law
-        return self._share(lambda block: make(block._finished(law)))
+        return self._share(lambda block: make(block._finished), self.law)
 
     def whole(self) -> Run:
         """The run with the tables of all frames in memory."""
@@ -388,37 +388,43 @@ class MeasuredSeries:
         return Run(self.scene, contacts, frames, self.pose, {"rejected": rejected, "outlines": outlines}, law)
 
     @cached_property
-    def _law(self) -> LawPlan | None:
+    def law(self) -> LawPlan | None:
         """The law of the local forces, on which the contacts of all frames decide; None without forces."""
-        if self.scene.elastic is None or self.pose is None:
-            return None
-        evidence = self._share(lambda block: _law_evidence(block._located(), block.sites))
+        if self.decided is not None or self.scene.elastic is None or self.pose is None:
+            return self.decided
+        evidence = self._share(lambda block: _law_evidence(block._located, block.sites))
         return decide_law(self.scene, reduce(or_, evidence))
 
-    def _share(self, call: Callable[["MeasuredSeries"], Result]) -> Iterator[Result]:
+    def _share(
+        self, call: Callable[["MeasuredSeries"], Result], law: LawPlan | None = None
+    ) -> Iterator[Result]:
         """The results of a function of each block, as a series of its own."""
         count = -(-len(self.parts) // BLOCK_FRAMES)
-        return in_parallel(call, ((part,) for part in self._parts()), count=count, workers=self.workers)
+        return in_parallel(call, ((part,) for part in self._parts(law)), count=count, workers=self.workers)
 
-    def _parts(self) -> Iterator["MeasuredSeries"]:
-        """The blocks, each as a series."""
-        return (self._part(first, first + BLOCK_FRAMES) for first in range(0, len(self.parts), BLOCK_FRAMES))
+    def _parts(self, law: LawPlan | None) -> Iterator["MeasuredSeries"]:
+        """The blocks, each as a series; a short series is its only block, which keeps its tables."""
+        if len(self.parts) <= BLOCK_FRAMES:
+            return iter((self,))
+        firsts = range(0, len(self.parts), BLOCK_FRAMES)
+        return (replace(self._part(first, first + BLOCK_FRAMES), decided=law) for first in firsts)
 
     def _part(self, first: int, end: int) -> "MeasuredSeries":
         """Some of the frames as a series."""
         return replace(self, parts=self.parts[first:end], loads=self.loads[first:end])
 
-    def _finished(self, law: LawPlan | None) -> Run:
+    @cached_property
+    def _finished(self) -> Run:
         """The run with pose and forces."""
-        run = self._located()
-        return run if self.pose is None else with_forces(run, self.sites, law)
+        return self._located if self.pose is None else with_forces(self._located, self.sites, self.law)
 
+    @cached_property
     def _located(self) -> Run:
         """The run without forces."""
-        run = self._run()
-        return run if self.pose is None else with_pose(run, self.sites, self.pose)
+        return self._in_pixels if self.pose is None else with_pose(self._in_pixels, self.sites, self.pose)
 
-    def _run(self) -> Run:
+    @cached_property
+    def _in_pixels(self) -> Run:
         """The run in pixels."""
         tables = [part.tables for part in self.parts]
         frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
@@ -451,23 +457,24 @@ def write_run(
     with ExitStack() as stack:
         tables = [stack.enter_context(TableWriter(schema, folder, table_format)) for schema in _TABLES]
 
-        def encoded(block: Run) -> tuple[list[str | pd.DataFrame], pd.DataFrame, str]:
+        def encoded(block: Run) -> tuple[list[str | pd.DataFrame], pd.DataFrame]:
             rows = [encoded_rows(getattr(block, one.name), one, table_format) for one in _TABLES]
-            return rows, block.frames, "" if block.law is None else block.law.sentence()
+            return rows, block.frames
 
-        for contents, rows, law in series.of_blocks(encoded):
+        for contents, rows in series.of_blocks(encoded):
             for table, part in zip(tables, contents, strict=True):
                 table.append(part)
             frames.append(rows)
-            if law:
-                record["law"] = law
     if tables[-1].empty:
         tables[-1].path.unlink()
-    films = [part.film for part in series.parts if part.film is not None]
+    whole = FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True))
+    if series.law is not None and whole["law"].ne("").any():
+        record["law"] = series.law.sentence()
+    films = {part.row["frame"]: part.film for part in series.parts if part.film is not None}
     if films:
-        record["film_summary"] = summarise_films(films)
-        record["film"] = {p.row["frame"]: asdict(p.film) for p in series.parts if p.film is not None}
-    return FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True)), record
+        record["film_summary"] = summarise_films(list(films.values()))
+        record["film"] = {name: asdict(film) for name, film in films.items()}
+    return whole, record
 
 
 def write_joined_tables(

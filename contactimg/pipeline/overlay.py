@@ -1,17 +1,19 @@
 """Compare a run with the predictions of the models: pairs and scores, frame by frame."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.plan import Plan
 from contactimg.errors import ContactimgError, InputError
-from contactimg.files import Experiment, write_table
+from contactimg.files import Experiment
 from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
 from contactimg.matching import match_contacts
@@ -24,13 +26,8 @@ from contactimg.pipeline.pictures import (
     series_stretch,
     view_of,
 )
-from contactimg.prediction import (
-    COMPARED_MODELS,
-    hertz_circle,
-    predict_contacts,
-    scene_of_model,
-    see_contacts,
-)
+from contactimg.pipeline.predict import predict_in_view
+from contactimg.prediction import COMPARED_MODELS, Prediction, hertz_circle, scene_of_model
 from contactimg.tables import FAILED, MATCHES, SCORES
 from contactimg.tables.outlines import Outline, contact_outlines
 
@@ -46,29 +43,30 @@ class Comparison:
     scores : DataFrame
         One row a frame and model.
     predicted : dict
-        Frame -> model -> contacts table, restricted to the field of view.
+        Frame -> model -> its prediction, restricted to the field of view.
     left_out : dict
         Frame -> which model has no solution for it, and why.
-    plans : dict
-        Frame -> plan of the coupled model; absent where every switch is set.
     min_radius_px : float
         Smaller predicted contacts and their partners do not count.
     """
 
     matches: pd.DataFrame
     scores: pd.DataFrame
-    predicted: dict[str, dict[str, pd.DataFrame]]
+    predicted: dict[str, dict[str, Prediction]]
     left_out: dict[str, str]
-    plans: dict[str, Plan] = field(default_factory=dict)
-    min_radius_px: float = 1.0
+    min_radius_px: float
+
+    @property
+    def plans(self) -> dict[str, Plan]:
+        """Frame -> plan of the coupled model; absent where every switch is set."""
+        coupled = {
+            name: found["coupled"].plan for name, found in self.predicted.items() if "coupled" in found
+        }
+        return {name: plan for name, plan in coupled.items() if plan is not None}
 
 
 def compare_run(
-    run: Run,
-    asperities: pd.DataFrame,
-    *,
-    min_radius_px: float = 1.0,
-    advance: Callable[[], None] | None = None,
+    run: Run, asperities: pd.DataFrame, *, min_radius_px: float = 1.0, workers: int | None = 1
 ) -> Comparison:
     """Predict the contacts of every frame with a load, coupled and uncoupled, and match them.
 
@@ -80,8 +78,8 @@ def compare_run(
         Asperity table.
     min_radius_px : float
         Smaller predicted contacts are not expected to be visible: they and their partners do not count.
-    advance : callable, optional
-        Called once a frame.
+    workers : int or None
+        Processes that share the predictions.
 
     Returns
     -------
@@ -98,41 +96,38 @@ def compare_run(
     for section in ("indenter", "elastic"):
         run.scene.need(section, "comparing with a contact model")
     frames = _comparable(run.frames)
-    found = Comparison(MATCHES.empty(), SCORES.empty(), {}, {}, {}, min_radius_px)
-    matches, scores = [found.matches], list[dict[str, Any]]()
+    matches, scores, left_out = [MATCHES.empty()], list[dict[str, Any]](), dict[str, str]()
     sites = contact_sites(asperities, run.scene)
-    for frame, load in zip(frames["frame"], frames["load_N"].tolist(), strict=True):
-        measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
-        shift_px, reasons = frame_shift(run.frames, frame), []
-        found.predicted[frame] = {}
-        for model in COMPARED_MODELS:
-            told = scene_of_model(run.scene, model)
-            try:
-                prediction = predict_contacts(told, asperities, load=load, frame=frame)
-            except ContactimgError as error:
-                reasons.append(f"{model}: {error}")
-                continue
-            seen = see_contacts(prediction.contacts, pose, shift_px=shift_px)
-            found.predicted[frame][model] = _in_view(seen, pose.shape)
-            if model == "coupled" and prediction.plan is not None:
-                found.plans[frame] = prediction.plan
-        if "coupled" in found.predicted[frame] and measured["force_N"].notna().any():
-            # both sides follow one law
-            planned = found.plans[frame].apply(run.scene) if frame in found.plans else run.scene
-            measured = local_forces(planned, measured, sites)[0]
+    surfaces = {model: (scene_of_model(run.scene, model), asperities) for model in COMPARED_MODELS}
+    jobs = [
+        (model, frame, load, FieldOfView(pose, frame_shift(run.frames, frame)))
+        for frame, load in zip(frames["frame"], frames["load_N"].tolist(), strict=True)
+        for model in COMPARED_MODELS
+    ]
+    found = zip(jobs, predict_in_view(surfaces, jobs, workers=workers), strict=True)
+    predicted = dict[str, dict[str, Prediction]]()
+    for frame, part in groupby(found, key=lambda one: one[0][1]):
+        solved = {model: prediction for (model, *_), prediction in part}
+        reasons = [f"{name}: {why}" for name, why in solved.items() if isinstance(why, ContactimgError)]
         if reasons:
-            found.left_out[frame] = "; ".join(reasons)
-        for model, contacts in found.predicted[frame].items():
+            left_out[frame] = "; ".join(reasons)
+        models = {name: one for name, one in solved.items() if isinstance(one, Prediction)}
+        predicted[frame] = models
+        measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
+        if "coupled" in models and measured["force_N"].notna().any():
+            # both sides follow one law
+            plan = models["coupled"].plan
+            measured = local_forces(run.scene if plan is None else plan.apply(run.scene), measured, sites)[0]
+        for model, prediction in models.items():
             pairs, score = compare_frame(
-                measured, contacts, pixel_size=pose.pixel_size, min_radius_px=min_radius_px
+                measured, prediction.contacts, pixel_size=pose.pixel_size, min_radius_px=min_radius_px
             )
             scores.append({"frame": frame, "model": model, **score})
             if model == "coupled":
                 matches.append(pairs)
-        if advance is not None:
-            advance()
     table = SCORES.conform(pd.DataFrame(scores)) if scores else SCORES.empty()
-    return replace(found, matches=MATCHES.conform(pd.concat(matches, ignore_index=True)), scores=table)
+    pairs = MATCHES.conform(pd.concat(matches, ignore_index=True))
+    return Comparison(pairs, table, predicted, left_out, min_radius_px)
 
 
 def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
@@ -185,20 +180,8 @@ def _rms(values: pd.Series) -> float:
     return float(np.sqrt(np.mean(values.to_numpy(float) ** 2))) if len(values) else np.nan
 
 
-def write_comparison(comparison: Comparison, folder: Path) -> None:
-    """Write matches.csv and scores.csv."""
-    write_table(comparison.matches, MATCHES, folder / "matches.csv")
-    write_table(comparison.scores, SCORES, folder / "scores.csv")
-
-
 def draw_comparison(
-    comparison: Comparison,
-    run: Run,
-    experiment: Experiment,
-    folder: Path,
-    *,
-    workers: int | None,
-    advance: Callable[[], None] | None = None,
+    comparison: Comparison, run: Run, experiment: Experiment, folder: Path, *, workers: int | None
 ) -> None:
     """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files."""
     folder.mkdir()
@@ -210,22 +193,19 @@ def draw_comparison(
     stretch = series_stretch([sources[frame] for frame in predicted])
     pose = run.need_pose()
 
-    loads, least = run.frames.set_index("frame")["load_N"], comparison.min_radius_px
+    loads, tables = run.frames.set_index("frame")["load_N"], dict(run.by_frame())
+    how = {"pixel_size": pose.pixel_size, "min_radius_px": comparison.min_radius_px}
 
     def jobs() -> Iterator[tuple[Any, ...]]:
         for frame, models in predicted.items():
             shift, view = frame_shift(run.frames, frame), view_of(frame, experiment, stretch, pose.pixel_size)
             circle = disk_in_pixels(hertz_circle(run.scene, float(loads[frame])), pose, shift)
-            contacts, lines = (table[table["frame"] == frame] for table in (run.contacts, run.outlines))
-            seen, how = (
-                _in_view(contacts, pose.shape),
-                {"pixel_size": pose.pixel_size, "min_radius_px": least},
-            )
-            marked = {model: mark_contacts(seen, table, lines, **how) for model, table in models.items()}
+            seen, lines = _in_view(tables[frame].contacts, pose.shape), tables[frame].outlines
+            marked = {model: mark_contacts(seen, one.contacts, lines, **how) for model, one in models.items()}
             draw = partial(draw_predicted, marked=marked, hertz_circle=circle, view=view)
             yield sources[frame], draw
 
-    draw_frames(jobs(), folder, count=len(predicted), workers=workers, advance=advance)
+    draw_frames(jobs(), folder, count=len(predicted), workers=workers)
 
 
 def mark_contacts(

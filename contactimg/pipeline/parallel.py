@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from contactimg.engine.calls import in_parallel
 from contactimg.engine.processes import end_if_asked
+from contactimg.engine.progress import counted
 from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, PartStore, edits_file
 from contactimg.pipeline.inputs import read_reference
@@ -51,9 +52,8 @@ def for_each_frame(
     jobs: Sequence[tuple[Any, ...]] | None = None,
     *,
     workers: int | None,
-    advance: Callable[[], None] | None = None,
     store: PartStore | None = None,
-    said: str = "",
+    shown: str = "",
 ) -> Iterator[Result | FailedFrame]:
     """Read the frames of an experiment and measure each; a frame that fails does not stop the others.
 
@@ -66,12 +66,10 @@ def for_each_frame(
         Each a `contactimg.files.FrameSource` and further arguments; default: every frame of the experiment.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`.
-    advance : callable, optional
-        Called once a frame, in order.
     store : PartStore, optional
         Results that it holds are taken from it, the others are added; failures are not.
-    said : str
-        As for `contactimg.files.PartStore.results`.
+    shown : str
+        As for `contactimg.engine.progress.counted`.
 
     Yields
     ------
@@ -87,12 +85,10 @@ def for_each_frame(
         results = in_parallel(call, iter(jobs), count=len(jobs), workers=workers, lost=_lost_frame)
     else:
         names = _part_names(store, experiment, measure, jobs)
-        results = store.results(call, jobs, names, workers=workers, lost=_lost_frame, said=said)
-    for result in results:
+        results = store.results(call, jobs, names, workers=workers, lost=_lost_frame, shown=shown)
+    for result in counted(results, shown, len(jobs)):
         end_if_asked()
         yield result
-        if advance is not None:
-            advance()
 
 
 def _lost_frame(error: Exception, source: FrameSource, *_arguments: Any) -> FailedFrame:

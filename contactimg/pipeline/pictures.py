@@ -1,6 +1,7 @@
 """Pictures of a run: outlines of the measured contacts on each frame, predictions over them."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,8 +13,7 @@ from scipy.spatial import KDTree
 
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
-from contactimg.files import Experiment, FrameSource, write_palette_image
-from contactimg.pipeline.frame import FrameTables
+from contactimg.files import Experiment, FrameSource, FrameTables, write_palette_image
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.plots.overlay import (
     COUPLED,
@@ -57,12 +57,7 @@ LEAST_SQUARE_PX = 3.0
 
 
 def draw_overlays(
-    series: MeasuredSeries,
-    experiment: Experiment,
-    folder: Path,
-    *,
-    workers: int | None,
-    advance: Callable[[], None] | None = None,
+    series: MeasuredSeries, experiment: Experiment, folder: Path, *, workers: int | None
 ) -> None:
     """Draw contacts and rejected candidates on every frame that could be measured, as PNG files.
 
@@ -74,21 +69,19 @@ def draw_overlays(
         Is made.
     workers : int or None
         Processes that share the frames.
-    advance : callable, optional
-        Called once a frame.
     """
     folder.mkdir()
     pixel_size = None if series.pose is None else series.pose.pose.pixel_size
     failed = {part.row["frame"] for part in series.parts if part.row["status"] == Status.FAILED}
     sources = [source for source in experiment.frames if source.name not in failed]
     stretch = series_stretch(sources)
-    measured = ((name, shown) for name, shown in _shown(series) if name not in failed)
+    measured = (one for block in series.blocks() for one in block.by_frame() if one[0] not in failed)
     views = (view_of(source.name, experiment, stretch, pixel_size) for source in sources)
     jobs = (
         (source, partial(draw_measured, shown=shown, view=view))
         for source, (_, shown), view in zip(sources, measured, views, strict=True)
     )
-    draw_frames(jobs, folder, count=len(sources), workers=workers, advance=advance)
+    draw_frames(jobs, folder, count=len(sources), workers=workers)
 
 
 def draw_frames(
@@ -97,12 +90,10 @@ def draw_frames(
     *,
     count: int,
     workers: int | None,
-    advance: Callable[[], None] | None,
 ) -> None:
     """Read frames again, and write what a function draws of each."""
-    for _ in in_parallel(partial(_draw_frame, folder), jobs, count=count, workers=workers):
-        if advance is not None:
-            advance()
+    draw = partial(_draw_frame, folder)
+    deque(in_parallel(draw, jobs, count=count, workers=workers, shown="drawing overlays"), maxlen=0)
 
 
 @stage("pictures")
@@ -110,16 +101,6 @@ def _draw_frame(folder: Path, source: FrameSource, draw: Callable[[NDArray], Pic
     """Read one frame again and draw it."""
     picture = draw(source.read().image)
     write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(source.name)}.png")
-
-
-def _shown(series: MeasuredSeries) -> Iterator[tuple[str, FrameTables]]:
-    """Each frame with what is drawn on it."""
-    for block in series.blocks():
-        tables = (block.contacts, block.rejected, block.outlines)
-        groups = [dict(list(table.groupby("frame"))) for table in tables]
-        for name in block.frames["frame"]:
-            parts = (group.get(name, table[:0]) for group, table in zip(groups, tables, strict=True))
-            yield str(name), FrameTables(*parts)
 
 
 @stage("pictures")

@@ -1,27 +1,24 @@
 """The effects that a scene calls for, and predictions at several loads."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.files import write_table
-from contactimg.pipeline.inputs import (
-    largest_load,
-    need_asperities,
-    refuse_repeated,
-    scene_asperities,
-)
+from contactimg.pipeline.inputs import largest_load, need_asperities, scene_asperities
 from contactimg.prediction import (
     Coupling,
     Model,
     Prediction,
-    find_touching_load,
+    load_name,
     predict_average,
     predict_contacts,
     see_contacts,
@@ -76,7 +73,9 @@ def predict_loads(
     """
     if not loads:
         raise InputError("no load is given; give --load-N")
-    refuse_repeated(loads)
+    repeated = [load for load in loads if list(loads).count(load) > 1]
+    if repeated:
+        raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")
     if model == "interacting":
         asperities = need_asperities(scene, "predicting contacts")
         how: dict[str, Any] = {"coupling": coupling, "annulus": annulus}
@@ -85,7 +84,7 @@ def predict_loads(
         _refuse_beyond_averages(scene, model, coupling)
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
     jobs = [(load,) for load in loads]
-    found = list(in_parallel(partial(_solve, predict), jobs, count=len(jobs), workers=workers))
+    found = list(in_parallel(partial(_found, predict), jobs, count=len(jobs), workers=workers))
     errors = [one for one in found if isinstance(one, ContactimgError)]
     if len(errors) == len(found):
         raise errors[0]
@@ -93,17 +92,6 @@ def predict_loads(
         Prediction.failed(load, str(one)) if isinstance(one, ContactimgError) else one
         for load, one in zip(loads, found, strict=True)
     ]
-
-
-def touching_load(scene: Scene, *, model: Model, coupling: Coupling) -> float:
-    """`contactimg.prediction.find_touching_load` for the asperities of a scene."""
-    asperities = need_asperities(scene, "predicting contacts") if model == "interacting" else None
-    return find_touching_load(
-        scene,
-        asperities if model == "interacting" else scene_asperities(scene),
-        model=model,
-        coupling=coupling,
-    )
 
 
 def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
@@ -121,12 +109,50 @@ def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
         )
 
 
-def _solve(predict: Callable[..., Prediction], load: float) -> Prediction | ContactimgError:
+def _found(predict: Callable[..., Prediction], load: float, **how: Any) -> Prediction | ContactimgError:
     """The prediction for a load, or why there is none."""
     try:
-        return predict(load=load)
+        return predict(load=load, **how)
     except ContactimgError as error:
         return error
+
+
+def predict_in_view(
+    surfaces: Mapping[str, tuple[Scene, pd.DataFrame]],
+    jobs: Sequence[tuple[str, str, float, FieldOfView | None]],
+    *,
+    workers: int | None,
+    shown: str = "predicting contacts",
+) -> Iterator[Prediction | ContactimgError]:
+    """Predict the contacts in the field of view of several frames; without a solution, the reason is given.
+
+    Parameters
+    ----------
+    surfaces : mapping
+        Name -> scene and asperities.
+    jobs : sequence of (str, str, float, FieldOfView or None)
+        Name of a surface, of a frame, its load (N), and what the camera sees; None sees everything.
+    workers, shown
+        As for `contactimg.engine.calls.in_parallel`.
+    """
+    call = partial(_in_view, surfaces)
+    return in_parallel(call, jobs, count=len(jobs), workers=workers, shown=shown)
+
+
+def _in_view(
+    surfaces: Mapping[str, tuple[Scene, pd.DataFrame]],
+    surface: str,
+    frame: str,
+    load: float,
+    field: FieldOfView | None,
+) -> Prediction | ContactimgError:
+    """The prediction for one frame, its contacts those that the camera sees."""
+    found = _found(partial(predict_contacts, *surfaces[surface]), load, frame=frame)
+    if isinstance(found, ContactimgError) or field is None:
+        return found
+    contacts = found.contacts[field.holds(found.contacts["x_m"], found.contacts["y_m"])]
+    seen = see_contacts(contacts, field.pose, shift_px=field.shift_px)
+    return replace(found, contacts=seen.reset_index(drop=True))
 
 
 def choice_sentence(prediction: Prediction) -> str:

@@ -39,9 +39,7 @@ POOLING_GAIN = 1.5
 better. Chosen by hand: what the frame knows itself is then below a third of what it is lent."""
 
 
-def measure_series(
-    scene: Scene, *, workers: int | None = None, advance: Callable[[], None] | None = None
-) -> Run:
+def measure_series(scene: Scene, *, workers: int | None = None) -> Run:
     """Measure every frame of a scene.
 
     Parameters
@@ -50,8 +48,6 @@ def measure_series(
         From `contactimg.read_scene`, which knows the folder of its files.
     workers : int, optional
         Processes that share the frames; default: this one, and one per core as soon as that saves time.
-    advance : callable, optional
-        Called once a frame, in order.
 
     Returns
     -------
@@ -63,29 +59,24 @@ def measure_series(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
-    return measure_parts(open_experiment(scene), workers=workers, advance=advance).whole()
+    return measure_parts(open_experiment(scene), workers=workers).whole()
 
 
 def measure_parts(
-    experiment: Experiment,
-    *,
-    workers: int | None = None,
-    advance: Callable[[], None] | None = None,
-    store: PartStore | None = None,
+    experiment: Experiment, *, workers: int | None = None, store: PartStore | None = None
 ) -> MeasuredSeries:
     """Measure every frame of an opened experiment; see `measure_series`.
 
     With a ``store``, frames that it contains are not measured again, and a long series takes little memory.
     """
     scene = experiment.scene
-    asperities, sites = asperities_and_sites(scene)
+    asperities, sites = asperities_and_sites(experiment)
     edits = edits_by_frame(experiment)
     options = FrameOptions.of(scene, sites)
-    parts, shape = _measure_frames(experiment, options, edits, workers=workers, advance=advance, store=store)
+    parts, shape = _measure_frames(experiment, options, edits, workers=workers, store=store)
     parts = [replace(part, own_optics=None) for part in parts]  # which is the largest part of a frame
-    loads = experiment.loads.drop_duplicates("frame").set_index("frame")["load_N"]
-    in_order = loads.reindex([part.row["frame"] for part in parts]).to_numpy(float)
-    return MeasuredSeries(scene, parts, in_order, sites, workers=workers).posed(shape, asperities)
+    loads = np.array([experiment.load_of(part.row["frame"]) for part in parts])
+    return MeasuredSeries(scene, parts, loads, sites, workers=workers).posed(shape, asperities)
 
 
 def edits_by_frame(experiment: Experiment) -> dict[str, Edits]:
@@ -116,7 +107,6 @@ def _measure_frames(
     edits: dict[str, Edits],
     *,
     workers: int | None,
-    advance: Callable[[], None] | None,
     store: PartStore | None,
 ) -> tuple[list[MeasuredFrame], tuple[int, int]]:
     """Measure every frame on its own, then again those that need contrast and blur of the others.
@@ -134,13 +124,12 @@ def _measure_frames(
         If no frame at all could be measured; the message gives the first reason.
     """
     frames = experiment.frames
-    said = "%s of %s frames were done by a run that was ended; the others are measured"
     measure = partial(measure_scene_frame, options=options)
     by_hand = [edits.get(frame.name, ()) for frame in frames]
     parts: list[MeasuredFrame] = []
     everything = [(frame, None, own) for frame, own in zip(frames, by_hand, strict=True)]
     for measured in for_each_frame(
-        experiment, measure, everything, workers=workers, advance=advance, store=store, said=said
+        experiment, measure, everything, workers=workers, store=store, shown="measuring frames"
     ):
         parts.append(MeasuredFrame.of(measured))
         parts[-1].log()

@@ -1,7 +1,5 @@
 """Synthetic series: solve the scene at each load, render the contacts, keep the true contacts."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,11 +12,10 @@ from contactimg.effects.plan import Plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
-from contactimg.frame import Frame
 from contactimg.optics.render_settings import read_render_settings
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.prediction import make_mechanical_plan, predict_contacts
-from contactimg.render import render_contacts, render_reference, render_smooth_contact
+from contactimg.render import Rendered, render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
 from contactimg.shear.deform import shear_contacts
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
@@ -86,119 +83,76 @@ def explicit_switches(scene: Scene) -> Scene:
     return scene.with_effects(switches)
 
 
-@dataclass(frozen=True)
-class SimulatedFrame:
-    """One synthetic frame: its loads and time (none of the reference), its pixels and its true contacts."""
+def write_simulation(
+    scene: Scene, asperities: pd.DataFrame | None, folder: Path, *, workers: int | None = 1
+) -> None:
+    """Write synthetic frames with loads, asperities, truth and scene, ready for `process`.
 
-    loads: dict[str, float]
-    frame: Frame
-    truth: pd.DataFrame | None
-
-
-def simulate_series(
-    scene: Scene, asperities: pd.DataFrame | None, *, workers: int | None = 1
-) -> Iterator[SimulatedFrame]:
-    """Make the frames of a scene one after the other, the reference first.
-
-    Asperities touch by the interacting model; without any, the smooth sphere touches by JKR.
+    Asperities touch by the interacting model; without any, the smooth sphere touches by JKR. The same scene
+    gives the same frames.
 
     Parameters
     ----------
     scene : Scene
-        Sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]`` (with loads) are needed.
+        Sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]`` (with loads) are needed;
+        switches at "auto" are set by `plan_simulation` and written as set.
     asperities : DataFrame or None
         Asperity table; None for a smooth flat.
+    folder : Path
+        Exists.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`.
-
-    Yields
-    ------
-    SimulatedFrame
-        The same scene gives the same frames.
 
     Raises
     ------
     InputError
         If a section is missing or there is no load.
     """
+    scene, _ = plan_simulation(scene, asperities)
     simulate = scene.need("simulate", "simulating frames")
     if not simulate.loads:
         raise InputError("simulating frames needs at least one load in [simulate] loads_N; add it")
     if simulate.tangential and asperities is None:
         raise InputError("[simulate] tangential_N needs asperities; give [asperities], or leave it out")
-    seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)
+    count = len(simulate.loads)
+    loads = pd.DataFrame({"load_N": simulate.loads})
+    loads.insert(0, "frame", [f"frame_{k:0{len(str(count))}d}.tif" for k in range(1, count + 1)])
+    if simulate.tangential:
+        loads["tangential_N"] = simulate.tangential
+    if simulate.interval:
+        loads["time_s"] = simulate.interval * np.arange(count)
+    seeds = np.random.SeedSequence(simulate.seed).spawn(count + 1)
     reference = render_reference(scene, rng=np.random.default_rng(seeds[0]), name="reference.tif")
-    yield SimulatedFrame({}, reference, None)
-    width = len(str(len(simulate.loads)))
-    names = [f"frame_{k:0{width}d}.tif" for k in range(1, len(simulate.loads) + 1)]
+    write_frame(reference, folder / reference.name)
     radius = None if asperities is None else contact_sites(asperities, scene)["radius_m"].to_numpy(float)
-    jobs = list(zip(range(len(names)), names, seeds[1:], strict=True))
     render = partial(_render, scene, asperities, radius)
-    yield from in_parallel(render, jobs, count=len(jobs), workers=workers)
+    jobs, truth = zip(loads.to_dict("records"), seeds[1:], strict=True), [CONTACTS.empty()]
+    for rendered in in_parallel(render, jobs, count=count, workers=workers, shown="making frames"):
+        write_frame(rendered.frame, folder / rendered.frame.name)
+        truth.append(rendered.contacts)
+    write_table(loads, LOADS.filled(loads), folder / "loads.csv")
+    write_table(pd.concat(truth, ignore_index=True), CONTACTS, folder / "truth.csv")
+    if asperities is not None:
+        write_table(asperities, ASPERITIES, folder / "asperities.csv")
+    write_scene(_measured_scene(scene), folder / SCENE_FILE)
 
 
 def _render(
     scene: Scene,
     asperities: pd.DataFrame | None,
     sphere_radius: NDArray[np.float64] | None,
-    *job: Any,
-) -> SimulatedFrame:
-    """The frame of a number: a smooth contact, or asperities with the radius of each on the smooth sphere."""
-    number, name, seed = job
-    rng, simulate = np.random.default_rng(seed), scene.need("simulate", "simulating frames")
-    load = simulate.loads[number]
-    loads = {"load_N": load}
-    if simulate.tangential:
-        loads["tangential_N"] = simulate.tangential[number]
-    if simulate.interval:
-        loads["time_s"] = number * simulate.interval
+    row: dict[str, Any],
+    seed: np.random.SeedSequence,
+) -> Rendered:
+    """The frame of a row of loads: a smooth contact, or asperities with their radii on a smooth sphere."""
+    load, how = row["load_N"], {"rng": np.random.default_rng(seed), "name": row["frame"]}
     if asperities is None or sphere_radius is None:
-        rendered = render_smooth_contact(load, scene, rng=rng, name=name)
-    else:
-        contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
-        if simulate.tangential:
-            contacts = shear_contacts(contacts, scene, tangential=loads["tangential_N"])
-        radii = sphere_radius[contacts["asperity"].to_numpy(int)]
-        rendered = render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
-    return SimulatedFrame(loads, rendered.frame, rendered.contacts)
-
-
-def write_simulation(
-    scene: Scene,
-    asperities: pd.DataFrame | None,
-    folder: Path,
-    *,
-    workers: int | None = 1,
-    advance: Callable[[], None] | None = None,
-) -> None:
-    """Write the frames of `simulate_series` with loads, asperities, truth and scene, ready for `process`.
-
-    Parameters
-    ----------
-    scene, asperities
-        As for `simulate_series`; switches at "auto" are set by `plan_simulation` and written as set.
-    folder : Path
-        Exists.
-    workers : int or None
-        As for `contactimg.engine.calls.in_parallel`.
-    advance : callable, optional
-        Called once a frame.
-    """
-    scene, _ = plan_simulation(scene, asperities)
-    loads, truth = [], [CONTACTS.empty()]
-    for simulated in simulate_series(scene, asperities, workers=workers):
-        write_frame(simulated.frame, folder / simulated.frame.name)
-        if simulated.truth is not None:
-            loads.append({"frame": simulated.frame.name} | simulated.loads)
-            truth.append(simulated.truth)
-        if advance is not None:
-            advance()
-    table = pd.DataFrame(loads)
-    write_table(table, LOADS.filled(table), folder / "loads.csv")
-    write_table(pd.concat(truth, ignore_index=True), CONTACTS, folder / "truth.csv")
-    if asperities is not None:
-        write_table(asperities, ASPERITIES, folder / "asperities.csv")
-    write_scene(_measured_scene(scene), folder / SCENE_FILE)
+        return render_smooth_contact(load, scene, **how)
+    contacts = predict_contacts(scene, asperities, load=load, frame=row["frame"]).contacts
+    if "tangential_N" in row:
+        contacts = shear_contacts(contacts, scene, tangential=row["tangential_N"])
+    radii = sphere_radius[contacts["asperity"].to_numpy(int)]
+    return render_contacts(contacts, scene, sphere_radius=radii, **how)
 
 
 def _measured_scene(scene: Scene) -> dict[str, Any]:

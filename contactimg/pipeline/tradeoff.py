@@ -1,6 +1,6 @@
 """Accuracy against computing time for a scene: read its files, measure its knobs, write table and figure."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from math import inf, nan
 from pathlib import Path
@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from contactimg.errors import InputError, finite_number
-from contactimg.files import open_experiment, write_figures, write_table
+from contactimg.files import open_experiment
 from contactimg.pipeline.inputs import largest_load, read_reference, scene_asperities
-from contactimg.plots import caption_of
+from contactimg.pipeline.results import write_results
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene
 from contactimg.tables import TRADEOFF
@@ -21,13 +21,7 @@ REPETITION_SECONDS = 15.0
 """Time for repeated runs of the settings, s. Chosen by hand."""
 
 
-def measure_tradeoff(
-    scene: Scene,
-    *,
-    load: float | None = None,
-    knobs: str | Sequence[str] = (),
-    advance: Callable[[], None] | None = None,
-) -> Tradeoff:
+def measure_tradeoff(scene: Scene, *, load: float | None = None, knobs: str | Sequence[str] = ()) -> Tradeoff:
     """Measure computing time against accuracy: the settings of each knob, compared in one run.
 
     Parameters
@@ -39,8 +33,6 @@ def measure_tradeoff(
     knobs : str or sequence of str
         Of ``image`` (measurement of a frame), ``model`` (contact model); those that apply if
         none is named.
-    advance : callable, optional
-        Called once a setting.
 
     Returns
     -------
@@ -71,13 +63,7 @@ def measure_tradeoff(
     """
     names = [knobs] if isinstance(knobs, str) else knobs
     chosen, left_out = prepare_tradeoff(scene, load=load, knobs=names)
-    return run_knobs(
-        chosen,
-        relative=scene.tolerance.relative,
-        seconds=REPETITION_SECONDS,
-        left_out=left_out,
-        advance=advance,
-    )
+    return run_knobs(chosen, relative=scene.tolerance.relative, seconds=REPETITION_SECONDS, left_out=left_out)
 
 
 def prepare_tradeoff(
@@ -118,6 +104,5 @@ def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
 
 def write_tradeoff(tradeoff: Tradeoff, folder: Path) -> None:
     """Write tradeoff.csv and the figure of the choices, as PNG, SVG and PDF."""
-    write_table(tradeoff.table, TRADEOFF, folder / "tradeoff.csv")
     ax = plot_tradeoff(tradeoff.table, relative=tradeoff.relative)
-    write_figures(ax, folder, "tradeoff", caption=caption_of("tradeoff"))
+    write_results(folder, {"tradeoff": (TRADEOFF, tradeoff.table)}, {"tradeoff": ax})

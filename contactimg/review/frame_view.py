@@ -65,7 +65,7 @@ class FrameView:
         """Measure the frame of this number, with the masks of its scene."""
         found, frame = read_reference(experiment), experiment.frames[number].read()
         reference = None if found is None else found.image
-        _, sites = asperities_and_sites(experiment.scene)
+        _, sites = asperities_and_sites(experiment)
         options = FrameOptions.of(experiment.scene, sites)
         measure = partial(measure_prepared, frame, reference, options.scene, film=options.film)
         blur = measure(optics=SharedOptics()).optics.blur_px

@@ -1,6 +1,7 @@
 """What is reviewed: a run, its frames and edits, and the tables that the page shows."""
 
 import shlex
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from contactimg.engine.progress import shown_by
 from contactimg.errors import InputError
 from contactimg.files import (
     EVERY_FRAME,
@@ -332,7 +334,8 @@ class Session:
         record = provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)
         top = Path(self._scratch.name)
         store = PartStore(top / "frames", record, resumes=False)
-        series = measure_parts(experiment, workers=self._workers, advance=advance, store=store)
+        with shown_by(lambda _text, _count: nullcontext(advance)):
+            series = measure_parts(experiment, workers=self._workers, store=store)
         folder = top / f"tables_{self.jobs.state.number}"
         folder.mkdir()
         write_run(series, folder)

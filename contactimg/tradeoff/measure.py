@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from contactimg.engine.progress import counted
 from contactimg.errors import ContactimgError, InputError
 from contactimg.tables import TRADEOFF
 
@@ -116,7 +117,6 @@ def measure_knob(
     knob: Knob,
     *,
     seconds: float,
-    advance: Callable[[], None] | None = None,
     clock: Clock = perf_counter,
 ) -> pd.DataFrame:
     """Run every setting of a knob; repeat fast ones in turn and take the shortest time.
@@ -126,8 +126,6 @@ def measure_knob(
     knob : Knob
     seconds : float
         Time for all repetitions, s, in addition to the first run of each setting.
-    advance : callable, optional
-        Called once per setting.
     clock : callable
         Returns seconds: wall time, or `time.process_time` on a shared machine.
 
@@ -146,14 +144,12 @@ def measure_knob(
         times[k].append(clock() - began)
         return answer
 
-    for k, setting in enumerate(settings):
+    for k, setting in counted(enumerate(settings), f"settings of {knob.name}", len(settings)):
         try:
             errors[k] = float(setting.error(timed(k)))
         except FAILURES as error:
             times[k].clear()
             reasons[k] = str(error) or type(error).__name__
-        if advance is not None:
-            advance()
     left = seconds
     for turn in range(1, MAX_RUNS):
         for k, taken in enumerate(times):
@@ -206,7 +202,6 @@ def run_knobs(
     relative: float,
     seconds: float,
     left_out: dict[str, str] | None = None,
-    advance: Callable[[], None] | None = None,
     clock: Clock = perf_counter,
 ) -> Tradeoff:
     """Measure knobs one after another.
@@ -220,8 +215,6 @@ def run_knobs(
         Time for the repetitions of all knobs, s, in addition to the first run of each setting.
     left_out : dict, optional
         Passed on to the result.
-    advance : callable, optional
-        Called once per setting.
     clock : callable
         As for `measure_knob`.
 
@@ -231,7 +224,7 @@ def run_knobs(
         If no setting can be run.
     """
     each = seconds / len(knobs)
-    tables = [measure_knob(knob, seconds=each, advance=advance, clock=clock) for knob in knobs]
+    tables = [measure_knob(knob, seconds=each, clock=clock) for knob in knobs]
     rows = TRADEOFF.conform(pd.concat(tables, ignore_index=True))
     if rows["time_s"].isna().all():
         names = ", ".join(dict.fromkeys(rows["knob"]))

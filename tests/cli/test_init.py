@@ -35,7 +35,7 @@ def test_the_scene_of_a_folder_of_frames_holds_what_the_files_and_options_say(fr
         3e6,
     )
     experiment = open_experiment(scene)
-    assert experiment.reference.name == "reference.tif"
+    assert experiment.references[0].name == "reference.tif"
     assert experiment.asperities is not None
     assert experiment.loads["load_N"].notna().all()
 

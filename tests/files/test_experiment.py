@@ -126,7 +126,7 @@ def test_frames_in_natural_order_with_loads_in_theirs(folder):
     assert experiment.loads["load_N"].tolist() == [0.02, 0.1, 0.5]
     assert experiment.load_of("frame_10.tif") == 0.5
     assert np.isnan(experiment.load_of("no such frame"))
-    assert experiment.reference.read().image.max() == 0
+    assert experiment.references[0].read().image.max() == 0
     assert len(experiment.asperities) == 1
     assert [path.name for path in experiment.inputs] == [
         "reference.tif",
@@ -139,7 +139,7 @@ def test_frames_in_natural_order_with_loads_in_theirs(folder):
 def test_what_a_scene_leaves_out(folder):
     experiment = experiment_of(folder)
     assert names(experiment) == ["frame_1.tif", "frame_2.tif", "frame_10.tif"]
-    assert (experiment.reference, experiment.asperities) == (None, None)
+    assert (experiment.references, experiment.asperities) == ((), None)
     for path in folder.glob("frame_*"):
         path.rename(folder / path.name.replace("frame", "shot"))
     (folder / "loads.csv").unlink()
@@ -160,14 +160,14 @@ def test_reference_is_no_frame_even_if_the_glob_matches_it(folder, reference, fr
 def test_a_file_called_reference_is_no_frame_even_if_no_reference_is_named(folder, frames, caplog):
     (folder / "reference.tif").rename(folder / "Reference.tif")
     experiment = experiment_of(folder, images={"frames": frames})
-    assert experiment.reference is None
+    assert experiment.references == ()
     assert names(experiment) == ["frame_1.tif", "frame_2.tif", "frame_10.tif"]
     assert "Reference.tif is not measured as a frame; name it as the reference" in caplog.text
 
 
 def test_a_file_called_reference_is_a_frame_where_it_is_named_as_one(folder):
     experiment = experiment_of(folder, images={"frames": ["reference.tif", "frame_1.tif"]})
-    assert experiment.reference is None
+    assert experiment.references == ()
     assert names(experiment) == ["reference.tif", "frame_1.tif"]
 
 
@@ -194,7 +194,7 @@ def test_page_of_a_stack_as_reference(folder):
     )
     (folder / "loads.csv").unlink()
     experiment = experiment_of(folder, images={"reference": "s.tif[0]", "frames": "s.tif"})
-    assert experiment.reference.read().image[0, 0] == 0
+    assert experiment.references[0].read().image[0, 0] == 0
     assert names(experiment) == ["s.tif[1]", "s.tif[2]"]
     assert list(experiment.inputs) == [with_pages]
     sentence = f"{folder / 's.tif[3]'}: there is no such reference; name one of s.tif[0] ... s.tif[2]"
@@ -230,7 +230,7 @@ def test_absolute_paths(folder, tmp_path_factory):
     images |= {"loads": str(folder / "loads.csv")}
     experiment = experiment_of(elsewhere, images=images)
     assert experiment.load_of("frame_2.tif") == 0.1
-    assert experiment.reference.path == folder / "reference.tif"
+    assert experiment.references[0].path == folder / "reference.tif"
 
 
 def test_reference_that_is_missing(folder):
@@ -254,7 +254,7 @@ def test_frames_that_are_not_there(folder):
 def test_full_scale_of_the_camera_holds_for_every_frame(folder):
     camera = {"pixel_size_m": 6e-6, "full_scale_levels": 4095}
     experiment = experiment_of(folder, camera=camera, images={"reference": "reference.tif"})
-    sources = [experiment.reference, *experiment.frames]
+    sources = [experiment.references[0], *experiment.frames]
     assert {source.read().full_scale for source in sources} == {4095}
 
 

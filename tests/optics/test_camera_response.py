@@ -65,5 +65,5 @@ def test_every_frame_and_the_reference_of_a_scene_are_linearised(tmp_path):
     for camera, expected in (({"gamma": 0.45}, light), ({}, encode(light, 0.45))):
         data = {"camera": {"pixel_size_m": 6e-6} | camera, "images": images}
         experiment = open_experiment(scene_from_dict(data, folder=str(tmp_path)))
-        for source in (experiment.reference, *experiment.frames):
+        for source in (experiment.references[0], *experiment.frames):
             assert np.abs(source.read().image - expected).max() <= 0.5 / 0.45

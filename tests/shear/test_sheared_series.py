@@ -87,7 +87,7 @@ def test_ellipses_are_not_divided_out_of_a_pooled_background_as_disks(sheared):
     experiment = open_experiment(read_scene(folder))
     part = measure_scene_frame(
         experiment.frames[2].read(),
-        experiment.reference.read().image,
+        experiment.references[0].read().image,
         options=FrameOptions.of(place.scene, None),
     )
     shapes, view = part.contacts["shape"], contacts_of(part, FrameOptions.of(place.scene, None))

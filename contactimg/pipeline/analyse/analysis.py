@@ -24,11 +24,10 @@ from contactimg.analysis.radial_profiles import (
     ring_profile,
 )
 from contactimg.errors import ConvergenceError, InputError
-from contactimg.files import write_figures, write_table
 from contactimg.pipeline.analyse.places import (
     Place,
     annuli_of,
-    count_solutions,
+    can_be_predicted,
     differences,
     grouped,
     joined,
@@ -37,8 +36,9 @@ from contactimg.pipeline.analyse.places import (
 )
 from contactimg.pipeline.analyse.sheared import Sheared, analyse_shear
 from contactimg.pipeline.measured_series import shown_apex
+from contactimg.pipeline.results import write_results
 from contactimg.plausibility import doubts_about_match, mean_spacing, settle
-from contactimg.plots import caption_of, plot_areas, plot_friction, plot_pressure_law, plot_profile
+from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile
 from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE, RESULTS, RUN_MODELS
 
@@ -128,11 +128,7 @@ class Analysis:
 
 
 def analyse_places(
-    places: Sequence[Place],
-    options: AnalysisOptions,
-    *,
-    workers: int | None = None,
-    advance: Callable[[], None] | None = None,
+    places: Sequence[Place], options: AnalysisOptions, *, workers: int | None = None
 ) -> Analysis:
     """Analyse the runs of one or several places of a sample.
 
@@ -144,8 +140,6 @@ def analyse_places(
     options : AnalysisOptions
     workers : int, optional
         Processes that share the model solutions.
-    advance : callable, optional
-        Called once a model solution, and once a frame that is read again.
 
     Returns
     -------
@@ -161,11 +155,11 @@ def analyse_places(
     notes = [note for place in places for note in _left_out(place)]
     friction, density = _friction_table(places), _density(places[0])
     places_of = {own: grouped(places, tolerance=options.load_tolerance)}
-    if options.models and not count_solutions(places):
+    if options.models and not can_be_predicted(places):
         notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
     elif options.models:
         for model in COMPARED_MODELS:
-            found = predict_places(places_of[own], model, workers=workers, advance=advance)
+            found = predict_places(places_of[own], model, workers=workers)
             places_of[model] = found[0]
             notes += found[1]
         for place, predicted in zip(places_of[own], places_of["coupled"], strict=True):
@@ -179,20 +173,21 @@ def analyse_places(
         for _, part in shots.groupby("group")
     ]
     shearing = {"load_tolerance": options.load_tolerance, "confidence": options.confidence}
-    sheared = analyse_shear(places, notes, **shearing, workers=workers, advance=advance)
+    sheared = analyse_shear(places, notes, **shearing, workers=workers)
     stress = None if friction.empty else _fit_or_note(notes, "friction", _shear_stress, friction, options)
     ratio = None
     if stress is not None and options.smooth_stress is not None:
         ratio = compare_stress(stress, options.smooth_stress)
+    area, area_laws = _areas(places_of, averages, density, options, notes)
     return Analysis(
-        area=_area_table(places_of, averages, density, options),
+        area=area,
         profile=joined([average.profile for average in averages], PROFILE),
         normalised=joined([average.normalised for average in averages], NORMALISED),
         pressure_law=joined(
             [_points(average, density, options.min_contacts) for average in averages], PRESSURE_LAW
         ),
         friction=friction,
-        area_laws=_area_laws(places_of, options, notes),
+        area_laws=area_laws,
         contact_laws=_contact_laws(averages, own, options, notes),
         shear_stress=stress,
         stress_ratio=ratio,
@@ -397,51 +392,40 @@ def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.Dat
 # --- tables and laws
 
 
-def _area_frames(places: Sequence[Place]) -> pd.DataFrame:
-    """Areas of all usable frames."""
-    tables = [
-        frame_areas(usable_frames(place), place.contacts, place=place.name, centre=place.centre)
-        for place in places
-    ]
-    return pd.concat([table for table in tables if len(table)] or tables, ignore_index=True)
-
-
-def _area_table(
-    places_of: dict[str, list[Place]], averages: list[LoadAverage], density: float, options: AnalysisOptions
-) -> pd.DataFrame:
-    """Areas of each load, measured and of every model."""
-    tables = []
+def _areas(
+    places_of: dict[str, list[Place]],
+    averages: list[LoadAverage],
+    density: float,
+    options: AnalysisOptions,
+    notes: list[str],
+) -> tuple[pd.DataFrame, dict[str, PowerLaw]]:
+    """Areas of each load, and exponents of A(P), measured and of every model."""
+    tables, laws = list[pd.DataFrame](), dict[str, PowerLaw]()
     for model, places in places_of.items():
+        parts = [
+            frame_areas(usable_frames(place), place.contacts, place=place.name, centre=place.centre)
+            for place in places
+        ]
+        areas = pd.concat([table for table in parts if len(table)] or parts, ignore_index=True)
         numbers = pd.concat([place.frames for place in places]).set_index(["place", "frame"])["group"]
-        areas = _area_frames(places)
         groups = numbers.loc[pd.MultiIndex.from_frame(areas[["place", "frame"]])].to_numpy(np.intp)
         table = area_by_load(areas, groups, model=model, asperity_density=density)
         spread = np.hypot(options.load_relative_std * table["load_N"], options.load_std)
         tables.append(table.assign(load_std_N=spread / np.sqrt(table["n_frames"].astype(float))))
-    rings = [("gt", one.load, one.ring_area) for one in averages if np.isfinite(one.ring_area)]
-    return joined([*tables, AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"]))], AREA)
-
-
-def _area_laws(
-    places_of: dict[str, list[Place]], options: AnalysisOptions, notes: list[str]
-) -> dict[str, PowerLaw]:
-    """Exponents of A(P), measured and of every model."""
-
-    def law(model: str, places: list[Place]) -> PowerLaw:
-        areas = _area_frames(places)
-        return fit_area_law(
-            areas[areas["load"].between(*options.load_range)],
+        cell = LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS
+        fit = partial(
+            fit_area_law,
             load_relative_std=options.load_relative_std,
             load_std=options.load_std,
-            load_cell=LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS,
+            load_cell=cell,
             confidence=options.confidence,
         )
-
-    laws = {
-        model: _fit_or_note(notes, f"A(P), {model}", law, model, places)
-        for model, places in places_of.items()
-    }
-    return {model: law for model, law in laws.items() if law is not None}
+        chosen = areas[areas["load"].between(*options.load_range)]
+        law = _fit_or_note(notes, f"A(P), {model}", fit, chosen)
+        laws |= {} if law is None else {model: law}
+    rings = [("gt", one.load, one.ring_area) for one in averages if np.isfinite(one.ring_area)]
+    tables.append(AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"])))
+    return joined(tables, AREA), laws
 
 
 def _contact_laws(
@@ -582,15 +566,15 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
     DataFrame
         The numbers of the analysis, results.csv.
     """
+    results = result_rows(analysis)
     tables = [
-        (analysis.area, AREA),
-        (analysis.profile, PROFILE),
-        (analysis.normalised, NORMALISED),
-        (analysis.pressure_law, PRESSURE_LAW),
-        *([(analysis.friction, FRICTION)] if len(analysis.friction) else []),
+        (AREA, analysis.area),
+        (PROFILE, analysis.profile),
+        (NORMALISED, analysis.normalised),
+        (PRESSURE_LAW, analysis.pressure_law),
+        (RESULTS, results),
+        *([(FRICTION, analysis.friction)] if len(analysis.friction) else []),
     ]
-    for table, schema in tables:
-        write_table(table, schema, folder / f"{schema.name}.csv")
     analysis.sheared.write(folder)
     figures = {"area": plot_areas(analysis.area, analysis.area_laws)}
     normalised = analysis.normalised
@@ -603,8 +587,5 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
         figures[quantity] = plot_pressure_law(analysis.pressure_law, analysis.contact_laws, quantity)
     if analysis.shear_stress is not None:
         figures["friction"] = plot_friction(analysis.friction, analysis.shear_stress, smooth_stress)
-    for name, ax in figures.items():
-        write_figures(ax, folder, name, caption=caption_of(name))
-    results = result_rows(analysis)
-    write_table(results, RESULTS, folder / "results.csv")
+    write_results(folder, {schema.name: (schema, table) for schema, table in tables}, figures)
     return results

@@ -3,24 +3,22 @@
 import logging
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import ks_2samp
 
 from contactimg.analysis.annuli import MOMENTS, SECTORS, FieldOfView, annulus_moments
 from contactimg.analysis.area_against_load import group_loads
-from contactimg.engine.calls import in_parallel
-from contactimg.errors import ConvergenceError, InputError, ModelRangeError
+from contactimg.errors import ContactimgError, ConvergenceError, InputError, ModelRangeError
 from contactimg.files import Experiment, Run, open_experiment, read_calibration, read_run
 from contactimg.files.runs import frame_shift
 from contactimg.pipeline.inputs import scene_asperities
+from contactimg.pipeline.predict import predict_in_view
 from contactimg.pose import Pose
-from contactimg.prediction import load_name, predict_contacts, scene_of_model
+from contactimg.prediction import load_name, scene_of_model
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, LOADS, Schema, Status
 
@@ -226,12 +224,20 @@ def differences(places: Sequence[Place]) -> Iterator[str]:
             values = [table[column].dropna().to_numpy(float) for table in caps]
             if column == "height_m":
                 values = [one - np.median(one) for one in values if len(one)]
-            if sum(len(one) > 0 for one in values) == 2 and ks_2samp(values[0], values[1]).pvalue < CHANCE:
+            if sum(len(one) > 0 for one in values) == 2 and _differ(*values):
                 stds = " and ".join(f"{np.std(one):.3g}" for one in values)
                 yield (
                     f"the asperities of {place.name} are not of the surface of {first.name}: their {name} "
                     f"have standard deviations of {stds} m; analyse the runs apart"
                 )
+
+
+def _differ(one: Values, two: Values) -> bool:
+    """Whether two samples are not of one distribution: Kolmogorov and Smirnov's test, for many values."""
+    both = np.concatenate([one, two])
+    shares = [np.searchsorted(np.sort(own), both, side="right") / len(own) for own in (one, two)]
+    limit = np.sqrt(-np.log(CHANCE / 2) / 2 * (1 / len(one) + 1 / len(two)))
+    return bool(np.abs(shares[0] - shares[1]).max() > limit)
 
 
 # --- their frames, and the models of them
@@ -293,33 +299,26 @@ def joined(tables: Sequence[pd.DataFrame], schema: Schema) -> pd.DataFrame:
     return schema.conform(pd.concat([table for table in tables if len(table)] or [schema.empty()]))
 
 
-def count_solutions(places: Sequence[Place]) -> int:
-    """Solutions that `predict_places` finds for one model; none if a place is not known well enough."""
-    known = all(
+def can_be_predicted(places: Sequence[Place]) -> bool:
+    """Whether all places are known well enough for a model of their contacts."""
+    return all(
         place.asperities is not None and place.scene.indenter is not None and place.scene.elastic is not None
         for place in places
     )
-    return sum(len(usable_frames(place)) for place in places) if known else 0
 
 
 def predict_places(
-    places: Sequence[Place],
-    model: str,
-    *,
-    workers: int | None = None,
-    advance: Callable[[], None] | None = None,
+    places: Sequence[Place], model: str, *, workers: int | None = None
 ) -> tuple[list[Place], list[str]]:
     """Solve a model for every frame of places and keep the contacts in the field of view.
 
     Parameters
     ----------
     places : sequence of Place
-        For which `count_solutions` is not 0.
+        Which `can_be_predicted`.
     model : {"coupled", "uncoupled"}
     workers : int, optional
         Processes that share the solutions.
-    advance : callable, optional
-        Called once a solution.
 
     Returns
     -------
@@ -328,21 +327,32 @@ def predict_places(
     list of str
         Why frames were left out.
     """
-    jobs = [(place.name, row) for place in places for row in usable_frames(place).to_dict("records")]
+    surfaces = {
+        place.name: (scene_of_model(place.scene, model), place.asperities)
+        for place in places
+        if place.asperities is not None
+    }
+    shots = [(place, row) for place in places for row in usable_frames(place).to_dict("records")]
+    jobs = [
+        (place.name, str(row["frame"]), float(row["load_N"]), place.field(str(row["frame"])))
+        for place, row in shots
+    ]
     contacts: dict[str, list[pd.DataFrame]] = {place.name: [] for place in places}
     frames: dict[str, list[dict[Hashable, Any]]] = {place.name: [] for place in places}
-    notes, solve = list[str](), partial(_solve, {place.name: place for place in places}, model)
-    solutions = in_parallel(solve, jobs, count=len(jobs), workers=workers)
-    for (name, row), solved in zip(jobs, solutions, strict=True):
-        if isinstance(solved, str):
-            notes.append(f"{name}, {row['frame']}: the {model} model is left out: {solved}")
+    notes = list[str]()
+    solutions = predict_in_view(surfaces, jobs, workers=workers, shown=f"solving the {model} model")
+    for (place, row), solved in zip(shots, solutions, strict=True):
+        if isinstance(solved, ModelRangeError | ConvergenceError):
+            notes.append(f"{place.name}, {row['frame']}: the {model} model is left out: {solved}")
+        elif isinstance(solved, ContactimgError):
+            raise solved
         else:
-            contacts[name].append(solved)
-            area = float(solved["area_m2"].sum())
+            seen = solved.contacts
+            ratios = radius_ratios(seen, place.scene, place.asperities)
+            contacts[place.name].append(seen.assign(radius_ratio=ratios))
+            area = float(seen["area_m2"].sum())
             # free of measurement errors
-            frames[name].append(row | {"n_contacts": len(solved), "area_m2": area, "area_std_m2": 0.0})
-        if advance is not None:
-            advance()
+            frames[place.name].append(row | {"n_contacts": len(seen), "area_m2": area, "area_std_m2": 0.0})
     none = CONTACTS.empty().assign(radius_ratio=pd.Series(dtype=float))
     return [
         replace(
@@ -352,20 +362,3 @@ def predict_places(
         )
         for place in places
     ], notes
-
-
-def _solve(places: dict[str, Place], model: str, name: str, row: dict[Hashable, Any]) -> pd.DataFrame | str:
-    """The contacts of one frame in its field of view, or why there are none."""
-    place, load = places[name], float(row["load_N"])
-    try:
-        prediction = predict_contacts(
-            scene_of_model(place.scene, model),
-            cast("pd.DataFrame", place.asperities),
-            load=load,
-            frame=str(row["frame"]),
-        )
-    except (ModelRangeError, ConvergenceError) as error:
-        return str(error)
-    contacts, field = prediction.contacts, place.field(str(row["frame"]))
-    seen = contacts if field is None else contacts[field.holds(contacts["x_m"], contacts["y_m"])]
-    return seen.assign(radius_ratio=radius_ratios(seen, place.scene, place.asperities))

@@ -1,7 +1,7 @@
 """Contacts of runs by asperity: the table with upper limits from the images, and laws under shear."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from contactimg.analysis.area_against_load import group_loads
 from contactimg.analysis.estimates import Estimate
 from contactimg.errors import ContactimgError
-from contactimg.files import Experiment, write_figures, write_table
+from contactimg.files import Experiment
 from contactimg.files.runs import frame_shift
 from contactimg.frame import Frame
 from contactimg.pipeline.analyse.places import Place
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.plots import caption_of, plot_sheared_areas, plot_strip
+from contactimg.pipeline.results import write_results
+from contactimg.plots import plot_sheared_areas, plot_strip
 from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.shear.followed import ShearLaws, fit_beta, fit_shear_laws, follow_contacts
@@ -95,13 +96,10 @@ class Sheared:
             return
         several = (self.followed["place"] != "").any()
         schema = FOLLOWED if several else FOLLOWED.and_later()
-        write_table(self.followed[list(schema.columns)], schema, folder / "asperities.csv")
-        if self.laws:
-            figures = {"sheared_areas": plot_sheared_areas(self.followed)}
-            if self.strip:
-                figures["strip"] = plot_strip(self.strip)
-            for name, ax in figures.items():
-                write_figures(ax, folder, name, caption=caption_of(name))
+        figures = {"sheared_areas": plot_sheared_areas(self.followed)} if self.laws else {}
+        if figures and self.strip:
+            figures["strip"] = plot_strip(self.strip)
+        write_results(folder, {"asperities": (schema, self.followed[list(schema.columns)])}, figures)
 
 
 def analyse_shear(
@@ -111,13 +109,11 @@ def analyse_shear(
     load_tolerance: float,
     confidence: float = 0.95,
     workers: int | None = None,
-    advance: Callable[[], None] | None = None,
 ) -> Sheared:
     """The contacts of places by asperity, and their laws; what cannot be fitted is added to the notes.
 
     Upper limits need the images: frames in which some asperity of the table does not touch are read again
-    from the folder that the run names; ``advance`` is called once such a frame. Where they are gone, the
-    limit is the detection limit of the frame.
+    from the folder that the run names. Where they are gone, the limit is the detection limit of the frame.
     """
     tables, laws = [FOLLOWED.empty()], list[ShearLaws]()
     strip: Strip = ()
@@ -134,7 +130,7 @@ def analyse_shear(
             )
             continue
         table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
-        limits = _upper_limits(place, table, workers=workers, advance=advance)
+        limits = _upper_limits(place, table, workers=workers)
         table = table.assign(radius_upper_m=limits)
         tables.append(table if len(places) == 1 else table.assign(place=place.name))
         still = place.loads.loc[~(place.loads["velocity_m_s"].abs() > 0), "frame"]
@@ -166,13 +162,7 @@ def analyse_shear(
     return Sheared(followed, tuple(laws), beta, strip, confidence)
 
 
-def _upper_limits(
-    place: Place,
-    table: pd.DataFrame,
-    *,
-    workers: int | None,
-    advance: Callable[[], None] | None,
-) -> NDArray[np.float64]:
+def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> NDArray[np.float64]:
     """Upper limit of the radius in each row without a contact, m; NaN in the others and outside the image."""
     limits = np.full(len(table), np.nan)
     if place.pose is None:
@@ -196,7 +186,7 @@ def _upper_limits(
     if experiment is None:
         return limits
     call = partial(_limits_of_frame, scene=experiment.scene)
-    measured = for_each_frame(experiment, call, jobs, workers=workers, advance=advance)
+    measured = for_each_frame(experiment, call, jobs, workers=workers, shown="looking for contacts not seen")
     for index, found in zip(rows, measured, strict=True):
         if isinstance(found, FailedFrame):
             logger.warning("limits of contacts are those of detection: %s", found.row["message"])

@@ -1,6 +1,5 @@
 """`calibrate jkr`: modulus and work of adhesion from the contact circles of a smooth contact, with notes."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,7 +21,7 @@ from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_open
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
-from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
+from contactimg.pipeline.calibrate.result import Calibrated, cell_notes
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.plausibility import doubts_about_calibration, settle
@@ -98,9 +97,7 @@ class Centre:
     moves_with_sample: bool
 
 
-def measure_circles(
-    experiment: Experiment, *, workers: int | None = None, advance: Callable[[], None] | None = None
-) -> CircleSeries:
+def measure_circles(experiment: Experiment, *, workers: int | None = None) -> CircleSeries:
     """Measure the contact circle of every frame of a smooth contact.
 
     Parameters
@@ -109,8 +106,6 @@ def measure_circles(
         Of a scene with a camera and an indenter.
     workers : int, optional
         Processes that share the frames.
-    advance : callable, optional
-        Called once a frame.
 
     Returns
     -------
@@ -134,7 +129,7 @@ def measure_circles(
     measure = partial(_sample_frame, scene=scene, model=model)
     parts = [
         (part.row, None) if isinstance(part, FailedFrame) else part
-        for part in for_each_frame(experiment, measure, workers=workers, advance=advance)
+        for part in for_each_frame(experiment, measure, workers=workers, shown="measuring frames")
     ]
     sampled = [samples for _, samples in parts if samples is not None]
     if not sampled:
@@ -309,7 +304,7 @@ def _weighted_mean(
 # --- the calibration
 
 
-def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
+def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated:
     """Modulus, work of adhesion and centre from frames of the smooth contact.
 
     Parameters
@@ -317,7 +312,6 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     experiment : Experiment
         With loads; opened so that negative ones may be.
     workers : int, optional
-    advance : callable, optional
 
     Returns
     -------
@@ -329,7 +323,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
         If the loads and circles determine nothing; the message says why.
     """
     check_loads(experiment.loads["load_N"])
-    series, scene = measure_circles(experiment, workers=workers, advance=advance), experiment.scene
+    series, scene = measure_circles(experiment, workers=workers), experiment.scene
     table = series.table
     chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])
     calibration = _calibrate(table[chosen], scene)
@@ -349,7 +343,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     notes = calibration_notes(calibration, table, scene)
     record = _jkr_record(calibration, series) | {"notes": notes}
     failed = bool((table["status"] == Status.FAILED).any())
-    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"circles.csv": (CIRCLES, table)}
+    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"circles": (CIRCLES, table)}
     return Calibrated(record, tables, {"jkr": _jkr_figure(calibration)}, failed=failed)
 
 
@@ -372,15 +366,24 @@ def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
 def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, Any]:
     """What ``calibration.json`` says of a JKR fit: results, quality, what was fixed and fitted."""
     centre, sphere, table = mean_centre(series.table), calibration.sphere, series.table
-    fitted = ["young_modulus", "work_of_adhesion", "centre_x", "centre_y"]
-    record: dict[str, Any] = {
+    edge = calibration.edge if calibration.edge is not None and calibration.edge.settled else None
+    found = {
+        "young_modulus": (calibration.young_modulus, "Pa"),
+        "work_of_adhesion": (calibration.work_of_adhesion, "J/m^2"),
+        "centre_x": (CoverageEstimate.of_normal(centre.x_px, centre.std_px), "px"),
+        "centre_y": (CoverageEstimate.of_normal(centre.y_px, centre.std_px), "px"),
+        "load_zero": (calibration.load_zero, "N"),
+        "drift": (calibration.drift, "N" if calibration.departure.endswith("zero") else "1"),
+        "work_of_adhesion_unloading": (calibration.work_of_adhesion_unloading, "J/m^2"),
+        "edge_shift": (None if edge is None else edge.shift, "px"),
+    }
+    numbers = {name: one.record(unit) for name, (one, unit) in found.items() if one is not None}
+    unfitted = {"work_of_adhesion_unloading"} | (set() if calibration.load_zero_seen else {"load_zero"})
+    fixed = {"sphere_radius_m": sphere.radius, "poisson_ratio": sphere.poisson_ratio}
+    return numbers | {
         "kind": "jkr",
-        "young_modulus": calibration.young_modulus.record("Pa"),
-        "work_of_adhesion": calibration.work_of_adhesion.record("J/m^2"),
-        "centre_x": CoverageEstimate.of_normal(centre.x_px, centre.std_px).record("px"),
-        "centre_y": CoverageEstimate.of_normal(centre.y_px, centre.std_px).record("px"),
         "correlation": {"young_modulus, work_of_adhesion": calibration.correlation},
-        "fitted": fitted,
+        "fitted": [name for name in numbers if name not in unfitted],
         "quality": {
             "frames_used": int(calibration.points["used"].sum()),
             "frames": len(table),
@@ -393,25 +396,8 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, 
             "departure_rival": calibration.rival,
             "axis_ratio": mean_astigmatism(table).axis_ratio,
         },
-        "fixed": {
-            "sphere_radius_m": sphere.radius,
-            "poisson_ratio": sphere.poisson_ratio,
-        },
+        "fixed": fixed if sphere.thickness is None else fixed | {"thickness_m": sphere.thickness},
     }
-    if sphere.thickness is not None:
-        record["fixed"]["thickness_m"] = sphere.thickness
-    if calibration.load_zero is not None:
-        record["load_zero"] = calibration.load_zero.record("N")
-        fitted += ["load_zero"] * calibration.load_zero_seen
-    if calibration.drift is not None:
-        record["drift"] = calibration.drift.record("N" if calibration.departure.endswith("zero") else "1")
-        fitted.append("drift")
-    if calibration.work_of_adhesion_unloading is not None:
-        record["work_of_adhesion_unloading"] = calibration.work_of_adhesion_unloading.record("J/m^2")
-    if calibration.edge is not None and calibration.edge.settled:
-        record["edge_shift"] = calibration.edge.shift.record("px")
-        fitted.append("edge_shift")
-    return record
 
 
 def _jkr_figure(calibration: JkrCalibration) -> Axes:

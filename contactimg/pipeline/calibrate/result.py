@@ -1,6 +1,6 @@
 """The result of a calibration, and how it is written."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,12 +9,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.files import CALIBRATION_FILE, write_figures, write_json, write_table
-from contactimg.plots import caption_of
+from contactimg.files import CALIBRATION_FILE, write_json
+from contactimg.pipeline.results import write_results
 from contactimg.scene import Scene
 from contactimg.tables import Schema
-
-Advance = Callable[[], None] | None
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class Calibrated:
     record : dict
         Contents of ``calibration.json``.
     tables : dict
-        File name -> (schema, table).
+        Name of the file without ending -> (schema, table).
     figures : dict
         Name without ending -> axes.
     failed : bool
@@ -56,10 +54,7 @@ def write_calibration(result: Calibrated, folder: Path, *, frames: list[Mapping[
         The inputs with their sha256, as `provenance` lists them.
     """
     write_json(result.record | {"frames": frames}, folder / CALIBRATION_FILE)
-    for name, (schema, table) in result.tables.items():
-        write_table(table, schema, folder / name)
-    for name, ax in result.figures.items():
-        write_figures(ax, folder, name, caption=caption_of(name))
+    write_results(folder, result.tables, result.figures)
 
 
 def cell_notes(scene: Scene) -> list[str]:

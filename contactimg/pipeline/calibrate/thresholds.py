@@ -1,6 +1,5 @@
 """Calibrations by a threshold: `calibrate threshold`, `calibrate modulus` and `calibrate plateau`."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -19,7 +18,7 @@ from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
 from contactimg.imaging.measure import count_again
-from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
+from contactimg.pipeline.calibrate.result import Calibrated, cell_notes
 from contactimg.pipeline.frame import frame_row, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.measured_series import find_pose, local_law, locate_frames, with_forces
@@ -62,11 +61,7 @@ class ThresholdSeries:
 
 
 def measure_thresholds(
-    experiment: Experiment,
-    thresholds: ArrayLike = THRESHOLDS,
-    *,
-    workers: int | None = None,
-    advance: Callable[[], None] | None = None,
+    experiment: Experiment, thresholds: ArrayLike = THRESHOLDS, *, workers: int | None = None
 ) -> ThresholdSeries:
     """Count the pixels of every frame above each of many thresholds.
 
@@ -78,8 +73,6 @@ def measure_thresholds(
         Fractions of the contact contrast, between 0 and 1.
     workers : int, optional
         Processes that share the frames.
-    advance : callable, optional
-        Called once a frame.
 
     Returns
     -------
@@ -100,7 +93,7 @@ def measure_thresholds(
     measure = partial(_count_frame, scene=scene, thresholds=levels)
     parts = [
         (part.row, [], (0, 0)) if isinstance(part, FailedFrame) else part
-        for part in for_each_frame(experiment, measure, workers=workers, advance=advance)
+        for part in for_each_frame(experiment, measure, workers=workers, shown="measuring frames")
     ]
     loads = [experiment.load_of(str(row["frame"])) for row, _, _ in parts]
     frames = FRAMES.conform(pd.DataFrame([row for row, _, _ in parts])).assign(load_N=loads)
@@ -113,7 +106,7 @@ def measure_thresholds(
         for tables in zip(*(contacts for _, contacts, _ in parts if contacts), strict=True)
     ]
     shape = next(size for _, contacts, size in parts if contacts)
-    runs = _runs(scene, kept, counted, shape, int(np.abs(levels - 0.5).argmin()))
+    runs = _runs(experiment, kept, counted, shape, int(np.abs(levels - 0.5).argmin()))
     return ThresholdSeries(
         levels,
         np.array([run.frames["area_m2"].to_numpy(float) for run in runs]),
@@ -137,10 +130,15 @@ def _count_frame(
 
 
 def _runs(
-    scene: Scene, frames: pd.DataFrame, counted: list[pd.DataFrame], shape: tuple[int, int], half: int
+    experiment: Experiment,
+    frames: pd.DataFrame,
+    counted: list[pd.DataFrame],
+    shape: tuple[int, int],
+    half: int,
 ) -> list[Run]:
     """One run a threshold, all under the pose found at the threshold of number ``half``."""
-    _, sites = asperities_and_sites(scene)
+    _, sites = asperities_and_sites(experiment)
+    scene = experiment.scene
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
     middle = counted[half]
     run = Run(scene, middle, frames)
@@ -158,10 +156,10 @@ def _runs(
 
 
 def _with_forces(
-    experiment: Experiment, levels: ArrayLike, workers: int | None, advance: Advance
+    experiment: Experiment, levels: ArrayLike, workers: int | None
 ) -> tuple[ThresholdSeries, Values]:
     """The frames of a series that have a load and forces, and these loads, N."""
-    series = measure_thresholds(experiment, levels, workers=workers, advance=advance)
+    series = measure_thresholds(experiment, levels, workers=workers)
     good = np.isfinite(series.frames["load_N"].to_numpy(float))
     if not good.any():
         raise InputError("no frame has a load; give loads.csv with the columns frame, load_N")
@@ -200,11 +198,7 @@ def _notes(series: ThresholdSeries) -> list[str]:
 
 
 def _result(
-    record: dict[str, Any],
-    series: ThresholdSeries,
-    forces: Values,
-    figures: dict[str, Axes],
-    **curve: Any,
+    record: dict[str, Any], series: ThresholdSeries, forces: Values, figures: dict[str, Axes], **curve: Any
 ) -> Calibrated:
     """The result with scatter about the line of the record's slope, and tables of forces and curve."""
     table = series.frames[["frame", "load_N", "message"]].assign(force_sum_N=forces)
@@ -215,15 +209,13 @@ def _result(
         "residual_rms_N": float(np.sqrt(np.mean(rest[pressed] ** 2))),
         "worst_relative_residual": float(np.max(np.abs(rest[pressed] / load[pressed]))),
     }
-    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"forces.csv": (FORCE_SUMS, table)}
+    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"forces": (FORCE_SUMS, table)}
     if curve:
-        tables["curve.csv"] = (THRESHOLD_CURVE, pd.DataFrame(curve))
+        tables["curve"] = (THRESHOLD_CURVE, pd.DataFrame(curve))
     return Calibrated(record, tables, figures, failed=len(series.failed) > 0)
 
 
-def run_threshold(
-    experiment: Experiment, *, workers: int | None = None, advance: Advance = None
-) -> Calibrated:
+def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Calibrated:
     """The threshold of slope 1 on a sample of known modulus.
 
     Parameters
@@ -231,7 +223,6 @@ def run_threshold(
     experiment : Experiment
         Of a scene with the modulus and its uncertainty, and asperities of known radii.
     workers : int, optional
-    advance : callable, optional
 
     Returns
     -------
@@ -244,7 +235,7 @@ def run_threshold(
     """
     scene, modulus = experiment.scene, _stated_modulus(experiment)
     relative = modulus.std / modulus.value
-    series, load = _with_forces(experiment, THRESHOLDS, workers, advance)
+    series, load = _with_forces(experiment, THRESHOLDS, workers)
     errors = _common_errors(experiment, relative)
     notes = _notes(series) + cell_notes(scene)
     slopes = [load_slope(row, load, **errors) for row in series.forces]
@@ -280,11 +271,7 @@ def run_threshold(
 
 
 def run_modulus(
-    experiment: Experiment,
-    *,
-    threshold: CoverageEstimate | None,
-    workers: int | None = None,
-    advance: Advance = None,
+    experiment: Experiment, *, threshold: CoverageEstimate | None, workers: int | None = None
 ) -> Calibrated:
     """The modulus of slope 1 at a threshold that is kept; for the disk method, without one.
 
@@ -295,7 +282,6 @@ def run_modulus(
     threshold : CoverageEstimate or None
         The calibrated threshold; None for the disk method.
     workers : int, optional
-    advance : callable, optional
 
     Returns
     -------
@@ -304,7 +290,7 @@ def run_modulus(
     levels = THRESHOLDS if threshold is None else threshold.value + np.array([-0.02, 0.0, 0.02])
     if levels.min() <= 0 or levels.max() >= 1:
         raise InputError(f"the threshold must lie between 0.02 and 0.98, got {threshold}")
-    series, load = _with_forces(experiment, levels, workers, advance)
+    series, load = _with_forces(experiment, levels, workers)
     measured, relative = _stated_modulus(experiment), 0.0
     if threshold is None:
         forces = _disk_forces(experiment, series, workers)
@@ -340,7 +326,7 @@ def run_modulus(
     return _result(record, series, tuned, {"forces": plot_forces(load, tuned, fitted=fitted)})
 
 
-def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
+def run_plateau(experiment: Experiment, *, workers: int | None = None) -> Calibrated:
     """The two thresholds between which the total area changes marginally, and areas with error bars.
 
     Parameters
@@ -348,13 +334,12 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
     experiment : Experiment
         Of a scene with a camera; loads are not needed.
     workers : int, optional
-    advance : callable, optional
 
     Returns
     -------
     Calibrated
     """
-    series = measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance)
+    series = measure_thresholds(experiment, THRESHOLDS, workers=workers)
     found, notes = find_plateau(series.thresholds, series.areas), _notes(series)
     if not found.marginal:
         notes.append(
@@ -387,5 +372,5 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
         ],
     )
     columns = [name for name in FORCE_SUMS.columns if name in table]
-    tables = {"curve.csv": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas.csv": (FORCE_SUMS, table[columns])}
+    tables = {"curve": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas": (FORCE_SUMS, table[columns])}
     return Calibrated(record, tables, {"plateau": figure}, failed=len(series.failed) > 0)
