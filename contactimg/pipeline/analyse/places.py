@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
 
 from contactimg.analysis.annuli import MOMENTS, SECTORS, FieldOfView, annulus_moments
@@ -224,20 +225,12 @@ def differences(places: Sequence[Place]) -> Iterator[str]:
             values = [table[column].dropna().to_numpy(float) for table in caps]
             if column == "height_m":
                 values = [one - np.median(one) for one in values if len(one)]
-            if sum(len(one) > 0 for one in values) == 2 and _differ(*values):
+            if sum(len(one) > 0 for one in values) == 2 and scipy.stats.ks_2samp(*values).pvalue < CHANCE:
                 stds = " and ".join(f"{np.std(one):.3g}" for one in values)
                 yield (
                     f"the asperities of {place.name} are not of the surface of {first.name}: their {name} "
                     f"have standard deviations of {stds} m; analyse the runs apart"
                 )
-
-
-def _differ(one: Values, two: Values) -> bool:
-    """Whether two samples are not of one distribution: Kolmogorov and Smirnov's test, for many values."""
-    both = np.concatenate([one, two])
-    shares = [np.searchsorted(np.sort(own), both, side="right") / len(own) for own in (one, two)]
-    limit = np.sqrt(-np.log(CHANCE / 2) / 2 * (1 / len(one) + 1 / len(two)))
-    return bool(np.abs(shares[0] - shares[1]).max() > limit)
 
 
 # --- their frames, and the models of them
