@@ -225,7 +225,10 @@ def differences(places: Sequence[Place]) -> Iterator[str]:
             values = [table[column].dropna().to_numpy(float) for table in caps]
             if column == "height_m":
                 values = [one - np.median(one) for one in values if len(one)]
-            if sum(len(one) > 0 for one in values) == 2 and scipy.stats.ks_2samp(*values).pvalue < CHANCE:
+            if (
+                sum(len(one) > 0 for one in values) == 2
+                and scipy.stats.ks_2samp(values[0], values[1]).pvalue < CHANCE
+            ):
                 stds = " and ".join(f"{np.std(one):.3g}" for one in values)
                 yield (
                     f"the asperities of {place.name} are not of the surface of {first.name}: their {name} "
