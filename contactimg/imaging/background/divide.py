@@ -16,15 +16,13 @@ from contactimg.imaging.background.alignment import (
     filter_rows_and_columns,
     shift_kernel,
 )
-from contactimg.imaging.background.illumination import Illumination, cubic
+from contactimg.imaging.background.illumination import DARKEST_FRACTION, Illumination, cubic
 from contactimg.imaging.pixels.blocks import block_means, is_background, strips
 from contactimg.imaging.pixels.robust import median, robust_std
 
 Values = NDArray[np.float32]
 Filters = list[NDArray[np.float32]]
 
-DARKEST_FRACTION = 0.1
-"""Of the median level of the reference: where it is darker, it is not divided by. Chosen by hand."""
 NARROW_PX, MIDDLE_PX, WIDE_PX = 0.7, 2.0, 6.0
 """Standard deviations of the Gaussians that separate the bands: less than, as, and more than a usual blur.
 What the first takes away is lost in the blur of the contacts as well."""
@@ -75,7 +73,8 @@ def divide_by_reference(
     shift = (residual.x_px, residual.y_px)
     finite = np.isfinite(half)
     quarter = block_means(half, None if finite.all() else finite.astype(np.uint8), side=2)
-    wide = cv2.resize(_move_and_blur(quarter, WIDE_PX, shift, 4), np.multiply(quarter.shape[::-1], 2))
+    size = (2 * quarter.shape[1], 2 * quarter.shape[0])
+    wide = cv2.resize(_move_and_blur(quarter, WIDE_PX, shift, 4), size)
     wide = np.asarray(wide[: len(half), : half.shape[1]], np.float32)
     source = (reference, _move_and_blur(half, MIDDLE_PX, shift, 2), wide, *_gaussians(shift, NARROW_PX))
     gains, scatters = _measure_gains(frame, source, illumination)
@@ -148,10 +147,12 @@ def _bands_of_row(bands, y, source, column, low):
 @njit(cache=True, fastmath=True, forceinline=True)
 def _add_five(out, first, second, third, fourth, fifth, weights):
     """Weighted sum of five rows; in single precision, so that it compiles to vector instructions."""
-    a, b, c, d, e = weights[0], weights[1], weights[2], weights[3], weights[4]
+    a, b, d, e = weights[0], weights[1], weights[3], weights[4]
     for x in range(len(out)):
-        near = b * np.float32(second[x]) + c * np.float32(third[x]) + d * np.float32(fourth[x])
-        out[x] = near + a * np.float32(first[x]) + e * np.float32(fifth[x])
+        middle = np.float32(third[x])  # the weights sum to 1: what is constant stays so exactly
+        near = b * (np.float32(second[x]) - middle) + d * (np.float32(fourth[x]) - middle)
+        far = a * (np.float32(first[x]) - middle) + e * (np.float32(fifth[x]) - middle)
+        out[x] = middle + (near + far)
 
 
 @njit(cache=True, forceinline=True)
@@ -187,12 +188,13 @@ def _double(out, low):
 def _weight_bands(out, narrow, middle, wide, numbers):
     """Sum the weighted bands of a row; return the number of pixels where a band shows dirt."""
     finer, coarser, finer_dirt, coarser_dirt = numbers[:4]
+    less_fine, less_coarse = np.float32(1.0) - finer, np.float32(1.0) - coarser
     finer_dirt, coarser_dirt = np.float32(DIRT_SIGMA) * finer_dirt, np.float32(DIRT_SIGMA) * coarser_dirt
     one, zero = np.float32(1.0), np.float32(0.0)
     dirty = zero
     for x in range(len(out)):
         fine, coarse = narrow[x] - middle[x], middle[x] - wide[x]
-        out[x] = wide[x] + coarser * coarse + finer * fine
+        out[x] = narrow[x] - less_fine * fine - less_coarse * coarse
         dirty += one if (abs(fine) > finer_dirt) | (abs(coarse) > coarser_dirt) else zero
     return dirty
 
@@ -239,7 +241,8 @@ def _move_and_blur(binned: Values, blur_px: float, shift: tuple[float, float], s
     if finite.all():
         return filter_rows_and_columns(binned, *kernels)
     smooth = filter_rows_and_columns(np.where(finite, binned, np.float32(0.0)), *kernels)
-    return smooth / np.maximum(filter_rows_and_columns(finite, *kernels), np.float32(1e-3))
+    smooth /= np.maximum(filter_rows_and_columns(finite, *kernels), np.float32(1e-3))
+    return smooth
 
 
 def _measure_gains(
