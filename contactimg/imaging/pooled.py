@@ -31,6 +31,7 @@ from contactimg.imaging.background.alignment import (
     move_mask,
     shift_kernel,
 )
+from contactimg.imaging.background.divide import FULL_DIRT_SIGMA
 from contactimg.imaging.background.find_illumination import BackgroundLevel
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, NEGLIGIBLE, Illumination
 from contactimg.imaging.background.subtract import subtract_reference
@@ -47,9 +48,6 @@ SQUARE_PX = 4
 it is filled. Chosen: as wide as the blurred rim of a contact."""
 FEWEST_SEEN = 0.25
 """Fraction of a square that a frame must show to be compared there; a smaller part is taken as it is."""
-DISAGREEMENT_SIGMA = 6.0
-"""Robust standard deviations by which a square may differ from the second lowest of its values. Theory: of 24
-normal deviates the second lowest lies 1.6 below the mean, so that 10^-5 of the squares are left out."""
 LIGHT_PX = 64
 """Standard deviation of the Gaussian over which slow differences of the light are followed, twice the side
 of the square over which the brightness of the anchor is averaged. Chosen: much wider than a contact, narrower
@@ -363,7 +361,8 @@ def compare_views(squares: Sequence[NDArray[np.float32]], *, sign: int) -> Agree
     ordered = np.sort(np.where(good, sign * flat, np.float32(np.nan)), axis=0)  # NaN last
     third = np.isfinite(ordered[2]) if len(ordered) > 2 else False
     second_lowest = np.where(third, ordered[min(1, len(ordered) - 1)], ordered[0])
-    used = ~(np.abs(sign * flat - second_lowest) > DISAGREEMENT_SIGMA * usual)
+    # of 24 normal deviates the second lowest lies 1.6 below the mean: 10^-5 of the squares are left out
+    used = ~(np.abs(sign * flat - second_lowest) > FULL_DIRT_SIGMA * usual)
     return Agreement(used & good, light, deviation, SQUARE_PX * usual)
 
 

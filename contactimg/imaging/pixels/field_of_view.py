@@ -39,10 +39,10 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     The lit part must be one convex region, as a field of view is: bright contacts on a black background are
     not.
     """
-    some = image[BLOCK // 2 :: BLOCK, BLOCK // 2 :: BLOCK]
-    if valid is None and some.size:  # each unlit block has one of these pixels
-        if np.count_nonzero(some < 0.5 * quantile(some, LIT_SHARE)) < LEAST_UNLIT_BLOCKS:
-            return None
+    some = image[BLOCK // 2 :: BLOCK, BLOCK // 2 :: BLOCK]  # each unlit block has one of these pixels
+    lit_pixel = quantile(some, LIT_SHARE) if valid is None and some.size else np.inf
+    if np.count_nonzero(some < 0.5 * lit_pixel) < LEAST_UNLIT_BLOCKS:
+        return None
     means = block_means(image, valid)
     means = np.where(np.isfinite(means), means, 0.0)
     lit_level = quantile(means, LIT_SHARE)

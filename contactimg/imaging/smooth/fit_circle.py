@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import fft, optimize, special
 
 from contactimg.errors import FrameError
+from contactimg.imaging.background.illumination import NEGLIGIBLE
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.smooth.find_circle import (
@@ -36,8 +37,6 @@ Loss = Literal["linear", "cauchy"]
 WIDEST_FILM_PX = 80.0
 """Width of the film up to which its fringes are sampled, and length on both sides of it for the blur: four of
 the widest. Chosen by hand."""
-OUTLIER_SIGMA = 3.0
-"""Residual at which the Cauchy loss halves the weight of a sample, standard deviations. By hand."""
 SCAN_OCTAVES = (-2.0, 4.0, 19)
 """Openings that are tried: first and last power of two times the natural opening, and how many."""
 PARAMETER_COST = 2.0
@@ -48,8 +47,6 @@ WIDEST_BLUR_PX = 20.0
 HALO_START, HALO_LEAST, HALO_MOST = (0.02, 5.0), (0.0, 2.0), (0.5, WIDEST_BLUR_PX)
 """Fraction of the light in the halo, and width by which it exceeds the blur (px): from which the fit starts,
 and its limits."""
-MODEL_ERROR = 1e-3
-"""Of the contrast: error of the model through tables and straight edges."""
 ELLIPSE_ARC = 0.75
 """Fraction of the circumference from which on an ellipse is told from a shifted circle. Chosen by hand."""
 LINE_STEP_PX = 0.1
@@ -192,7 +189,7 @@ def _fit(
         start[free],
         bounds=(low[free], high[free]),
         loss=loss,
-        f_scale=OUTLIER_SIGMA,
+        f_scale=CLIP_SIGMA,
         x_scale=scale[free],
         xtol=1e-7,
         ftol=1e-7,
@@ -258,7 +255,7 @@ def _sector_offsets(samples: EdgeSamples, p: Values, line: _Line) -> tuple[Value
     fall = (_profile(outside - step, p, line) - _profile(outside + step, p, line)) * (
         samples.weight / (2 * step)
     )
-    trust = 1 / (1 + (rest / OUTLIER_SIGMA) ** 2)
+    trust = 1 / (1 + (rest / CLIP_SIGMA) ** 2)
     numbers, inverse = np.unique(samples.sector, return_inverse=True)
     slope = np.bincount(inverse, trust * fall**2)
     shown = slope > 0  # not where all samples lie far from the edge
@@ -352,7 +349,7 @@ def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
     rings = pd.DataFrame({"ring": ring, "value": samples.value, "distance": samples.distance})
     rest = (rings["value"] - rings.groupby("ring")["value"].transform("median")).abs()
     spread = MAD_TO_STD * rest.groupby(ring).transform("median")
-    kept = rings[rest <= OUTLIER_SIGMA * spread].groupby("ring")
+    kept = rings[rest <= CLIP_SIGMA * spread].groupby("ring")
     means, stds, count = kept.mean(), kept["value"].std(ddof=0), kept.size()
     there = count > SECTORS / 8
     variance = (stds**2 + float(np.median(stds[there])) ** 2) / count
@@ -362,7 +359,7 @@ def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
         azimuth=np.zeros(len(error)),
         distance=means.loc[there, "distance"].to_numpy(),
         value=means.loc[there, "value"].to_numpy(),
-        weight=1 / np.maximum(error, MODEL_ERROR * float(np.ptp(means["value"]))),
+        weight=1 / np.maximum(error, NEGLIGIBLE * float(np.ptp(means["value"]))),
         sector=np.zeros(len(error), np.intp),
     )
 
