@@ -254,9 +254,14 @@ def _measure_gains(
     is what `_bands_at_rows` takes.
     """
     rows, _ = strips(len(frame), STRIP_ROWS, STRIPS, 0)
-    inner = slice(SPACING_PX, -SPACING_PX, SPACING_PX)
-    columns, picked = np.arange(frame.shape[1])[inner], rows.reshape(STRIPS, -1)[:, inner]
-    mask = is_background(illumination.background, picked.ravel(), columns, frame.shape)
+    for spacing in (SPACING_PX, SPACING_PX // 2):  # nearer pixels where little background is left
+        inner = slice(SPACING_PX, -SPACING_PX, spacing)
+        columns, picked = np.arange(frame.shape[1])[inner], rows.reshape(STRIPS, -1)[:, inner]
+        mask = is_background(illumination.background, picked.ravel(), columns, frame.shape)
+        if np.count_nonzero(mask) >= FEWEST_SAMPLES:
+            break
+    else:
+        return np.ones(2), np.full(2, np.inf)
 
     def sample(part: NDArray) -> Values:
         return np.asarray(part.reshape(STRIPS, -1, frame.shape[1])[:, inner, inner].reshape(mask.shape)[mask])
@@ -268,8 +273,6 @@ def _measure_gains(
         sample(filter_rows_and_columns(part, *still)) for part in (target, narrow - middle, middle - wide)
     )
     detail = np.stack([sample(narrow - middle), sample(middle - wide)])
-    if excess.size < FEWEST_SAMPLES:
-        return np.ones(2), np.full(2, np.inf)
     excess = excess - np.float32(median(excess))
     scatters = np.array([robust_std(part, centre=0.0) for part in detail])
     usable = np.abs(excess) < FULL_DIRT_SIGMA * robust_std(excess, centre=0.0)
