@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.background.find_illumination import neighbour_scatter
 from contactimg.imaging.background.illumination import (
+    BACKGROUND_CLIP_SIGMA,
     NEGLIGIBLE,
     DifferenceImage,
     fit_illumination,
@@ -20,7 +21,7 @@ from contactimg.imaging.background.illumination import (
 )
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, SIGNIFICANT_SIGMA
+from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 
 # Scatter of the lines, of that of a pixel, below which it is left. Theory: over the 2 a lines of a contact of
 # radius a = 10 px it then adds a fifth to the variance of the noise.
@@ -61,7 +62,7 @@ def even_out(difference: DifferenceImage, *, relative: bool = True) -> Differenc
     scatter = min(neighbour_scatter(blocks), one_sided_scatter(flat[:: max(flat.size // 4000, 1)]))
     scatter = max(scatter, NEGLIGIBLE * max(difference.level, 1.0))
     if difference is not flickering:
-        background = np.abs(blocks) < CLIP_SIGMA * scatter
+        background = np.abs(blocks) < BACKGROUND_CLIP_SIGMA * scatter
         difference = replace(difference, illumination=replace(difference.illumination, background=background))
     used = background & np.isfinite(blocks)
     uneven = np.mean(_mesh(blocks, used)[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2
@@ -76,7 +77,7 @@ def even_out(difference: DifferenceImage, *, relative: bool = True) -> Differenc
     levels = _at_places(left, _nearest(regions))
     if np.sqrt(np.mean(levels[members] ** 2)) < LEAST_UNEVEN * scatter:
         return difference
-    background = np.abs(blocks - levels) < CLIP_SIGMA * scatter
+    background = np.abs(blocks - levels) < BACKGROUND_CLIP_SIGMA * scatter
     light = 1.0 + levels / light_level if light_level > 0 else np.float32(1.0)
     return replace(
         difference,
@@ -92,7 +93,7 @@ def _flat_blocks(blocks: NDArray[np.float32], scatter: float) -> NDArray[np.bool
     filled = blocks if finite.all() else np.where(finite, blocks, np.float32(np.nanmedian(blocks)))
     middle, square = cv2.medianBlur(np.ascontiguousarray(filled, np.float32), 3), np.ones((3, 3), np.uint8)
     return np.asarray(
-        (cv2.dilate(middle, square) - cv2.erode(middle, square) < CLIP_SIGMA * scatter) & finite
+        (cv2.dilate(middle, square) - cv2.erode(middle, square) < BACKGROUND_CLIP_SIGMA * scatter) & finite
     )
 
 
@@ -143,7 +144,10 @@ def _has_contacts(blocks: NDArray[np.float32], inside: NDArray[np.bool_], scatte
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     whole = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)[2:-2, 2:-2] > 0
     levels, level = blocks[whole & ~inside], float(np.median(blocks[inside]))
-    low, high = min(0.0, level) - CLIP_SIGMA * scatter, max(0.0, level) + CLIP_SIGMA * scatter
+    low, high = (
+        min(0.0, level) - BACKGROUND_CLIP_SIGMA * scatter,
+        max(0.0, level) + BACKGROUND_CLIP_SIGMA * scatter,
+    )
     return int(np.count_nonzero((levels < low) | (levels > high))) >= FEWEST_BEYOND
 
 
@@ -273,5 +277,5 @@ def _with_lost_lines(blocks: NDArray[np.float32], background: NDArray[np.bool_])
     share = background.mean(axis=1)
     lost = share < 0.5 * np.median(share)
     scatter = neighbour_scatter(blocks.T)
-    near = np.abs(blocks - np.median(blocks, axis=1)[:, None]) < CLIP_SIGMA * scatter
+    near = np.abs(blocks - np.median(blocks, axis=1)[:, None]) < BACKGROUND_CLIP_SIGMA * scatter
     return np.where(lost[:, None], near, background)

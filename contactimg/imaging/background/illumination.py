@@ -14,12 +14,14 @@ from contactimg.compiled import njit
 from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, MAD_TO_STD
+from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.timings import stage
 
 POLYNOMIAL_ORDER = 3  # total degree: vignetting is a quadratic, uneven lamps need a cubic
 # Powers of u and v in each term of the polynomial.
 TERMS = [(i, j) for j in range(POLYNOMIAL_ORDER + 1) for i in range(POLYNOMIAL_ORDER + 1 - j)]
+# Robust standard deviations from the polynomial within which blocks are background, and neighbours flat.
+BACKGROUND_CLIP_SIGMA = 3.5
 # Robust standard deviations from the polynomial within which blocks are fitted: those at the rims of contacts
 # would bias it to one side. By hand.
 FIT_CLIP_SIGMA = 2.0
@@ -152,7 +154,7 @@ def fit_illumination(
         grid[j, i] = coefficients[k]
     grid[0, 0] += level
     found = Illumination(grid, np.empty(0, np.bool_), scatter)
-    near = np.abs(blocks - found.at_blocks(blocks.shape, shape)) < CLIP_SIGMA * scatter
+    near = np.abs(blocks - found.at_blocks(blocks.shape, shape)) < BACKGROUND_CLIP_SIGMA * scatter
     return replace(found, background=near)
 
 

@@ -21,6 +21,7 @@ from contactimg.imaging.background.find_illumination import (
     share_without_rims,
 )
 from contactimg.imaging.background.illumination import (
+    BACKGROUND_CLIP_SIGMA,
     DARKEST_FRACTION,
     NEGLIGIBLE,
     DifferenceImage,
@@ -34,7 +35,7 @@ from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.detect.foreign import label_regions
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, MANY, robust_std
+from contactimg.imaging.pixels.robust import MANY, robust_std
 
 FLAT_SHARE = 0.2  # share of the blocks: so large a flat region is the background. By hand
 # Squares in one side of the tiles over which the light between small contacts is followed beyond the
@@ -110,7 +111,7 @@ def _flat_background(frame: NDArray[np.float32], valid: Mask) -> DifferenceImage
         scatter=2.0 * scatter,
         least_scatter=scatter,
     )
-    near = np.abs(blocks - light.at_blocks(blocks.shape, frame.shape)) < CLIP_SIGMA * light.scatter
+    near = np.abs(blocks - light.at_blocks(blocks.shape, frame.shape)) < BACKGROUND_CLIP_SIGMA * light.scatter
     level = float(np.median(np.abs(blocks[largest])))
     return _divide_by_illumination(frame, replace(light, background=near), level, blocks.shape, valid)
 
@@ -156,7 +157,7 @@ def _light_between(
     uneven = _tile_means(flat, rest.background, shape)
     flat -= uneven[::SQUARE_PX, ::SQUARE_PX]
     scatter = one_sided_scatter(flat[rest.background])
-    background = np.abs(flat) < CLIP_SIGMA * max(scatter, expected)
+    background = np.abs(flat) < BACKGROUND_CLIP_SIGMA * max(scatter, expected)
     return Illumination(lower.coefficients + rest.coefficients, background, scatter), uneven
 
 
