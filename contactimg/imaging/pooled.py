@@ -31,31 +31,27 @@ from contactimg.imaging.background.alignment import (
     move_mask,
     shift_kernel,
 )
+from contactimg.imaging.background.divide import FULL_DIRT_SIGMA
 from contactimg.imaging.background.find_illumination import BackgroundLevel
-from contactimg.imaging.background.illumination import Illumination
+from contactimg.imaging.background.illumination import DARKEST_FRACTION, NEGLIGIBLE, Illumination
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX
 from contactimg.imaging.pixels.frame_pair import FramePair
-from contactimg.imaging.pixels.robust import robust_std
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, robust_std
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
 from contactimg.timings import stage
 
-# Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
 SQUARE_PX = 4
-"""Side of the squares on which frames are compared. Chosen: as wide as the blurred rim of a contact."""
+"""Side of the squares on which frames are compared, and radius around a place that no frame shows from which
+it is filled. Chosen: as wide as the blurred rim of a contact."""
 FEWEST_SEEN = 0.25
 """Fraction of a square that a frame must show to be compared there; a smaller part is taken as it is."""
-BRIGHTNESS_PX = 33
-"""Side of the square over which the brightness of the anchor is averaged. Chosen: as most contacts."""
-HIDDEN_PX = 5.0
-"""Margin around what a frame hides: three and a half blur widths of the usual optics. Chosen by hand."""
-DISAGREEMENT_SIGMA = 6.0
-"""Robust standard deviations by which a square may differ from the second lowest of its values. Theory: of 24
-normal deviates the second lowest lies 1.6 below the mean, so that 10^-5 of the squares are left out."""
-LIGHT_PX = 64.0
-"""Standard deviation of the Gaussian over which slow differences of the light are followed. Chosen: much
-wider than a contact, narrower than the cubic that describes the light of a frame."""
+LIGHT_PX = 64
+"""Standard deviation of the Gaussian over which slow differences of the light are followed, twice the side
+of the square over which the brightness of the anchor is averaged. Chosen: much wider than a contact, narrower
+than the cubic that describes the light of a frame."""
 WORST_SCATTER = 1.5
 """A frame whose squares scatter by so many times the median of the frames is left out. Chosen by hand: the
 scatter of equal frames varies by a few per cent."""
@@ -66,22 +62,20 @@ FEWEST_WITNESSES = 3
 OUTLIER_FRACTION = 0.003
 """Fraction of its squares in which a reference may differ from the others. Chosen: three times what dust and
 chance make; a contact of 30 px on a megapixel makes as many."""
-FILL_PX = 4.0
-"""Radius around a place that no frame shows from which it is filled."""
 UNSEEN_VIEWS = 0.1
 """Views that a place is worth which none shows. Chosen: texture of 2 % behind a blur of 1.4 px, filled in
 from around, then counts ten times the noise of a pixel."""
+FEWEST_INDEPENDENT = 0.08
+"""Views that a rim is worth where none shows it without a rim of its own. Theory: what the prior gives."""
 RIM_POINTS = 24
 """Points of a rim at which the number of views is looked up. Chosen: one each 2 px on the usual contacts."""
 REACH = 3.5
 """Blur widths on either side of a rim in which its template is not 0 (theory: 2e-3 of its height there)."""
 PRIOR_STDS = 2.0
 """Standard uncertainties of a radius within which the correction is expected."""
-FEWEST_INDEPENDENT = 0.08
-"""Views that a rim is worth where none shows it without a rim of its own. Theory: what the prior gives."""
-SOLVED = 1e-4  # relative residual at which the corrections are solved: far below their uncertainty
-SAME_CONTACT_PX = 1.0  # contacts of two frames are the same if their centres differ by less, plus ...
-SAME_CONTACT_RADII = 0.5  # ... this fraction of the larger radius
+SAME_CONTACT_RADII = 0.5
+"""Contacts of two frames are the same if their centres differ by less than this part of the larger radius.
+By hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +113,7 @@ class Contacts:
         table = None if self.film is None else rim_table(self.film, self.blur)
         disks = np.column_stack([self.disks[:, :3], np.full(len(self.disks), self.contrast)])
         model = render_disks(disks, self.blur, (image.shape[0], image.shape[1]), profile=table)
-        return np.asarray(image / np.maximum(1.0 + model, np.float32(0.05)), np.float32)
+        return np.asarray(image / np.maximum(1.0 + model, np.float32(DARKEST_FRACTION)), np.float32)
 
     def moved(self, alignment: Alignment, shape: tuple[int, int]) -> "Contacts":
         """The disks in the coordinates of the anchor, for the alignment of the frame against it."""
@@ -280,7 +274,7 @@ class PlacedFrame:
 
     def view(self, image: NDArray) -> View:
         """The view of the image, its slow light corrected and only where it is used."""
-        hidden = self.contacts.hidden + np.array([0.0, 0.0, HIDDEN_PX])
+        hidden = self.contacts.hidden + np.array([0.0, 0.0, EDGE_REACH_PX])
         view = self.placement.view(self.contacts.divided_out(image), hidden)
         return view if self.used is None or self.light is None else view.restricted(self.used, self.light)
 
@@ -335,7 +329,7 @@ class Agreement:
         rows, columns = (SQUARE_PX * size for size in self.used.shape[1:])
         here = np.zeros((rows, columns), np.uint8)
         for x, y, radius in np.rint(contacts.disks[:, :3]).astype(int).tolist():
-            cv2.circle(here, (x, y), radius + int(HIDDEN_PX), 1, cv2.FILLED)
+            cv2.circle(here, (x, y), radius + int(EDGE_REACH_PX), 1, cv2.FILLED)
         near, known = block_means(here, side=SQUARE_PX) > FEWEST_SEEN, np.isfinite(self.deviation[view])
         inside, outside = self.deviation[view][known & near], self.deviation[view][known & ~near]
         if min(len(inside), len(outside)) < FEWEST_SQUARES:
@@ -367,7 +361,8 @@ def compare_views(squares: Sequence[NDArray[np.float32]], *, sign: int) -> Agree
     ordered = np.sort(np.where(good, sign * flat, np.float32(np.nan)), axis=0)  # NaN last
     third = np.isfinite(ordered[2]) if len(ordered) > 2 else False
     second_lowest = np.where(third, ordered[min(1, len(ordered) - 1)], ordered[0])
-    used = ~(np.abs(sign * flat - second_lowest) > DISAGREEMENT_SIGMA * usual)
+    # of 24 normal deviates the second lowest lies 1.6 below the mean: 10^-5 of the squares are left out
+    used = ~(np.abs(sign * flat - second_lowest) > FULL_DIRT_SIGMA * usual)
     return Agreement(used & good, light, deviation, SQUARE_PX * usual)
 
 
@@ -376,7 +371,7 @@ def _slow(image: NDArray[np.float32]) -> NDArray[np.float32]:
     known = np.isfinite(image)
     if not known.any():
         return np.zeros(image.shape, np.float32)
-    middle, limit = np.float32(np.median(image[known])), 4.0 * robust_std(image[known]) + 1e-6
+    middle, limit = np.float32(np.median(image[known])), CLIP_SIGMA * robust_std(image[known]) + 1e-6
     values = np.where(known, np.clip(image, middle - limit, middle + limit), 0.0).astype(np.float32)
     total, weight = (
         cv2.GaussianBlur(part, (0, 0), LIGHT_PX / SQUARE_PX, borderType=cv2.BORDER_REFLECT)
@@ -424,7 +419,7 @@ class PooledBackground:
         unknown = (self.count == 0).astype(np.uint8)
         if not unknown.any():
             return image
-        return np.asarray(cv2.inpaint(image, unknown, FILL_PX, cv2.INPAINT_TELEA), np.float32)
+        return np.asarray(cv2.inpaint(image, unknown, SQUARE_PX, cv2.INPAINT_TELEA), np.float32)
 
     def views_at(self, x: NDArray, y: NDArray, radius: NDArray) -> NDArray[np.float64]:
         """Number of views at each rim (px on the anchor): the harmonic mean over its points."""
@@ -442,7 +437,7 @@ class PooledBackground:
 def smooth_brightness(anchor: NDArray) -> NDArray[np.float32]:
     """The anchor without its detail, grey levels."""
     view = View.plain(anchor)
-    window = (BRIGHTNESS_PX, BRIGHTNESS_PX)
+    window = (LIGHT_PX // 2 + 1, LIGHT_PX // 2 + 1)
     total, weight = (cv2.blur(part, window) for part in (view.image, view.seen.astype(np.float32)))
     return np.asarray(total / np.maximum(weight, np.float32(1e-3)), np.float32)
 
@@ -533,7 +528,7 @@ def correct_radii(
     products = np.concatenate([view.products for view in views])
     right = products - templates.T @ (pooled.mean() - brightness).ravel()
     scale = sparse.diags_array(1.0 / np.maximum(matrix.diagonal(), 1e-12))
-    solution, _ = cg(matrix, right, rtol=SOLVED, maxiter=500, M=scale)
+    solution, _ = cg(matrix, right, rtol=NEGLIGIBLE, maxiter=500, M=scale)
     return np.split(solution, np.cumsum(sizes)[:-1])
 
 
@@ -575,7 +570,7 @@ def excess_variance(
         if len(other.disks) and len(radius):
             distance, nearest = cKDTree(other.disks[:, :2]).query(contacts.disks[:, :2])
             found = other.disks[nearest, 2]
-            near = distance < SAME_CONTACT_PX + SAME_CONTACT_RADII * np.maximum(found, radius)
+            near = distance < SAME_CONTACT_RADII * np.maximum(found, radius)
             same += near * np.exp(-((found - radius) ** 2) / (4 * contacts.blur**2))
     return 1.0 / np.maximum(views_at_rim - same, FEWEST_INDEPENDENT)
 

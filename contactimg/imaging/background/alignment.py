@@ -78,6 +78,8 @@ class Alignment:
 UNKNOWN = Alignment(0.0, 0.0, np.inf)
 """Neither image determines anything."""
 
+SMOOTHING_PX = 1.0
+"""Gaussian behind which a frame and its reference are compared: about the blur of the contacts."""
 
 KAISER_BETA = 8.0  # shape of the window: error at most 3e-3 of the amplitude at periods of 4 px and more
 HALF_WIDTH_PX = 4  # of the filters, which have 2 x 4 + 1 coefficients

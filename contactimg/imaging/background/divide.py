@@ -10,42 +10,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.background.alignment import Alignment, filter_rows_and_columns, shift_kernel
-from contactimg.imaging.background.illumination import Illumination, cubic
+from contactimg.imaging.background.alignment import (
+    SMOOTHING_PX,
+    Alignment,
+    filter_rows_and_columns,
+    shift_kernel,
+)
+from contactimg.imaging.background.illumination import DARKEST_FRACTION, Illumination, cubic
 from contactimg.imaging.pixels.blocks import block_means, is_background, strips
 from contactimg.imaging.pixels.robust import median, robust_std
 
 Values = NDArray[np.float32]
-Filters = list[NDArray[np.float64]]
+Filters = list[NDArray[np.float32]]
 
-DARKEST_FRACTION = 0.1
-"""Of the median level of the reference: where it is darker, it is not divided by. Chosen by hand."""
 NARROW_PX, MIDDLE_PX, WIDE_PX = 0.7, 2.0, 6.0
-"""Standard deviations of the Gaussians that separate the bands: less than, as, and more than a usual blur."""
+"""Standard deviations of the Gaussians that separate the bands: less than, as, and more than a usual blur.
+What the first takes away is lost in the blur of the contacts as well."""
 BINNING_VARIANCE = 1.0 / 12.0 + 1.0 / 6.0
 """Variance (binned pixels squared) that binning and linear interpolation add to a Gaussian.
 
 Theory: the variances of a box and of a triangle."""
-BLUR_PX = 1.0
-"""The gains suit an image blurred by this: finer detail is lost in the blur of the contacts."""
-STRIPS, STRIP_ROWS, STRIP_MARGIN = 4, 16, 4
-"""Strips of the image that the gains are measured in, their rows, and those at their ends that the blur
-spoils. Accuracy: some thousand samples."""
-SAMPLE_SPACINGS_PX = (4, 2)
-"""Distance at which pixels are independent behind `BLUR_PX`, and that in a small frame."""
+STRIPS, STRIP_ROWS, SPACING_PX = 4, 16, 4
+"""Strips of the image that the gains are measured in, their rows, and the distance at which pixels are
+independent behind `SMOOTHING_PX`, which is also what the borders of a strip spoil. Accuracy: some thousand
+samples."""
 FEWEST_SAMPLES = 60
 """Pixels of fewer than which no gains are measured and the reference is used as it is. Accuracy: 10 %."""
-NEGLIGIBLE_GAIN = 0.1
-"""Gain of the finest band for which it is left out. By hand: a full-frame filter is saved."""
-GAIN_LIMITS = (-1.0, 3.0)
-"""A gain may exceed 0..1 where it corrects for the overlap with other bands."""
-OUTLIER_SIGMA = 6.0
-"""Robust standard deviations from the reference beyond which a pixel does not count for the gains."""
 DIRT_SIGMA, FULL_DIRT_SIGMA = 4.0, 6.0
 """Robust standard deviations of a band from which its detail is partly, and from which it is wholly taken as
-dirt. Chosen by hand on rendered frames; sensitivity not measured."""
-NO_DIRT = 1e30
-"""Scatter of a band in which nothing counts as dirt."""
+dirt; pixels of the frame that differ by the latter do not count for the gains. Chosen by hand on rendered
+frames; sensitivity not measured."""
 
 
 def divide_by_reference(
@@ -73,55 +67,149 @@ def divide_by_reference(
     level : float
         Grey level of the background of the reference.
     """
-    full = np.ascontiguousarray(reference, np.float32)
+    if not frame.dtype == reference.dtype == np.uint8:
+        frame, reference = (np.asarray(image, np.float32) for image in (frame, reference))
+    frame, reference = np.ascontiguousarray(frame), np.ascontiguousarray(reference)
     shift = (residual.x_px, residual.y_px)
-    move = [shift_kernel(part) for part in shift]
     finite = np.isfinite(half)
     quarter = block_means(half, None if finite.all() else finite.astype(np.uint8), side=2)
-    bands = [filter_rows_and_columns(reference, *_gaussians(shift, NARROW_PX))]
-    for side, binned, blur in ((2, half, MIDDLE_PX), (4, quarter, WIDE_PX)):
-        bands.append(_move_and_blur(binned, blur, shift, side, full.shape))
-    gains, scatters = _measure_gains(frame, full, bands, illumination, shift)
-    sharp = filter_rows_and_columns(full, *move) if gains[0] else bands[0]
-    numbers = np.array([*gains, *(1.0 / scatters), level, DARKEST_FRACTION * level], np.float32)
-    out = np.array(frame, np.float32, order="C")
-    _divide(out, sharp, *bands, full, *move, *illumination.row_polynomials(out.shape), numbers)
+    size = (2 * quarter.shape[1], 2 * quarter.shape[0])
+    wide = cv2.resize(_move_and_blur(quarter, WIDE_PX, shift, 4), size)
+    wide = np.asarray(wide[: len(half), : half.shape[1]], np.float32)
+    source = (reference, _move_and_blur(half, MIDDLE_PX, shift, 2), wide, *_gaussians(shift, NARROW_PX))
+    gains, scatters = _measure_gains(frame, source, illumination)
+    numbers = np.array([*gains, *scatters, level, DARKEST_FRACTION * level], np.float32)
+    move = [shift_kernel(part).astype(np.float32) for part in shift]
+    out = np.empty(frame.shape, np.float32)
+    _divide(out, frame, source, *move, *illumination.row_polynomials(frame.shape), numbers)
     return out
 
 
 @njit(cache=True)
-def _divide(out, sharp, narrow, middle, wide, full, taps_x, taps_y, along, across, numbers):
-    """Put the relative excess over the weighted bands, times the level, in the place of the frame ``out``."""
+def _divide(out, frame, source, sinc_x, sinc_y, light, places, numbers):
+    """Relative excess of the frame over the weighted bands of the reference, times the level."""
+    bands, column, low = _rows_for(source)
+    background = np.empty(out.shape[1], np.float32)
     for y in range(len(out)):
-        background = np.empty_like(out[y])
-        if _weight_bands(background, sharp[y], narrow[y], middle[y], wide[y], numbers):
-            _restore_dirt(background, y, full, taps_x, taps_y, narrow[y], middle[y], wide[y], numbers)
-        _divide_row(out[y], background, along[y], across, numbers)
+        _bands_of_row(bands, y, source, column, low)
+        if _weight_bands(background, bands[0], bands[1], bands[2], numbers) > 0:
+            _restore_dirt(background, y, source[0], sinc_x, sinc_y, bands, numbers)
+        _divide_row(out[y], frame[y], background, light[y], places, numbers)
+
+
+@njit(cache=True)
+def _bands_at_rows(rows, source):
+    """The reference as each of the three Gaussians leaves it, at some rows."""
+    bands, column, low = _rows_for(source)
+    out = np.empty((3, len(rows), bands.shape[1]), np.float32)
+    for k in range(len(rows)):
+        _bands_of_row(bands, rows[k], source, column, low)
+        out[:, k] = bands
+    return out
+
+
+@njit(cache=True)
+def _rows_for(source):
+    """Memory for a row: its three bands, and what they are made from."""
+    reference, half, across = source[0], source[1], source[3]
+    columns = reference.shape[1]
+    return (
+        np.empty((3, columns), np.float32),
+        np.empty(columns + len(across) - 1, np.float32),
+        np.empty(half.shape[1] + 2, np.float32),
+    )
+
+
+@njit(cache=True, forceinline=True)
+def _bands_of_row(bands, y, source, column, low):
+    """The three bands of the reference at a row: a filter of five by five pixels, and interpolation."""
+    reference, half, quarter, across, down = source
+    last, columns = len(reference) - 1, reference.shape[1]
+    inner = column[2 : 2 + columns]
+    _add_five(
+        inner, reference[max(y - 2, 0)], reference[max(y - 1, 0)], reference[y],
+        reference[min(y + 1, last)], reference[min(y + 2, last)], down,
+    )  # fmt: skip
+    column[:2], column[2 + columns :] = inner[0], inner[columns - 1]
+    _add_five(
+        bands[0],
+        column[:columns],
+        column[1 : columns + 1],
+        inner,
+        column[3 : columns + 3],
+        column[4:],
+        across,
+    )
+    _interpolate_row(bands[1], y, half, low)
+    _interpolate_row(bands[2], y, quarter, low)
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
-def _weight_bands(out, sharp, narrow, middle, wide, numbers):
+def _add_five(out, first, second, third, fourth, fifth, weights):
+    """Weighted sum of five rows; in single precision, so that it compiles to vector instructions."""
+    a, b, d, e = weights[0], weights[1], weights[3], weights[4]
+    for x in range(len(out)):
+        middle = np.float32(third[x])  # the weights sum to 1: what is constant stays so exactly
+        near = b * (np.float32(second[x]) - middle) + d * (np.float32(fourth[x]) - middle)
+        far = a * (np.float32(first[x]) - middle) + e * (np.float32(fifth[x]) - middle)
+        out[x] = middle + (near + far)
+
+
+@njit(cache=True, forceinline=True)
+def _interpolate_row(out, y, half, low):
+    """A row of an image of twice the size, by linear interpolation; the border repeats."""
+    k, columns = y // 2, half.shape[1]
+    inner = low[1 : 1 + columns]
+    _mix(inner, half[k], half[min(max(k + 2 * (y % 2) - 1, 0), len(half) - 1)])
+    low[0], low[columns + 1] = inner[0], inner[columns - 1]
+    _double(out, low)
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _mix(out, near, far):
+    """What lies a quarter of the way from one row to the next."""
+    for x in range(len(out)):
+        out[x] = np.float32(0.75) * near[x] + np.float32(0.25) * far[x]
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _double(out, low):
+    """Twice as many values by linear interpolation; ``low`` has one more at each end."""
+    three, one = np.float32(0.75), np.float32(0.25)
+    for x in range(len(out) // 2):
+        out[2 * x] = one * low[x] + three * low[x + 1]
+        out[2 * x + 1] = three * low[x + 1] + one * low[x + 2]
+    if len(out) % 2:
+        x = len(out) // 2
+        out[2 * x] = one * low[x] + three * low[x + 1]
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _weight_bands(out, narrow, middle, wide, numbers):
     """Sum the weighted bands of a row; return the number of pixels where a band shows dirt."""
-    finest, finer, coarser, per_finer, per_coarser = numbers[:5]
-    limit = np.float32(DIRT_SIGMA)
-    dirty = np.int32(0)
+    finer, coarser, finer_dirt, coarser_dirt = numbers[:4]
+    less_fine, less_coarse = np.float32(1.0) - finer, np.float32(1.0) - coarser
+    finer_dirt, coarser_dirt = np.float32(DIRT_SIGMA) * finer_dirt, np.float32(DIRT_SIGMA) * coarser_dirt
+    one, zero = np.float32(1.0), np.float32(0.0)
+    dirty = zero
     for x in range(len(out)):
         fine, coarse = narrow[x] - middle[x], middle[x] - wide[x]
-        out[x] = wide[x] + coarser * coarse + finer * fine + finest * (sharp[x] - narrow[x])
-        dirty += np.int32((abs(fine) * per_finer > limit) | (abs(coarse) * per_coarser > limit))
+        out[x] = narrow[x] - less_fine * fine - less_coarse * coarse
+        dirty += one if (abs(fine) > finer_dirt) | (abs(coarse) > coarser_dirt) else zero
     return dirty
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def _restore_dirt(out, y, full, taps_x, taps_y, narrow, middle, wide, numbers):
+def _restore_dirt(out, y, reference, taps_x, taps_y, bands, numbers):
     """Replace the sum by the unfiltered reference, merely moved, in the pixels where a band shows dirt."""
-    (rows, columns), reach = full.shape, len(taps_x) // 2
+    (rows, columns), reach = reference.shape, len(taps_x) // 2
     for x in range(columns):
-        worst = max(abs(narrow[x] - middle[x]) * numbers[3], abs(middle[x] - wide[x]) * numbers[4])
+        fine, coarse = bands[0, x] - bands[1, x], bands[1, x] - bands[2, x]
+        worst = max(abs(fine) / numbers[2], abs(coarse) / numbers[3])
         if worst > DIRT_SIGMA:
             moved = 0.0
             for j in range(-reach, reach + 1):
-                row = full[min(max(y + j, 0), rows - 1)]
+                row = reference[min(max(y + j, 0), rows - 1)]
                 for i in range(-reach, reach + 1):
                     moved += taps_y[j + reach] * taps_x[i + reach] * row[min(max(x + i, 0), columns - 1)]
             share = min((worst - DIRT_SIGMA) / (FULL_DIRT_SIGMA - DIRT_SIGMA), 1.0)
@@ -129,85 +217,68 @@ def _restore_dirt(out, y, full, taps_x, taps_y, narrow, middle, wide, numbers):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def _divide_row(out, reference, along, across, numbers):
+def _divide_row(out, frame, reference, light, places, numbers):
     """Relative excess of a row over the background, times the level."""
-    c0, c1, c2, c3 = along
-    level, lowest = numbers[5:]
+    c0, c1, c2, c3 = light
+    level, lowest = numbers[4:]
     for x in range(len(out)):
-        background = cubic(c0, c1, c2, c3, across[x]) * reference[x]
-        out[x] = level * (out[x] - background) / max(background, lowest)
+        background = cubic(c0, c1, c2, c3, places[x]) * reference[x]
+        out[x] = level * (np.float32(frame[x]) - background) / max(background, lowest)
 
 
 def _gaussians(shift: tuple[float, float], width: float) -> Filters:
     """Filters along rows and columns that blur by a standard deviation ``width`` and move, px."""
     half = int(np.ceil(2.7 * width))
     taps = [np.exp(-((np.arange(-half, half + 1) + part) ** 2) / (2 * width**2)) for part in shift]
-    return [part / part.sum() for part in taps]
+    return [(part / part.sum()).astype(np.float32) for part in taps]
 
 
-def _move_and_blur(
-    binned: Values, blur_px: float, shift: tuple[float, float], side: int, shape: tuple[int, int]
-) -> Values:
-    """Means of ``side`` pixels, moved, blurred to ``blur_px`` and interpolated to the pixels; without NaN."""
-    kernels = _gaussians(
-        (shift[0] / side, shift[1] / side), float(np.sqrt((blur_px / side) ** 2 - BINNING_VARIANCE))
-    )
+def _move_and_blur(binned: Values, blur_px: float, shift: tuple[float, float], side: int) -> Values:
+    """Means of ``side`` pixels, moved and blurred to ``blur_px`` as they are interpolated; without NaN."""
+    width = float(np.sqrt((blur_px / side) ** 2 - BINNING_VARIANCE))
+    kernels = _gaussians((shift[0] / side, shift[1] / side), width)
     finite = np.isfinite(binned)
     if finite.all():
-        smooth = filter_rows_and_columns(binned, *kernels)
-    else:
-        smooth = filter_rows_and_columns(np.where(finite, binned, np.float32(0.0)), *kernels)
-        smooth /= np.maximum(filter_rows_and_columns(finite, *kernels), np.float32(1e-3))
-    size = (side * binned.shape[1], side * binned.shape[0])
-    return np.asarray(cv2.resize(smooth, size)[: shape[0], : shape[1]], np.float32)
+        return filter_rows_and_columns(binned, *kernels)
+    smooth = filter_rows_and_columns(np.where(finite, binned, np.float32(0.0)), *kernels)
+    smooth /= np.maximum(filter_rows_and_columns(finite, *kernels), np.float32(1e-3))
+    return smooth
 
 
 def _measure_gains(
-    frame: NDArray, full: Values, bands: list[Values], illumination: Illumination, shift: tuple[float, float]
+    frame: NDArray, source: tuple[NDArray, ...], illumination: Illumination
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gains of the three finer bands, the finest 0 if negligible, and scatter of the coarser two of them.
+    """Gains of the two finer bands by least squares, and their robust scatters; without dirt.
 
-    Measured in strips of the image, behind a blur of `BLUR_PX` as in the image of a contact.
+    Measured in strips of the image, behind a blur of `SMOOTHING_PX` as in the image of a contact. ``source``
+    is what `_bands_at_rows` takes.
     """
-    rows, inside = strips(len(full), STRIP_ROWS, STRIPS, STRIP_MARGIN)
-    for spacing in SAMPLE_SPACINGS_PX:
-        picked = np.flatnonzero(inside & (rows % spacing == 0))
-        columns = np.arange(STRIP_MARGIN, full.shape[1] - STRIP_MARGIN, spacing)
-        mask = is_background(illumination.background, rows[picked], columns, full.shape)
+    rows, _ = strips(len(frame), STRIP_ROWS, STRIPS, 0)
+    for spacing in (SPACING_PX, SPACING_PX // 2):  # nearer pixels where little background is left
+        inner = slice(SPACING_PX, -SPACING_PX, spacing)
+        columns, picked = np.arange(frame.shape[1])[inner], rows.reshape(STRIPS, -1)[:, inner]
+        mask = is_background(illumination.background, picked.ravel(), columns, frame.shape)
         if np.count_nonzero(mask) >= FEWEST_SAMPLES:
             break
     else:
-        return np.ones(3), np.full(2, NO_DIRT)
+        return np.ones(2), np.full(2, np.inf)
 
-    def sample(strips: NDArray, filters: Filters | None = None) -> Values:
-        smooth = strips if filters is None else filter_rows_and_columns(strips, *filters)
-        return np.asarray(smooth[np.ix_(picked, columns)][mask], np.float32)
+    def sample(part: NDArray) -> Values:
+        return np.asarray(part.reshape(STRIPS, -1, frame.shape[1])[:, inner, inner].reshape(mask.shape)[mask])
 
-    narrow, middle, wide = (part[rows] for part in bands)
-    still = _gaussians((0.0, 0.0), BLUR_PX)
-    target = sample(frame[rows] / illumination.ratio_at_rows(rows, full.shape), still)
-    blurred = [
-        sample(full[rows], _gaussians(shift, BLUR_PX)),
-        *(sample(part, still) for part in (narrow, middle)),
-    ]
-    plain = [sample(part) for part in (narrow, middle, wide)]
-    differences = np.stack([*(-np.diff(blurred, axis=0)), blurred[2] - plain[2]])
-    return _solve_gains(target - plain[2], differences, -np.diff(plain, axis=0))
-
-
-def _solve_gains(
-    target: Values, bands: Values, detail: Values
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gains of the bands by least squares on the target, and robust scatters of the detail; without dirt."""
-    target = target - np.float32(median(target))
+    narrow, middle, wide = _bands_at_rows(rows, source)
+    target = frame[rows] / illumination.ratio_at_rows(rows, frame.shape) - wide
+    still = _gaussians((0.0, 0.0), SMOOTHING_PX)
+    excess, *bands = (
+        sample(filter_rows_and_columns(part, *still)) for part in (target, narrow - middle, middle - wide)
+    )
+    detail = np.stack([sample(narrow - middle), sample(middle - wide)])
+    excess = excess - np.float32(median(excess))
     scatters = np.array([robust_std(part, centre=0.0) for part in detail])
-    usable = np.abs(target) < OUTLIER_SIGMA * robust_std(target, centre=0.0)
+    usable = np.abs(excess) < FULL_DIRT_SIGMA * robust_std(excess, centre=0.0)
     usable &= np.all(np.abs(detail) < DIRT_SIGMA * scatters[:, None], axis=0)
-    bands, target = bands[:, usable], target[usable]
-    normal, right = (bands @ bands.T).astype(float), (bands @ target).astype(float)
-    if not np.all(np.diag(normal) > 1e-12 * len(target)):
-        return np.ones(3), np.full(2, NO_DIRT)
-    gains = np.linalg.lstsq(normal, right, rcond=1e-9)[0]
-    if gains[0] < NEGLIGIBLE_GAIN:
-        gains = np.r_[0.0, np.linalg.lstsq(normal[1:, 1:], right[1:], rcond=1e-9)[0]]
-    return np.clip(gains, *GAIN_LIMITS), scatters
+    fine, excess = np.stack(bands)[:, usable], excess[usable]
+    normal = (fine @ fine.T).astype(float)
+    if not np.all(np.diag(normal) > 1e-12 * len(excess)):
+        return np.ones(2), np.full(2, np.inf)
+    return np.linalg.lstsq(normal, (fine @ excess).astype(float), rcond=1e-9)[0], scatters

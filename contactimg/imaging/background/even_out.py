@@ -14,49 +14,30 @@ from numpy.typing import NDArray
 from contactimg.imaging.background.find_illumination import neighbour_scatter
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
-    SMALLEST_SCATTER_FRACTION,
+    NEGLIGIBLE,
     DifferenceImage,
     fit_illumination,
     one_sided_scatter,
 )
-from contactimg.imaging.pixels.blocks import BLOCK, block_means, sample_background, side_of
+from contactimg.imaging.contrast.noise import estimate_noise
+from contactimg.imaging.pixels.blocks import BLOCK, block_means
+from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 
-# Flicker
-FLICKER_SAMPLE = 12  # rows or columns of blocks that are looked at; accuracy: the scatter of 96 lines to 7 %
-NOISE_SAMPLE = (13, 31)  # rows and columns from one pixel to the next of which the noise is read; accuracy
-FLICKER_SIGMA = 5.0  # significance of what both halves of the lines share; false-alarm rate 3e-7
+# Scatter of the lines, of that of a pixel, below which it is left. Theory: over the 2 a lines of a contact of
+# radius a = 10 px it then adds a fifth to the variance of the noise.
 FLICKER_PART = 0.1
-"""Scatter of the lines, of that of a pixel, below which it is left. Theory: over the 2 a lines of a contact
-of radius a = 10 px it then adds a fifth to the variance of the noise."""
-# Flat regions
-FLAT_SPAN = (
-    4.0  # range over 3 x 3 blocks after a median, in scatters of a block; by hand: steps of 8 scatters
-)
-PIERCED = 2.0  # area over that of the inscribed disk: a disk has 1, an ellipse its ratio of axes; by hand
-NO_DISK, LARGE_SHARE = (
-    1.3,
-    0.05,
-)  # the same of a region as large as this share of the blocks: a square has 1.3
+# Area over that of the inscribed disk from which on a region is no disk: a square has 1.3 (theory).
+PIERCED = 1.3
+# Blocks in a region that lie beyond it as seen from the background: contacts on it. By hand: one may be dirt.
 FEWEST_BEYOND = 2
-"""Blocks in a region that lie beyond it as seen from the background: contacts on it. By hand: one may be
-dirt."""
-WIDE_SHARE = 0.1  # of the blocks: no contact at the border of a frame without reference is so large; by hand
-FEWEST_BLOCKS = 60  # of a region: a contact that fills so many has a radius of 35 px; by hand
-MOST_REGIONS = 8  # that are followed, the largest; a bound of the work
-# Their levels
+FEWEST_BLOCKS = 60  # of a region. By hand: a contact that fills so many has a radius of 35 px
+MOST_REGIONS = 8  # regions that are followed, the largest; a bound of the work
+# Share of the blocks above which flat ones that are no background, or a region at the border of a frame
+# without reference, are too many for contacts. By hand: contacts up to 24 px make 0.02.
+NOTABLE_SHARE = 0.05
 MESH_BLOCKS = 2.0  # standard deviation of the Gaussian that smooths the mesh, blocks: about 4 blocks wide
-MESH_PRIOR_BLOCKS = (
-    4.0  # blocks of no deviation that each node of the mesh counts beside those it has; by hand
-)
-UNEVEN_RATIO = (
-    3.0  # variance of the mesh over that from the noise of its blocks, above which it is used; by hand
-)
-LEAST_UNEVEN = 0.5  # rms of what is left, in scatters of a block, that is worth a correction; by hand
-WINDOW_BLOCKS = 5  # side of the squares whose means show that, blocks: as many as in the mesh
-UNEXPLAINED_SHARE = (
-    0.04  # of the blocks that are flat and no background; by hand: contacts up to 24 px make 0.02
-)
-LEAST_SHARE = 0.05  # of the blocks that are flat background; by hand: fewer do not tell
+# Root mean square of what is left, in scatters of a block, that is worth a correction. By hand.
+LEAST_UNEVEN = 0.5
 
 
 def even_out(difference: DifferenceImage, *, relative: bool = True) -> DifferenceImage:
@@ -64,26 +45,32 @@ def even_out(difference: DifferenceImage, *, relative: bool = True) -> Differenc
 
     ``relative``: contacts transmit a fraction of the light, so that they are corrected with it.
     """
-    flickering, light_level = difference, difference.level if relative else 0.0
-    for axis in (1, 0):
-        difference = _without_flicker(difference, axis, light_level)
-    blocks = block_means(difference.image, difference.valid)
+    light_level = difference.level if relative else 0.0
+    blocks, flickering = block_means(difference.image, difference.valid), difference
     background = difference.illumination.background
     if background.shape != blocks.shape:  # small contacts leave no block free
         return difference
+    for axis in (1, 0):
+        used = background & np.isfinite(blocks)
+        if _in_common(*_half_lines(*((blocks, used) if axis else (blocks.T, used.T)))) > 0.0:
+            difference = _without_flicker(difference, axis, light_level)
+    if difference is not flickering:
+        blocks = block_means(difference.image, difference.valid)
     flat = blocks[background & np.isfinite(blocks)]
     if flat.size < FEWEST_BLOCKS:
         return difference
     scatter = min(neighbour_scatter(blocks), one_sided_scatter(flat[:: max(flat.size // 4000, 1)]))
-    scatter = max(scatter, SMALLEST_SCATTER_FRACTION * max(difference.level, 1.0))
+    scatter = max(scatter, NEGLIGIBLE * max(difference.level, 1.0))
     if difference is not flickering:
         background = np.abs(blocks) < BACKGROUND_CLIP_SIGMA * scatter
         difference = replace(difference, illumination=replace(difference.illumination, background=background))
-    if not _is_uneven(blocks, background, scatter):
+    used = background & np.isfinite(blocks)
+    uneven = np.mean(_mesh(blocks, used)[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2
+    if not uneven and np.mean(_flat_blocks(blocks, scatter) & ~background) < NOTABLE_SHARE:
         return difference
     regions = find_background_regions(blocks, scatter, background, with_reference=difference.ratio)
     members = regions > 0
-    if np.mean(members) < LEAST_SHARE:
+    if np.mean(members) < NOTABLE_SHARE:
         return difference
     left = np.stack([follow_region(blocks, regions == k, difference.image.shape, scatter)
                      for k in range(1, int(regions.max()) + 1)])  # fmt: skip
@@ -100,25 +87,14 @@ def even_out(difference: DifferenceImage, *, relative: bool = True) -> Differenc
     )
 
 
-def _is_uneven(blocks: NDArray[np.float32], background: NDArray[np.bool_], scatter: float) -> bool:
-    """Whether flat blocks are no background, or the background is less even than its noise explains."""
-    if np.mean(_flat_blocks(blocks, scatter) & ~background) > UNEXPLAINED_SHARE:
-        return True
-    used = background & np.isfinite(blocks)
-    window = (WINDOW_BLOCKS, WINDOW_BLOCKS)
-    weight = cv2.blur(used.astype(np.float32), window)
-    mean = cv2.blur(np.where(used, blocks, np.float32(0.0)), window) / np.maximum(weight, np.float32(1e-3))
-    enough = used & (weight > 0.5)
-    variance = float(np.mean(mean[enough] ** 2)) if enough.any() else 0.0
-    return variance > scatter**2 * max(UNEVEN_RATIO / WINDOW_BLOCKS**2, LEAST_UNEVEN**2)
-
-
 def _flat_blocks(blocks: NDArray[np.float32], scatter: float) -> NDArray[np.bool_]:
     """Blocks whose surroundings differ by no more than noise, single blocks that stand out apart."""
     finite = np.isfinite(blocks)
     filled = blocks if finite.all() else np.where(finite, blocks, np.float32(np.nanmedian(blocks)))
     middle, square = cv2.medianBlur(np.ascontiguousarray(filled, np.float32), 3), np.ones((3, 3), np.uint8)
-    return np.asarray((cv2.dilate(middle, square) - cv2.erode(middle, square) < FLAT_SPAN * scatter) & finite)
+    return np.asarray(
+        (cv2.dilate(middle, square) - cv2.erode(middle, square) < BACKGROUND_CLIP_SIGMA * scatter) & finite
+    )
 
 
 def find_background_regions(
@@ -148,9 +124,9 @@ def find_background_regions(
         # between whole blocks the largest disk is known to half a block; without holes it may be the larger
         radius = float(half_width[inside].max()) - (0.5 if known is not None or _has_holes(inside) else 0.0)
         disk = np.pi * radius**2
-        pierced = area[k] > disk * (NO_DISK if area[k] > LARGE_SHARE * labels.size else PIERCED)
+        pierced = area[k] > PIERCED * disk
         at_border = any(side.any() for side in (inside[0], inside[-1], inside[:, 0], inside[:, -1]))
-        wide = not with_reference and at_border and area[k] > WIDE_SHARE * labels.size
+        wide = not with_reference and at_border and area[k] > NOTABLE_SHARE * labels.size
         pierced = pierced and (known is None or _has_contacts(blocks, inside, scatter))
         if pierced or wide or (k == largest[0] if known is None else np.mean(known[inside]) > 0.5):
             chosen.append(k)
@@ -168,7 +144,10 @@ def _has_contacts(blocks: NDArray[np.float32], inside: NDArray[np.bool_], scatte
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     whole = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)[2:-2, 2:-2] > 0
     levels, level = blocks[whole & ~inside], float(np.median(blocks[inside]))
-    low, high = min(0.0, level) - FLAT_SPAN * scatter, max(0.0, level) + FLAT_SPAN * scatter
+    low, high = (
+        min(0.0, level) - BACKGROUND_CLIP_SIGMA * scatter,
+        max(0.0, level) + BACKGROUND_CLIP_SIGMA * scatter,
+    )
     return int(np.count_nonzero((levels < low) | (levels > high))) >= FEWEST_BEYOND
 
 
@@ -187,17 +166,20 @@ def follow_region(
     smooth = fit_illumination(inside, shape, level=middle, scatter=2.0 * scatter, least_scatter=scatter)
     level = smooth.at_blocks(blocks.shape, shape)
     used = smooth.background & members
-    weight = used.astype(np.float32)
-    rest = np.where(used, blocks - level, 0.0).astype(np.float32)
-    total, known = (
-        cv2.GaussianBlur(part, (0, 0), MESH_BLOCKS, borderType=cv2.BORDER_REFLECT) for part in (rest, weight)
-    )
-    independent = 4.0 * np.pi * MESH_BLOCKS**2
-    mesh = total / (known + np.float32(MESH_PRIOR_BLOCKS / independent))
-    expected = scatter**2 / independent / max(float(known[used].mean()), 1e-3) if used.any() else np.inf
-    if used.any() and np.mean(mesh[used] ** 2) > UNEVEN_RATIO * expected:
+    mesh = _mesh(blocks - level, used)
+    if np.any(used) and np.mean(mesh[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2:
         level = level + mesh
     return np.clip(level, blocks[members].min(), blocks[members].max())
+
+
+def _mesh(blocks: NDArray, used: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Mean of the used blocks around each; it tends to zero far from them."""
+    total, known = (
+        cv2.GaussianBlur(part.astype(np.float32), (0, 0), MESH_BLOCKS, borderType=cv2.BORDER_REFLECT)
+        for part in (np.where(used, blocks, 0.0), used)
+    )
+    # as if one block in the weight of the Gaussian, 4 pi s^2, were known to be zero
+    return np.asarray(total / (known + np.float32(1.0 / (4.0 * np.pi * MESH_BLOCKS**2))))
 
 
 def _nearest(regions: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -250,44 +232,44 @@ def _subtract_left(
     return np.asarray((image - left) / np.maximum(1.0 + left / np.float32(level), np.float32(0.1)))
 
 
+def _half_lines(image: NDArray, used: NDArray[np.bool_]) -> tuple[NDArray, NDArray]:
+    """Mean and number of what is used in the left and in the right half of each row."""
+    middle, kept = image.shape[1] // 2, np.where(used, image, 0.0)
+    number, total = (
+        np.stack([part[:, :middle].sum(axis=1), part[:, middle:].sum(axis=1)], axis=1).astype(float)
+        for part in (used, kept)
+    )
+    return total / np.maximum(number, 1.0), number
+
+
+def _in_common(means: NDArray, number: NDArray, fewest: int = 0) -> float:
+    """Variance that both halves of lines with enough pixels share; 0 where it is chance."""
+    halves = means[(number > fewest).all(axis=1)]
+    if len(halves) < 2:
+        return 0.0
+    shared = np.prod(halves - halves.mean(axis=0), axis=1)
+    significant = shared.mean() > SIGNIFICANT_SIGMA * shared.std() / np.sqrt(shared.size)
+    return float(shared.mean()) if significant else 0.0
+
+
 def _without_flicker(difference: DifferenceImage, axis: int, level: float) -> DifferenceImage:
     """The difference image without what the background of a row (axis 1) or column (axis 0) has in common."""
+    noise = estimate_noise(difference.image, difference.illumination.background)
     image, background = difference.image, difference.illumination.background
-    noise = one_sided_scatter(sample_background(image, background, NOISE_SAMPLE))
     image, background = (image, background) if axis else (image.T, background.T)
-    every = max(len(background) // FLICKER_SAMPLE, 1)
-    means, count = _line_means(image, background, every, halves=2)
-    used = (count > BLOCK).all(axis=1)
-    if np.count_nonzero(used) < FEWEST_BLOCKS // 2:
+
+    def pixels(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return blocks.repeat(BLOCK, 0).repeat(BLOCK, 1)[: image.shape[0], : image.shape[1]]
+
+    means, number = _half_lines(image, pixels(background))
+    shared = _in_common(means, number, BLOCK)
+    if not shared > (FLICKER_PART * noise) ** 2:
         return difference
-    shared = np.prod(means[used] - means[used].mean(axis=0), axis=1)
-    significant = shared.mean() > FLICKER_SIGMA * shared.std() / np.sqrt(shared.size)
-    if not (significant and shared.mean() > (FLICKER_PART * noise) ** 2):
-        return difference
-    if side_of(background.shape, image.shape) == BLOCK:
-        background = _with_lost_lines(block_means(image), background)
-    means, count = _line_means(image, background, 1, halves=1)
-    offset = means * shared.mean() / (shared.mean() + noise**2 / np.maximum(count, 1e-3))
-    left = offset.astype(np.float32)
+    means, number = _half_lines(image, pixels(_with_lost_lines(block_means(image), background)))
+    count = number.sum(axis=1, keepdims=True)
+    offset = (means * number).sum(axis=1, keepdims=True) / np.maximum(count, 1.0)
+    left = (offset * shared / (shared + noise**2 / np.maximum(count, 1e-3))).astype(np.float32)
     return replace(difference, image=_subtract_left(difference.image, left if axis else left.T, level))
-
-
-def _line_means(
-    image: NDArray[np.float32], background: NDArray[np.bool_], every: int, *, halves: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and number of the background pixels in parts of each line, for each so many lines of blocks."""
-    side, width = side_of(background.shape, image.shape), image.shape[1]
-    total, count = [], []
-    for k in range(0, len(background), every):
-        lines = image[k * side : (k + 1) * side]
-        weight = np.zeros((halves, width), np.float32)
-        for half in range(halves):
-            part = slice(half * width // halves, (half + 1) * width // halves)
-            weight[half, part] = background[k].repeat(side)[:width][part]
-        total.append(lines @ weight.T)
-        count.append(np.broadcast_to(weight.sum(axis=1), total[-1].shape))
-    number = np.concatenate(count).astype(float)
-    return np.concatenate(total) / np.maximum(number, 1.0), number
 
 
 def _with_lost_lines(blocks: NDArray[np.float32], background: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -17,25 +17,24 @@ from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.timings import stage
 
-# Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
 POLYNOMIAL_ORDER = 3  # total degree: vignetting is a quadratic, uneven lamps need a cubic
+# Powers of u and v in each term of the polynomial.
 TERMS = [(i, j) for j in range(POLYNOMIAL_ORDER + 1) for i in range(POLYNOMIAL_ORDER + 1 - j)]
-"""Powers of u and v in each term of the polynomial."""
-
-BACKGROUND_CLIP_SIGMA = 3.5  # robust standard deviations from the polynomial: nearer blocks are background
-FIT_CLIP_SIGMA = 2.0  # the same for the fit: blocks at the rims of contacts would bias it to one side
-FIT_ITERATIONS = 6
-SETTLED_FRACTION = 1e-3  # of the blocks: if fewer enter or leave the fit, it has converged
-FIT_BLOCKS = 3000  # blocks of 8 px that the fit uses; of smaller blocks those that cover the same area
-BLOCKS_PER_COEFFICIENT = 10  # blocks that a polynomial order needs for each of its coefficients
-RIDGE_FRACTION = 1e-3  # of the number of blocks: keeps the polynomial flat in corners without background
-SMALLEST_RATIO_FRACTION = 0.05
-"""Lower bound of a ratio that is divided by, as a fraction of its value in the middle of the image: the
-polynomial may extrapolate to less. Chosen by hand; sensitivity not measured."""
-
-SMALLEST_SCATTER_FRACTION = 1e-3
-"""Lower bound of the scatter of the blocks, as a fraction of their level: an exactly constant image has no
-scatter of its own."""
+# Robust standard deviations from the polynomial within which blocks are background, and neighbours flat.
+BACKGROUND_CLIP_SIGMA = 3.5
+# Robust standard deviations from the polynomial within which blocks are fitted: those at the rims of contacts
+# would bias it to one side. By hand.
+FIT_CLIP_SIGMA = 2.0
+ITERATIONS = 6  # of a fit of the light or of the place, at most: a bound of the work
+# Blocks of 8 px that the fit uses, of smaller blocks those that cover the same area. Accuracy: 2 % of their
+# scatter.
+FIT_BLOCKS = 3000
+BLOCKS_PER_COEFFICIENT = 10  # blocks that a polynomial order needs for each of its coefficients. By hand
+# Share of a level or of a number of blocks that makes no difference. A scatter is at least that of its level:
+# an exactly constant image has none. If fewer blocks enter or leave the fit, it has converged. The
+# coefficients are held by so many, which keeps the polynomial flat in corners without background.
+NEGLIGIBLE = 1e-3
+DARKEST_FRACTION = 0.1  # of the level of a background: where it is darker, it is not divided by. By hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +87,7 @@ class Illumination:
     @property
     def smallest_ratio(self) -> float:
         """Lower bound of a ratio that is divided by."""
-        return max(SMALLEST_RATIO_FRACTION * float(self.coefficients[0, 0]), 1e-6)
+        return max(DARKEST_FRACTION * float(self.coefficients[0, 0]), 1e-6)
 
     def at(self, x: NDArray, y: NDArray, shape: tuple[int, int]) -> NDArray[np.float64]:
         """The polynomial at points (px) of an image of ``shape``."""
@@ -135,19 +134,20 @@ def fit_illumination(
     part, basis = _basis(blocks.shape, shape)
     data = blocks.ravel()[part].astype(float)
     finite = np.isfinite(data)
+    whole = bool(finite.all())
     data = np.where(finite, data - level, 0.0)
     deviation = data
     coefficients = np.zeros(len(TERMS))
-    keep, least = finite, max(SMALLEST_SCATTER_FRACTION * abs(level), least_scatter)
-    for _ in range(FIT_ITERATIONS):
+    keep, least = finite, max(NEGLIGIBLE * abs(level), least_scatter)
+    for _ in range(ITERATIONS):
         keep, previous = finite & (np.abs(deviation) < FIT_CLIP_SIGMA * scatter), keep
         orders = _orders_supported(int(np.count_nonzero(keep)))
         if orders == 0:
             break
         coefficients = _solve(basis, data, keep, orders)
         deviation = data - coefficients @ basis
-        scatter = max(min(one_sided_scatter(deviation[finite]), scatter), least)
-        if np.count_nonzero(keep != previous) < SETTLED_FRACTION * len(data):
+        scatter = max(min(one_sided_scatter(deviation if whole else deviation[finite]), scatter), least)
+        if np.count_nonzero(keep != previous) < NEGLIGIBLE * len(data):
             break
     grid = np.zeros((POLYNOMIAL_ORDER + 1, POLYNOMIAL_ORDER + 1))
     for k, (i, j) in enumerate(TERMS):
@@ -184,6 +184,7 @@ def _basis(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray[np.
     return rows * blocks[1] + columns, np.stack([v[rows] ** j * u[columns] ** i for i, j in TERMS])
 
 
+@lru_cache(maxsize=16)
 def jittered_grid(shape: tuple[int, int], every: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows and columns of one element at random in each square of ``every`` elements.
 
@@ -199,9 +200,9 @@ def jittered_grid(shape: tuple[int, int], every: int) -> tuple[NDArray[np.int64]
 def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) -> NDArray[np.float64]:
     """Regularised least squares over the kept blocks with the terms of the lowest ``orders`` orders."""
     used = np.array([i + j < orders for i, j in TERMS])
-    terms = basis[used]
+    terms = basis if used.all() else basis[used]
     kept = terms * keep
-    ridge = RIDGE_FRACTION * np.count_nonzero(keep) * np.diag([0.0] + [1.0] * (len(terms) - 1))
+    ridge = NEGLIGIBLE * np.count_nonzero(keep) * np.diag([0.0] + [1.0] * (len(terms) - 1))
     coefficients = np.zeros(len(TERMS))
     coefficients[used] = np.linalg.solve(kept @ terms.T + ridge, kept @ data)
     return coefficients

@@ -12,17 +12,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.even_out import even_out, find_background_regions
+from contactimg.imaging.background.even_out import NOTABLE_SHARE, even_out, find_background_regions
 from contactimg.imaging.background.find_illumination import (
-    RIM_SCATTER,
+    QUIET_SHARE,
     SQUARE_PX,
     find_background_level,
     neighbour_scatter,
-    scatter_inside,
+    share_without_rims,
 )
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
-    SMALLEST_SCATTER_FRACTION,
+    DARKEST_FRACTION,
+    NEGLIGIBLE,
     DifferenceImage,
     Illumination,
     fit_illumination,
@@ -34,21 +35,15 @@ from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.detect.foreign import label_regions
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import robust_std
+from contactimg.imaging.pixels.robust import MANY, robust_std
 
-# Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
-FLAT_SHARE = 0.2  # of the blocks: so large a flat region is the background; by hand
-FAINTEST_FRACTION = 0.2  # of the median level: a background that is darker anywhere is not divided by
-LEAST_QUIET_SHARE = 0.35
-"""Share of the blocks without a rim in them, below which squares take their place. Chosen: dots of 4 px every
-18 px leave 0.29 of the blocks alone, 500 contacts of 1.5-30 px on 1600 x 1200 pixels leave 0.7."""
-SAMPLE_PIXELS = 250_000  # of a frame that are looked at for that; accuracy: 4,000 blocks
+FLAT_SHARE = 0.2  # share of the blocks: so large a flat region is the background. By hand
+# Squares in one side of the tiles over which the light between small contacts is followed beyond the
+# polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them.
 TILE_SQUARES = 32
-"""Squares in one side of the tiles over which the light between small contacts is followed beyond the
-polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them."""
-LEAST_TILE_SHARE = 0.05  # of the squares of a tile: background that shows its light
 ROUGHEST_STEP_FRACTION = 5e-3  # of the level, between blocks of a compressed image: one grey level of 200
-WINDOW_FRACTION = 1.0 / 6.0  # of the longer side of the image: the envelope goes below narrower contacts
+# Of the longer side of the image: the envelope goes below narrower contacts. By hand.
+WINDOW_FRACTION = 1.0 / 6.0
 
 
 def estimate_background(
@@ -133,16 +128,14 @@ def _background_of_crowd(frame: NDArray[np.float32], valid: Mask, sign: int) -> 
 
 def _hides_blocks(frame: NDArray[np.float32], valid: Mask) -> bool:
     """Whether small contacts leave hardly a block without a rim in it, from some rows of blocks."""
-    every = max(int(frame.size / SAMPLE_PIXELS), 1)
+    every = max(int(frame.size / MANY), 1)
     rows = np.flatnonzero(np.arange(frame.shape[0]) // BLOCK % every == 0)
     some = frame if every == 1 else frame[rows]
     seen = valid if valid is None or every == 1 else valid[rows]
     squares = block_means(some, seen, side=SQUARE_PX)
     finite = np.isfinite(squares)
     expected = max(neighbour_scatter(squares), _least_scatter(squares, squares[finite]))
-    inside = scatter_inside(squares)
-    known = np.isfinite(inside)
-    return bool(known.any()) and float(np.mean(inside[known] < RIM_SCATTER * expected)) < LEAST_QUIET_SHARE
+    return share_without_rims(squares, expected) < 0.5 * QUIET_SHARE
 
 
 def _light_between(
@@ -187,7 +180,7 @@ def _tile_means(
     """Mean of the background squares over tiles, at each pixel; 0 where there are hardly any."""
     known = block_means(background.astype(np.float32), side=TILE_SQUARES)
     total = block_means(np.where(background, flat, np.float32(0.0)), side=TILE_SQUARES)
-    mean = np.divide(total, known, out=np.zeros_like(total), where=known > LEAST_TILE_SHARE)
+    mean = np.divide(total, known, out=np.zeros_like(total), where=known > NOTABLE_SHARE)
     side = TILE_SQUARES * SQUARE_PX
     size = (mean.shape[1] * side, mean.shape[0] * side)
     return np.asarray(cv2.resize(mean, size, interpolation=cv2.INTER_LINEAR)[: shape[0], : shape[1]])
@@ -208,8 +201,8 @@ def _least_scatter(flat: NDArray, blocks: NDArray) -> float:
     if not len(blocks):
         return 0.0
     level = float(np.median(np.abs(blocks)))
-    equal = neighbour_scatter(flat) < SMALLEST_SCATTER_FRACTION * level
-    return (ROUGHEST_STEP_FRACTION if equal else SMALLEST_SCATTER_FRACTION) * level
+    equal = neighbour_scatter(flat) < NEGLIGIBLE * level
+    return (ROUGHEST_STEP_FRACTION if equal else NEGLIGIBLE) * level
 
 
 def _divide_by_illumination(
@@ -219,10 +212,12 @@ def _divide_by_illumination(
     at_blocks = illumination.at_blocks(blocks, frame.shape)
     background = illumination.at_rows(np.arange(frame.shape[0]), frame.shape)
     image = frame - background
-    relative = bool(at_blocks.min() >= FAINTEST_FRACTION * level > 0)  # else subtracted before, or hardly lit
+    relative = bool(
+        at_blocks.min() >= 2.0 * DARKEST_FRACTION * level > 0
+    )  # else subtracted before, or hardly lit
     brightness = np.ones(blocks, np.float32)
     if relative:
-        image *= np.float32(level) / np.maximum(background, np.float32(0.5 * FAINTEST_FRACTION * level))
+        image *= np.float32(level) / np.maximum(background, np.float32(DARKEST_FRACTION * level))
         brightness = (at_blocks / level).astype(np.float32)
     difference = DifferenceImage(image, level, brightness, illumination, None, valid=valid)
     return even_out(difference, relative=relative)

@@ -15,39 +15,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.background.alignment import UNKNOWN, Alignment, filter_rows_and_columns, shift_kernel
-from contactimg.imaging.background.illumination import SMALLEST_RATIO_FRACTION, Illumination
+from contactimg.imaging.background.alignment import (
+    SMOOTHING_PX,
+    UNKNOWN,
+    Alignment,
+    filter_rows_and_columns,
+    shift_kernel,
+)
+from contactimg.imaging.background.illumination import DARKEST_FRACTION, ITERATIONS, Illumination
 from contactimg.imaging.pixels.blocks import side_of, strips
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import median, robust_std
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST, SIGNIFICANT_SIGMA, median, robust_std
 from contactimg.timings import stage
 
 Values = NDArray[np.float32]
 
-# Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
-SMOOTHING_PX = 1.0  # standard deviation of the Gaussian
+# Pixels for each independent value after the smoothing. Theory: the noise-equivalent area of a Gaussian.
 CORRELATED_PX = 4.0 * np.pi * SMOOTHING_PX**2
-"""Pixels for each independent value after the smoothing. Theory: the noise-equivalent area of a Gaussian."""
-
-STRIP_ROWS, STRIP_SPACING = 32, 400  # rows of a strip, and from one strip to the next
+# Rows of a strip, and at most from one strip to the next; an image with fewer rows is used whole. Accuracy:
+# the uncertainty decides whether strips are enough.
+STRIP_ROWS, STRIP_SPACING = 32, 400
 MARGIN_PX = 6  # pixels not used at the edges of a strip, of the image and of holes: the filters reach so far
-SMALL_ROWS = 560  # an image with fewer rows is used whole
-TILE_PX = 256  # width of a tile
-LARGEST_STD_PX = 0.25  # an alignment that is more uncertain is taken as unknown: there is no texture
+# Side of the tiles of the image whose shifts show a rotation, or width of those of a strip. By hand.
+TILE_PX = 256
+LARGEST_STD_PX = 0.25  # an alignment that is more uncertain is taken as unknown: there is no texture. By hand
+# Uncertainty up to which an alignment from strips is accepted: what it leaves of the texture is the noise
+# times `CORRELATED_PX` over the number of pixels, whatever the texture.
 GOOD_STD_PX = 0.05
-"""Uncertainty up to which an alignment from strips is accepted: what it leaves of the texture is the noise
-times `CORRELATED_PX` over the number of pixels, whatever the texture."""
-
-LARGEST_SHIFT_PX = 4.0  # the Gauss-Newton iteration is not followed beyond
-ROTATION_SIGMA = 5.0  # a rotation or scale must exceed so many standard deviations ...
-SMALLEST_ROTATION_PX = 0.03  # ... and move the corners of the image by so much
-CONSISTENT_FRACTION = 0.6  # the median correlation of the tiles must reach this fraction of that of the best
-ITERATIONS, CONVERGED_PX = 8, 0.02  # at most; the step after one so small is ten times smaller
-CLIP_MAD = 4.0  # residuals beyond so many median absolute deviations are left out
-CORRELATION_SIGMA = 5.0  # significance of what the images, or neighbouring pixels of one, have in common
-FEWEST_PIXELS = 200
-DIRT_WINDOW_PX = 31  # dirt stands out of the mean over a square of this side ...
-DIRT_SIGMA = 5.0  # ... by so many robust standard deviations
+# Step after which the next one does not matter, being ten times smaller; and least shift of the corners that
+# counts as a rotation. Accuracy.
+NEGLIGIBLE_PX = 0.02
+# Residuals beyond so many median absolute deviations are left out. By hand: with fewer the noise shortens the
+# steps, with more what is no texture lengthens them, and a third is needed.
+CLIP_MAD = 4.0
+# Fraction of the best from which on another is as good: if a second peak is as high the shift is
+# undetermined, if the median correlation of the tiles is they agree all over the image. By hand.
+AS_GOOD_FRACTION = 0.7
+# Side of a binned pixel, in which all lengths named ``_BINS`` are; the Gauss-Newton iteration is not followed
+# beyond one.
+BIN_PX = 4
+LARGEST_SHIFT_FRACTION = 4  # shifts up to the size of the image divided by this are searched
+# Half the side of the window whose mean the detail is relative to, wider than texture and dirt; and how far
+# the shift of a tile may lie from that of the whole image. By hand.
+WINDOW_BINS = 10
+# What stands out and is wider is a contact and left out, what is narrower may be dirt; and about the half
+# width of what belongs to a peak. By hand.
+CONTACT_BINS = 5
+# Height of a peak in robust standard deviations of the correlation map. Of 10^4 normal deviates none exceeds
+# 5.
+PEAK_SIGMA = 7.0
+# Tiles that show a rotation, and grains of dirt that will do instead of texture: a similarity has as many
+# numbers.
+FEWEST_PLACES = 4
+AGREEMENT_BINS = 0.5  # largest misfit of the shift of a tile to a common rotation. Accuracy: a bin
 
 
 @stage("registration")
@@ -70,7 +90,7 @@ def align(
     valid : Mask
         0 at holes of either.
     everywhere : bool
-        From all rows instead of strips, and from dirt alone where that is better.
+        From all rows instead of strips.
 
     Returns
     -------
@@ -79,8 +99,8 @@ def align(
         2 % texture.
     """
     size = len(frame)
-    whole = everywhere or size <= SMALL_ROWS
-    height, number = (size, 1) if whole else (STRIP_ROWS, size // STRIP_SPACING)
+    whole = everywhere or size <= STRIP_SPACING
+    height, number = (size, 1) if whole else (STRIP_ROWS, -(-size // STRIP_SPACING))
     rows, inside = strips(size, height, number, MARGIN_PX)
     mask = _background_mask(rows, inside, illumination.background, frame.shape, valid)
     seen, before = (
@@ -88,18 +108,7 @@ def align(
         _smooth(reference[rows]),
     )
     found = _gauss_newton(seen, before, mask, rows, frame.shape)
-    if everywhere and found.std_px >= GOOD_STD_PX:
-        from_dirt = _gauss_newton(seen, before, mask & _find_dirt(before, mask), rows, frame.shape)
-        found = min(found, from_dirt, key=lambda one: one.std_px)
     return found if found.std_px < LARGEST_STD_PX else UNKNOWN
-
-
-def _find_dirt(smooth: Values, mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """1 around pixels that stand out of the usual texture and noise of the reference."""
-    detail = smooth - cv2.blur(smooth, (DIRT_WINDOW_PX, DIRT_WINDOW_PX))
-    scatter = robust_std(detail[mask > 0], centre=0.0) if mask.any() else 0.0
-    grains = (np.abs(detail) > DIRT_SIGMA * scatter).astype(np.uint8) & mask
-    return np.asarray(cv2.dilate(grains, np.ones((5, 5), np.uint8)), np.uint8)
 
 
 def _background_mask(
@@ -129,7 +138,7 @@ def _gauss_newton(
     The gradients of the frame are used as instrumental variables for those of the reference: the noise of the
     two images is independent, so the mean of their product has no noise term, which would shorten every step.
     """
-    if np.count_nonzero(mask) < FEWEST_PIXELS:
+    if np.count_nonzero(mask) < FEWEST:
         return UNKNOWN
     x = y = 0.0
     tops = np.arange(0, len(rows), STRIP_ROWS)
@@ -149,9 +158,9 @@ def _gauss_newton(
             return UNKNOWN
         step = np.linalg.solve(cross, right)
         x, y = x + float(step[0]), y + float(step[1])
-        if max(abs(x), abs(y)) > LARGEST_SHIFT_PX:
+        if max(abs(x), abs(y)) > BIN_PX:
             return UNKNOWN
-        if np.hypot(step[0], step[1]) < CONVERGED_PX:
+        if np.hypot(step[0], step[1]) < NEGLIGIBLE_PX:
             break
     inverse = np.linalg.inv(cross)
     covariance = inverse @ own @ inverse.T * (chi_square / count) * CORRELATED_PX
@@ -163,20 +172,25 @@ def _gauss_newton(
 
 def _correlated(cross: NDArray, own: NDArray, count: float) -> bool:
     """Whether the gradients of the two images are correlated beyond chance, in every direction."""
-    if count < FEWEST_PIXELS / 2:
+    if count < FEWEST / 2:
         return False
-    smallest = float(np.linalg.eigvalsh((cross + cross.T) / 2)[0])
-    noise = CORRELATION_SIGMA / np.sqrt(count / CORRELATED_PX) * float(np.linalg.eigvalsh(own)[0])
-    return smallest > noise > 0.0
+    noise = SIGNIFICANT_SIGMA / np.sqrt(count / CORRELATED_PX) * _smallest_eigenvalue(own)
+    return _smallest_eigenvalue(cross) > noise > 0.0
+
+
+def _smallest_eigenvalue(matrix: NDArray) -> float:
+    """Of a symmetric matrix of two by two."""
+    (xx, xy), (_, yy) = matrix.tolist()
+    return float(0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy))
 
 
 def _consistent(sums: NDArray) -> bool:
     """Whether the gradients of the two images agree in most tiles as well as they do in the best."""
-    tiles = sums[sums[..., 9] > FEWEST_PIXELS]
+    tiles = sums[sums[..., 9] > FEWEST]
     own = tiles[:, 3] + tiles[:, 5]
     correlation = (tiles[:, 0] + tiles[:, 2])[own > 0] / own[own > 0]
     best = np.percentile(correlation, 90) if len(correlation) else 0.0
-    return len(correlation) < 4 or bool(np.median(correlation) > CONSISTENT_FRACTION * best)
+    return len(correlation) < FEWEST_PLACES or bool(np.median(correlation) > AS_GOOD_FRACTION * best)
 
 
 def _rotation_and_scale(sums: NDArray, x: NDArray, y: NDArray, shape: tuple[int, int]) -> tuple[float, float]:
@@ -199,14 +213,14 @@ def _rotation_and_scale(sums: NDArray, x: NDArray, y: NDArray, shape: tuple[int,
     inverse = np.linalg.inv(normal)
     solution = inverse @ right
     std = np.sqrt(np.maximum(np.diag(inverse @ own @ inverse.T) * (chi_square / count) * CORRELATED_PX, 0.0))
-    if not np.any(np.abs(solution[2:]) > np.maximum(ROTATION_SIGMA * std[2:], SMALLEST_ROTATION_PX)):
+    if not np.any(np.abs(solution[2:]) > np.maximum(SIGNIFICANT_SIGMA * std[2:], NEGLIGIBLE_PX)):
         return 0.0, 1.0
     return float(solution[2]) / corner, 1.0 + float(solution[3]) / corner
 
 
+# Length of the packed sums of a tile: products of the gradients of the two images (xx, xy, yy), of their mean
+# with itself (xx, xy, yy) and with the residual (x, y), chi-square, number of pixels.
 SUMS = 10
-"""Length of the packed sums of a tile: products of the gradients of the two images (xx, xy, yy), of their
-mean with itself (xx, xy, yy) and with the residual (x, y), chi-square, number of pixels."""
 
 
 def _unpack(sums: NDArray) -> tuple[NDArray, NDArray, NDArray, float, float]:
@@ -269,26 +283,6 @@ def _sum_row(frame, above, below, reference, over, under, mask, middle, clip, ou
     out[9] += count
 
 
-BIN_PX = 4
-"""Side of a binned pixel, in which all lengths named ``_BINS`` are."""
-
-LARGEST_SHIFT_FRACTION = 4  # shifts up to the size of the image divided by this are searched
-DETAIL_WINDOW_BINS = 21  # side of the window whose mean the detail is relative to
-CLIP_SIGMA = 4.0  # robust standard deviations of the reference's detail at which the detail is clipped
-CONTACT_BINS = 5  # what stands out and is wider is a contact and left out; what is narrower may be dirt
-PEAK_SIGMA = 7.0
-"""Height of a peak in robust standard deviations of the correlation map.
-Of 10^4 normal deviates none exceeds 5."""
-
-SECOND_PEAK_FRACTION = 0.75  # of the peak: a second peak as high leaves the shift undetermined
-PEAK_BINS = 4  # half width of what belongs to a peak
-SMALLEST_BINS = 16  # side of the smallest image that is searched; so many squared usable pixels are needed
-TILE_BINS, FEWEST_TILES = 64, 4  # side of the tiles whose shifts show a rotation, and how many must
-TILE_SHIFT_BINS = 10  # how far the shift of a tile may lie from that of the whole image
-AGREEMENT_BINS = 0.5  # largest misfit of the shift of a tile to a common rotation
-GRAIN_SIGMA, FEWEST_GRAINS = 5.0, 4  # height of a grain of dirt; so many will do instead of texture
-
-
 @dataclass(frozen=True)
 class FarSearch:
     """Result of the search.
@@ -321,7 +315,7 @@ def search_alignment(
     The images are as for `align`; ``near`` is the shift at the centre of the image, if known.
     """
     size = (frame.shape[1] // BIN_PX, frame.shape[0] // BIN_PX)
-    if min(size) < SMALLEST_BINS:
+    if min(size) < 2 * WINDOW_BINS:
         return FarSearch(None, textured=False)
     binned, before = (
         cv2.resize(np.asarray(image, np.float32), size, interpolation=cv2.INTER_AREA)
@@ -332,12 +326,12 @@ def search_alignment(
         holes = cv2.resize(1 - valid, size, interpolation=cv2.INTER_AREA)
         usable = cv2.dilate(holes, np.ones((3, 3), np.uint8)) == 0
     weight, around = (
-        cv2.blur(part, (DETAIL_WINDOW_BINS, DETAIL_WINDOW_BINS))
+        cv2.blur(part, (2 * WINDOW_BINS + 1, 2 * WINDOW_BINS + 1))
         for part in (usable.astype(np.float32), np.where(usable, before, np.float32(0.0)))
     )
     around = around / np.maximum(weight, np.float32(1e-3))
-    usable &= around > SMALLEST_RATIO_FRACTION * float(np.abs(around).max())
-    if np.count_nonzero(usable) < SMALLEST_BINS**2:
+    usable &= around > DARKEST_FRACTION * float(np.abs(around).max())
+    if np.count_nonzero(usable) < FEWEST:
         return FarSearch(None, textured=False)
     around = np.where(usable, around, np.float32(1.0))
     detail = np.where(usable, before / around - 1.0, np.float32(0.0))
@@ -371,15 +365,15 @@ def _texture(detail: NDArray, usable: NDArray[np.bool_], scatter: float) -> tupl
     """Whether neighbours correlate beyond chance: in a few grains of dirt, and everywhere."""
     both = usable[:, 1:] & usable[:, :-1]
     # near the border the mean around a place lies to one side of it, and a slope of the light is no texture
-    edge = min(DETAIL_WINDOW_BINS // 2, min(both.shape) // 4)
+    edge = min(WINDOW_BINS, min(both.shape) // 4)
     inner = np.zeros_like(both)
     inner[edge:-edge, edge:-edge] = both[edge:-edge, edge:-edge]
     one, product = detail[:, 1:][inner], (detail[:, 1:] * detail[:, :-1])[inner]
     if not len(one):
         return False, False
-    grains = (np.abs(one) > GRAIN_SIGMA * scatter) & (product > (GRAIN_SIGMA / 2 * scatter) ** 2)
+    grains = (np.abs(one) > SIGNIFICANT_SIGMA * scatter) & (product > (SIGNIFICANT_SIGMA / 2 * scatter) ** 2)
     covariance = float(product.mean()) * np.sqrt(len(product)) / max(float(product.std()), 1e-30)
-    return int(np.count_nonzero(grains)) >= FEWEST_GRAINS, covariance > CORRELATION_SIGMA
+    return int(np.count_nonzero(grains)) >= FEWEST_PLACES, covariance > SIGNIFICANT_SIGMA
 
 
 def _find_peak(window: Values, part: Values) -> complex | None:
@@ -387,8 +381,8 @@ def _find_peak(window: Values, part: Values) -> complex | None:
     correlation = cv2.matchTemplate(window, part, cv2.TM_CCORR)
     _, height, _, (column, row) = cv2.minMaxLoc(correlation)
     others = correlation.copy()
-    cv2.circle(others, (column, row), PEAK_BINS, -np.inf, cv2.FILLED)
-    unique = float(others.max()) < SECOND_PEAK_FRACTION * height
+    cv2.circle(others, (column, row), CONTACT_BINS, -np.inf, cv2.FILLED)
+    unique = float(others.max()) < AS_GOOD_FRACTION * height
     inside = 0 < row < correlation.shape[0] - 1 and 0 < column < correlation.shape[1] - 1
     if not (inside and unique and height > PEAK_SIGMA * robust_std(correlation) > 0.0):
         return None
@@ -412,16 +406,14 @@ def _widened(image: Values, rows: int, columns: int) -> Values:
 def _align_tiles(excess: Values, detail: Values, shift: complex) -> Alignment | None:
     """Similarity through the shifts of tiles about a common one; None if there is no rotation or scale."""
     rows, columns = excess.shape
-    high, wide = (size // max(size // TILE_BINS, 1) for size in excess.shape)
+    high, wide = (size // max(size // (TILE_PX // BIN_PX), 1) for size in excess.shape)
     x, y = round(shift.real), round(shift.imag)
-    border = TILE_SHIFT_BINS + max(abs(x), abs(y))
+    border = WINDOW_BINS + max(abs(x), abs(y))
     padded, found = _widened(detail, border, border), []
     for top in range(0, rows - high + 1, high):
         for left in range(0, columns - wide + 1, wide):
-            first, start = top - y + border - TILE_SHIFT_BINS, left - x + border - TILE_SHIFT_BINS
-            window = padded[
-                first : first + high + 2 * TILE_SHIFT_BINS, start : start + wide + 2 * TILE_SHIFT_BINS
-            ]
+            first, start = top - y + border - WINDOW_BINS, left - x + border - WINDOW_BINS
+            window = padded[first : first + high + 2 * WINDOW_BINS, start : start + wide + 2 * WINDOW_BINS]
             peak = _find_peak(window, excess[top : top + high, left : left + wide])
             if peak is not None:
                 place = complex(left + (wide - columns) / 2, top + (high - rows) / 2)
@@ -429,7 +421,7 @@ def _align_tiles(excess: Values, detail: Values, shift: complex) -> Alignment | 
     positions, shifts = np.array(found, complex).reshape(-1, 2).T
     matrix, keep = np.stack([np.ones(len(found)), positions], axis=1), np.ones(len(found), np.bool_)
     for _ in range(3):
-        if np.count_nonzero(keep) < FEWEST_TILES:
+        if np.count_nonzero(keep) < FEWEST_PLACES:
             return None
         solution = np.linalg.lstsq(matrix[keep], shifts[keep], rcond=None)[0]
         keep = np.abs(shifts - matrix @ solution) < AGREEMENT_BINS

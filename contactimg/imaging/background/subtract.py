@@ -12,25 +12,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.alignment import UNKNOWN, Alignment, move_reference
-from contactimg.imaging.background.divide import DARKEST_FRACTION, divide_by_reference
+from contactimg.imaging.background.divide import divide_by_reference
 from contactimg.imaging.background.even_out import even_out
 from contactimg.imaging.background.find_illumination import (
     BackgroundLevel,
     find_illumination,
     neighbour_scatter,
 )
-from contactimg.imaging.background.illumination import DifferenceImage, Illumination
+from contactimg.imaging.background.illumination import (
+    DARKEST_FRACTION,
+    ITERATIONS,
+    DifferenceImage,
+    Illumination,
+)
 from contactimg.imaging.background.register import GOOD_STD_PX, align, search_alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
+from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.timings import stage
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
-FAINTEST_FRACTION = 0.05  # of the brightest blocks: a darker reference cannot be divided by
-LIT_PERCENTILE = 98.0  # of the blocks of the reference: those as bright are lit in any case
-FIELD_STOP_PX = 3  # width of the blurred edge of a field stop
 SUBPIXEL_PX = 0.75  # a larger shift is first taken out in whole pixels
-APPROACHES = 5  # moves of the reference at most
 NO_ALIGNMENT = Alignment(np.nan, np.nan, np.inf)
 REGISTERED = Alignment(0.0, 0.0, 0.0)
 
@@ -127,9 +130,9 @@ class _PlacedReference:
         if not finite.size:
             return None
         brightest = float(np.nanmax(np.abs(frame_blocks)) + np.abs(finite).max())
-        lit = finite[finite > DARKEST_FRACTION * np.percentile(finite.ravel()[::5], LIT_PERCENTILE)]
-        level = float(np.median(lit)) if len(lit) else 0.0
-        if level < FAINTEST_FRACTION * brightest:
+        lit = finite[finite > DARKEST_FRACTION * quantile(finite, LIT_SHARE)]
+        level = median(lit) if len(lit) else 0.0
+        if level < DARKEST_FRACTION * brightest:
             return None
         if len(lit) < blocks.size:
             valid = _exclude_dark(moved, valid, DARKEST_FRACTION * level)
@@ -180,7 +183,7 @@ def _noise_of_two(reference: NDArray) -> float:
 def _exclude_dark(reference: NDArray, valid: Mask, lowest: float) -> Mask:
     """Mask without the pixels where the reference is darker than ``lowest``, and those near them."""
     dark = (cv2.blur(reference, (3, 3)) < lowest).astype(np.uint8)
-    window = np.ones((2 * FIELD_STOP_PX + 1, 2 * FIELD_STOP_PX + 1), np.uint8)
+    window = np.ones((2 * EDGE_REACH_PX + 1, 2 * EDGE_REACH_PX + 1), np.uint8)
     lit = np.uint8(1) - np.asarray(cv2.dilate(dark, window), np.uint8)
     return lit if valid is None else lit & valid
 
@@ -216,7 +219,7 @@ def _approach(
     placed: _PlacedReference, residual: Alignment, *, everywhere: bool
 ) -> tuple[_PlacedReference, Alignment]:
     """Move the reference until less than a pixel is left, as long as the uncertainty falls."""
-    for _ in range(APPROACHES):
+    for _ in range(ITERATIONS):
         if not residual.known or (residual.is_shift and residual.largest_px < SUBPIXEL_PX):
             break
         candidate = placed.moved_by(residual)

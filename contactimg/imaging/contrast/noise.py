@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from contactimg.imaging.pixels.blocks import is_background, sample_background, strips
-from contactimg.imaging.pixels.robust import MAD_TO_STD, median, noise_std
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST, MAD_TO_STD, MANY, SAMPLE, median, noise_std
 from contactimg.timings import stage
 
 LARGEST_LAG = 10
@@ -29,17 +29,8 @@ RADII = np.geomspace(0.3, 45.0, 12)
 numbers."""
 LAGS = np.arange(0.0, 25.0, 0.02)
 """Tabulated distances of two pixels, blur widths."""
-SAMPLE_PIXELS = 20_000
-"""Background pixels that give the noise: to 0.6 %."""
-COVARIANCE_PIXELS = 160_000
-"""Background pixels that give the covariance."""
-LEAST_PIXELS = 300
-"""Least number of pixels that give a variance: to 8 % (theory: sqrt(2/n))."""
 STRIP_LAGS = 4
 """Rows of the strips that give it, lags: three quarters of them have all their partners below."""
-CLIP_SIGMA = 4.0
-"""Standard deviations beyond which a background pixel is dirt. False-alarm rate 6e-5 (theory: normal
-noise)."""
 
 
 @dataclass(frozen=True)
@@ -147,9 +138,9 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
     background : ndarray of bool
         Background blocks, see `contactimg.imaging.pixels.blocks`.
     """
-    every = max(int(np.sqrt(image.size / SAMPLE_PIXELS)), 1)
+    every = max(int(np.sqrt(image.size / SAMPLE)), 1)
     sample = sample_background(image, background, (every, every))
-    if len(sample) < LEAST_PIXELS:
+    if len(sample) < FEWEST:
         # no background: neighbouring pixels differ by the noise of both
         difference = np.abs(np.diff(image[::every], axis=1))
         return float(MAD_TO_STD * median(difference) / np.sqrt(2)) if difference.size else 0.0
@@ -179,7 +170,7 @@ def measure_correlation(
     if min(inside) <= 0:
         return NoiseCorrelation.independent()
     most = max(len(image) // height, 1)
-    number = int(np.clip(COVARIANCE_PIXELS // (inside[0] * inside[1]), 1, most))
+    number = int(np.clip(MANY // (inside[0] * inside[1]), 1, most))
     rows, _ = strips(len(image), height, number, 0)
     rest = (image[rows] - model[rows]).reshape(number, -1, image.shape[1])
     usual = np.abs(rest) <= np.float32(CLIP_SIGMA * noise)

@@ -3,11 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels.robust import robust_std
-
-TAIL_SIGMA = 4.0
-"""Robust standard deviations beyond which a block belongs to a contact. False-alarm rate 6e-5 a block
-(theory: erfc(4/sqrt(2)), normal noise)."""
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, robust_std
 
 
 def find_polarity(blocks: NDArray[np.float32], background: NDArray[np.bool_] | None = None) -> str:
@@ -28,5 +24,5 @@ def find_polarity(blocks: NDArray[np.float32], background: NDArray[np.bool_] | N
     usual = np.isfinite(blocks)
     if background is not None and background.shape == blocks.shape and (usual & background).any():
         usual &= background
-    far = np.abs(blocks) > TAIL_SIGMA * robust_std(blocks[usual])
+    far = np.abs(blocks) > CLIP_SIGMA * robust_std(blocks[usual])
     return "dark" if np.nansum(blocks[far]) < 0 else "bright"

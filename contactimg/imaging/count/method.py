@@ -30,7 +30,9 @@ from contactimg.imaging.detect.candidates import Contrast
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.rim_blur import estimate_blur
 from contactimg.imaging.evidence.rules import OWN_RISE, Columns, own_rise
+from contactimg.imaging.fit.unseen_contrast import LARGEST_CONTRAST_RATIO, PLATEAU_STD_FRACTION
 from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
@@ -39,25 +41,18 @@ from contactimg.timings import stage
 
 DEFAULT_FRACTION = 0.5
 """Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""
-OTSU_LEVELS = 200.0
-"""Grey levels of 8 bits between background and plateau."""
 OTSU_RANGE = (0.05, 0.95)
 """Range of the automatic threshold: outside it noise makes contacts or takes them away."""
 COMPONENT_LIGHT_SIGMA = 8.0
 """Least summed light of a component in standard deviations of the noise. Noise alone stays below 6."""
-SMOOTHING_PX = 1.4
-"""Gaussian applied to components in noise before disks are inscribed; about the blur."""
 TYPICAL_BLUR_PX = 1.4
-"""Blur for which the smallest visible contact is stated: that of the paper's frames."""
+"""Blur for which the smallest visible contact is stated: that of the paper's frames. Components in noise are
+smoothed by it before disks are inscribed."""
 NOISY_CONTRAST_TO_NOISE = 12.0
 """Contrast over noise below which noise notches the outline of components. Theory: twice six sigma."""
 SHARPEST_SLOPE_PX = 0.45
 """Blur below which rims lie between pixels and their slopes show nothing. By hand: slopes give 0.59 px or
 more."""
-LARGEST_CONTRAST_RATIO = 10.0
-"""Largest contrast over the brightest light of contacts that do not show it. By hand, as for the fit."""
-LEAST_PLATEAU_STD = 0.02
-"""Relative uncertainty of a plateau that is read from few pixels. By hand, as for the fit."""
 SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
 """Largest area of a speck, and distance from it at which the level around it is read. By hand."""
 LONGEST_PART = 1.4
@@ -65,8 +60,8 @@ LONGEST_PART = 1.4
 a hundred parts of contacts that touch, one to four are longer."""
 SMALL_AREA_PX2 = 4
 """Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. By hand."""
-HOLE_DISTANCE_RADII, HOLE_DISTANCE_PX = 1.3, 1.5
-"""A contact is flagged EDGE if a hole lies within this many radii plus pixels of its centre. By hand."""
+HOLE_DISTANCE_PX = 3.0
+"""A contact is flagged EDGE if a hole lies so near to its rim: twice the usual blur."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +75,6 @@ class Counted:
         Contrast used, and that of the frame alone.
     smallest_px : float
         Radius of the smallest contact that reaches the threshold.
-    blur_px : float
-        Of the rims, pixel included.
     unmatched : list of HandEdit
     remark : str
         What to say of the threshold; empty where it is near the rims.
@@ -94,7 +87,6 @@ class Counted:
     optics: SharedOptics
     own_optics: SharedOptics
     smallest_px: float
-    blur_px: float
     unmatched: list[HandEdit] = field(default_factory=list)
     remark: str = ""
     rim_height: float = 1.0
@@ -126,7 +118,7 @@ def measure_by_count(
     )
     blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
-    reach = HOLE_DISTANCE_RADII * contacts["radius_px"] + HOLE_DISTANCE_PX
+    reach = contacts["radius_px"] + HOLE_DISTANCE_PX
     parts = contacts["flags"] & int(Flag.MERGED) > 0
     long = parts & (contacts["semi_major_px"] > LONGEST_PART * contacts["semi_minor_px"])
     contacts["flags"] = contacts["flags"] | np.where(long, int(Flag.POOR_FIT), 0)
@@ -152,7 +144,6 @@ def measure_by_count(
         own_optics=SharedOptics(max(foreground.shown.plateau, 1e-9), own_std, blur_std_px=np.nan),
         # the centre of a disk of radius a behind a blur s reaches 1 - exp(-a^2/(2 s^2)) of the contrast
         smallest_px=float(TYPICAL_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
-        blur_px=blur,
         unmatched=unmatched,
         remark=_remark_on_threshold(contacts, crossing),
         rim_height=rim_height,
@@ -186,10 +177,10 @@ def _with_unseen_contrast(
         own, ratio = float(np.hypot(shown.std, deficit * shown.plateau)), 1.0
     else:
         ratio = float(np.clip(room, 1.0, LARGEST_CONTRAST_RATIO))
-        own = max(np.log(ratio) / np.sqrt(12.0), LEAST_PLATEAU_STD) * shown.plateau
+        own = max(np.log(ratio) / np.sqrt(12.0), PLATEAU_STD_FRACTION) * shown.plateau
     if np.isfinite(foreground.prior_optics.contrast):
         return crossing, own
-    std = own if ratio == 1.0 else LEAST_PLATEAU_STD * shown.plateau
+    std = own if ratio == 1.0 else PLATEAU_STD_FRACTION * shown.plateau
     return replace(crossing, contrast_std=std, largest_ratio=ratio), own
 
 
@@ -256,7 +247,7 @@ def count_contacts(
     """
     noisy = plateau < NOISY_CONTRAST_TO_NOISE * noise
     components, split = split_components(
-        image, fraction * plateau, marks=saturated, smoothing=SMOOTHING_PX if noisy else 0.0
+        image, fraction * plateau, marks=saturated, smoothing=TYPICAL_BLUR_PX if noisy else 0.0
     )
     light = components["flux"] - components["area"] * np.maximum(_level_around(image, components), 0.0)
     bad = light < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"])
@@ -355,6 +346,6 @@ def _otsu(image: NDArray[np.float32], plateau: float) -> float:
     """
     if plateau <= 0:
         return DEFAULT_FRACTION
-    scaled = np.clip(image * (OTSU_LEVELS / plateau), 0, 255).astype(np.uint8)
+    scaled = np.clip(image * (SPAN_LEVELS / plateau), 0, 255).astype(np.uint8)
     level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    return float(np.clip((level + 0.5) / OTSU_LEVELS, *OTSU_RANGE))
+    return float(np.clip((level + 0.5) / SPAN_LEVELS, *OTSU_RANGE))

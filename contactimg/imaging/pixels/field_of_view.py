@@ -9,21 +9,28 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import median, noise_std, quantile, robust_std
+from contactimg.imaging.pixels.robust import (
+    SAMPLE,
+    SIGNIFICANT_SIGMA,
+    median,
+    noise_std,
+    quantile,
+    robust_std,
+)
 
-UNLIT_FRACTION = 0.15  # of the level of the lit blocks; by hand: a field stop transmits nothing
-LEAST_LIT_SHARE = 0.15  # of the image; by hand: less is a contact, not a field of view
-LEAST_CONVEXITY = 0.85  # area of the field of view over that of its convex hull; by hand
-LEAST_UNLIT_BLOCKS = 12  # of one dark region at the border: a dark contact of 13 px radius has 8; by hand
-UNLIT_MARGIN_PX = 5  # beyond the unlit pixels: the blurred edge of a stop; three blur widths of 1.5 px
-MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected; by hand
-MOSAIC_SIGMA = 8.0  # the same in its standard error; false-alarm rate below 1e-14
-SAMPLED = 20_000  # pixels that gains of a mosaic are read from; accuracy
-DEFECT_SIGMA = 10.0  # from the median of nine pixels; by hand: shot noise of bright contacts is below
-DEFECT_RATIO = 6.0  # of that to the range of the neighbours; theory: 2.4 for a point behind a blur of 0.75 px
+# Of the level of the lit blocks: a field stop transmits nothing. Of the image: less light is a contact, not a
+# field of view, which falls short of its convex hull by less. By hand.
+UNLIT_FRACTION = 0.15
+LIT_SHARE = 0.95  # of the blocks that are no brighter than those that are lit in any case. By hand
+LEAST_UNLIT_BLOCKS = 12  # of one dark region at the border. By hand: a dark contact of 13 px radius has 8
+EDGE_REACH_PX = 5  # of the blurred edge of a stop or of a contact: 3.5 blur widths of the usual optics
+MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected. By hand
+DEFECT_SIGMA = 10.0  # from the median of nine pixels. By hand: shot noise of bright contacts is below
+DEFECT_RATIO = 6.0  # of that to the range of the neighbours. Theory: 2.4 for a point behind a blur of 0.75 px
 DEFECT_COMPANIONS = 2  # neighbours that may be as far off: a line one pixel wide is no contact either
-DEFECT_LEAST = 0.02  # of the largest such difference; accuracy, where there is no noise
-MOST_DEFECTS_SHARE = 0.03  # of the pixels; by hand: what has more is a texture
+# Of the largest difference from the median, where there is no noise; and of the pixels: what has more is a
+# texture. By hand.
+DEFECT_SHARE = 0.02
 
 
 def find_unlit(image: NDArray, valid: Mask) -> Mask:
@@ -32,9 +39,13 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     The lit part must be one convex region, as a field of view is: bright contacts on a black background are
     not.
     """
+    some = image[BLOCK // 2 :: BLOCK, BLOCK // 2 :: BLOCK]  # each unlit block has one of these pixels
+    lit_pixel = quantile(some, LIT_SHARE) if valid is None and some.size else np.inf
+    if np.count_nonzero(some < 0.5 * lit_pixel) < LEAST_UNLIT_BLOCKS:
+        return None
     means = block_means(image, valid)
     means = np.where(np.isfinite(means), means, 0.0)
-    lit_level = quantile(means, 0.95)
+    lit_level = quantile(means, LIT_SHARE)
     if not lit_level > 0 or quantile(means, 0.0) > UNLIT_FRACTION * lit_level:
         return None
     level = median(means[means > 0.5 * lit_level])
@@ -52,7 +63,7 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     inside = near[: image.shape[0], : image.shape[1]] > 0
     pixels = ((smooth < 0.5 * level) & inside).astype(np.uint8)
     pixels |= unlit.repeat(BLOCK, 0).repeat(BLOCK, 1)[: image.shape[0], : image.shape[1]]
-    side = 2 * UNLIT_MARGIN_PX + 1
+    side = 2 * EDGE_REACH_PX + 1
     return np.asarray(cv2.dilate(pixels, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))))
 
 
@@ -67,7 +78,7 @@ def _is_field_of_view(lit: NDArray[np.uint8]) -> bool:
     hull = np.zeros_like(lit)
     cv2.fillConvexPoly(hull, cv2.convexHull(largest), 1)
     area = int(filled.sum())
-    if area < LEAST_LIT_SHARE * lit.size or area < LEAST_CONVEXITY * int(hull.sum()):
+    if area < UNLIT_FRACTION * lit.size or area < (1.0 - UNLIT_FRACTION) * int(hull.sum()):
         return False
     return int((lit & filled).sum()) >= 0.9 * int(lit.sum())
 
@@ -82,25 +93,22 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
         return image, None
     middle = cv2.medianBlur(image, 3)
     rest = cv2.absdiff(image, middle)
-    every = max(int(np.sqrt(image.size / SAMPLED)), 1)
+    every, largest = max(int(np.sqrt(image.size / SAMPLE)), 1), float(rest.max())
     limit = DEFECT_SIGMA * noise_std(rest[::every, ::every].astype(np.float32))
-    limit = max(limit, DEFECT_LEAST * float(rest.max()))
-    far = np.flatnonzero(rest > np.float32(limit))
+    limit = min(max(limit, DEFECT_SHARE * largest), largest)
+    far = np.flatnonzero(rest > rest.dtype.type(limit))
     if valid is not None:
         far = far[valid.ravel()[far] > 0]
     rows, columns = np.divmod(far, image.shape[1])
-    if not 0 < len(rows) < MOST_DEFECTS_SHARE * image.size:
+    if not 0 < len(rows) < DEFECT_SHARE * image.size:
         return image, None
-    height, width = image.shape
-    around = [
-        image[np.clip(rows + y, 0, height - 1), np.clip(columns + x, 0, width - 1)].astype(np.float32)
-        for y in (-1, 0, 1)
-        for x in (-1, 0, 1)
-    ]
+    (height, width), step = image.shape, np.arange(-1, 2)
+    centre = np.clip(rows, 1, height - 2) * width + np.clip(columns, 1, width - 2)
+    around = image.ravel()[centre[:, None] + (step[:, None] * width + step).ravel()].astype(np.float32)
     above = np.where(image[rows, columns] > middle[rows, columns], np.float32(1.0), np.float32(-1.0))
-    ordered = np.sort(np.array(around) * above, axis=0)
-    usual = ordered[-2 - DEFECT_COMPANIONS]  # the largest but for the companions and the pixel itself
-    off, spread = above * image[rows, columns] - usual, usual - ordered[1]  # one may be off the other way
+    ordered = np.sort(around * above[:, None], axis=1)
+    usual = ordered[:, -2 - DEFECT_COMPANIONS]  # the largest but for the companions and the pixel itself
+    off, spread = above * image[rows, columns] - usual, usual - ordered[:, 1]  # one may be off the other way
     defective = (off > limit) & (off > DEFECT_RATIO * spread)
     if not defective.any():
         return image, None
@@ -118,7 +126,7 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     rows, columns = (size // 2 * 2 for size in image.shape)
     if not rows * columns:
         return None
-    every = max(int(np.sqrt(rows * columns / 4 / SAMPLED)), 1)
+    every = max(int(np.sqrt(rows * columns / 4 / SAMPLE)), 1)
     phases = np.stack(
         [
             np.asarray(image[y:rows:2, x:columns:2][::every, ::every], np.float32)
@@ -137,7 +145,7 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     error = np.array([robust_std(part) for part in ratio]) / np.sqrt(ratio.shape[1])
     if (
         np.max(np.abs(gains - 1.0)) < MOSAIC_STEP
-        or np.max(np.abs(gains - 1.0) / (error + 1e-9)) < MOSAIC_SIGMA
+        or np.max(np.abs(gains - 1.0) / (error + 1e-9)) < SIGNIFICANT_SIGMA
     ):
         return None
     return gains.reshape(2, 2)

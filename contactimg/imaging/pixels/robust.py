@@ -10,9 +10,21 @@ from numpy.typing import NDArray
 MAD_TO_STD = 1.4826
 """Standard deviation of normal deviates over their median absolute deviation: 1/Phi^-1(3/4)."""
 
-TAIL_SHARE, TAIL_TO_STD, FEWEST_BELOW = 0.01, 2.576, 300
-"""Share of the values below the centre that make the tail, its place in standard deviations (theory), and how
-many values show it: three of them lie in the tail."""
+CLIP_SIGMA = 4.0
+"""Robust standard deviations beyond which a value is none of the others. False-alarm rate 6e-5 (theory:
+normal noise)."""
+SIGNIFICANT_SIGMA = 5.0
+"""Standard errors beyond which a mean or a covariance is not there by chance. False-alarm rate 6e-7 (theory).
+"""
+
+TAIL_SHARE, TAIL_TO_STD = 0.01, 2.576
+"""Share of the values below the centre that make the tail, and its place in standard deviations (theory)."""
+FEWEST = 300
+"""Values that give a variance, to 8 % (theory: sqrt(2/n)), or a tail, in which three of them lie."""
+MANY = 160_000
+"""Values that are looked at where each tells little: a covariance, or blocks of 64 of them. Accuracy."""
+SAMPLE = 20_000
+"""Values that are looked at where there are many: they give a scatter to 0.6 % (theory)."""
 DECILE_TO_STD = 0.60790
 """The same over the ninth decile of the absolute deviations: 1/Phi^-1(0.95)."""
 DEGENERATE_RATIO = 6.0
@@ -86,7 +98,7 @@ def reach_std(values: NDArray, centre: float) -> float:
     (0.388, 0.375)
     """
     below = centre - values[values < centre]
-    if below.size < FEWEST_BELOW:
+    if below.size < FEWEST:
         return noise_std(values)
     scatter = MAD_TO_STD * median(below)
     return min(scatter, quantile(below, 1.0 - TAIL_SHARE) / TAIL_TO_STD)

@@ -26,9 +26,8 @@ SECTORS, RING_PX = 72, 0.5
 """Number of sectors (5 degrees each) and width of the rings over which the image is averaged. Chosen by
 hand."""
 OUTLINE_BLUR_PX = 1.5
-"""Gaussian filter that closes holes and specks before the outline is drawn. Chosen by hand."""
-BORDER_PX = 3
-"""Distance from the border of the image below which an outline is the border."""
+"""Gaussian filter that closes holes and specks before the outline is drawn; an outline within two of it of
+the border of the image is the border. Chosen by hand, as the usual blur."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +127,8 @@ def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
         raise FrameError("nothing stands out of the noise")
     outline = _outline(image, 0.5 * plateau)
     rows, columns = image.shape
-    inside = (outline >= BORDER_PX) & (outline < np.array([columns, rows]) - BORDER_PX)
+    margin = 2.0 * OUTLINE_BLUR_PX
+    inside = (outline >= margin) & (outline < np.array([columns, rows]) - margin)
     outline = outline[inside.all(axis=1)]
     if len(outline) < 2 * np.pi * SMALLEST_RADIUS_PX * SHORTEST_ARC:
         raise FrameError(f"the contact's edge is not in the field: {len(outline)} px of it are seen")

@@ -16,9 +16,17 @@ from numpy.typing import NDArray
 from scipy import fft, optimize, special
 
 from contactimg.errors import FrameError
-from contactimg.imaging.pixels.robust import MAD_TO_STD
+from contactimg.imaging.background.illumination import NEGLIGIBLE
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.smooth.find_circle import RING_PX, SECTORS, SHORTEST_ARC, Circle, EdgeSamples
+from contactimg.imaging.smooth.find_circle import (
+    OUTLINE_BLUR_PX,
+    RING_PX,
+    SECTORS,
+    SHORTEST_ARC,
+    Circle,
+    EdgeSamples,
+)
 from contactimg.optics.film import ExcessTable
 from contactimg.optics.wide_edge import EdgeLight, edge_light
 
@@ -27,34 +35,22 @@ Values = NDArray[np.float64]
 Loss = Literal["linear", "cauchy"]
 
 WIDEST_FILM_PX = 80.0
-"""Width of the film up to which its fringes are sampled. Chosen by hand."""
-OUTLIER_SIGMA = 3.0
-"""Residual at which the Cauchy loss halves the weight of a sample, standard deviations."""
+"""Width of the film up to which its fringes are sampled, and length on both sides of it for the blur: four of
+the widest. Chosen by hand."""
 SCAN_OCTAVES = (-2.0, 4.0, 19)
 """Openings that are tried: first and last power of two times the natural opening, and how many."""
 PARAMETER_COST = 2.0
 """Decrease of chi-square that a further parameter must bring. Theory: Akaike,
 doi:10.1109/TAC.1974.1100705."""
-PASSES = 3
-"""Fits: one in plain least squares, then with the loss, the last one without stray sectors."""
 WIDEST_BLUR_PX = 20.0
-"""Upper limit of the blur in the fit."""
-HALO_START = (0.02, 5.0)
-"""Fraction of the light in the halo, and width by which it exceeds the blur (px), from which the fit
-starts."""
-HALO_MOST, HALO_WIDTH_PX = 0.5, (2.0, 20.0)
-"""Limits of the two in the fit."""
-MODEL_ERROR = 1e-3
-"""Of the contrast: error of the model through tables and straight edges."""
-STRAY_SECTOR_SIGMA = 5.0
-"""Robust standard deviations from the median beyond which a sector is left out. False-alarm rate 6e-7 a
-sector (theory: normal errors)."""
+"""Upper limit of the blur, and of the width by which a halo exceeds it, in the fit."""
+HALO_START, HALO_LEAST, HALO_MOST = (0.02, 5.0), (0.0, 2.0), (0.5, WIDEST_BLUR_PX)
+"""Fraction of the light in the halo, and width by which it exceeds the blur (px): from which the fit starts,
+and its limits."""
 ELLIPSE_ARC = 0.75
 """Fraction of the circumference from which on an ellipse is told from a shifted circle. Chosen by hand."""
 LINE_STEP_PX = 0.1
 """Step of the light across the edge: linear interpolation of a line blurred by 1 px errs by 3e-4."""
-FAR_PX = 60.0
-"""Length on both sides of the film for the blur: three times the widest."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +92,11 @@ class _Line:
     @classmethod
     def of(cls, light: EdgeLight, pixel_size: float) -> "_Line":
         reach = light.reach / pixel_size
-        count = fft.next_fast_len(int((reach + 2 * FAR_PX) / LINE_STEP_PX), real=True)
-        means = light.film_means(-FAR_PX * pixel_size, LINE_STEP_PX * pixel_size, count)
-        return cls(np.asarray((np.arange(count) + 0.5) * LINE_STEP_PX - FAR_PX, float), fft.rfft(means))
+        count = fft.next_fast_len(int((reach + 2 * WIDEST_FILM_PX) / LINE_STEP_PX), real=True)
+        means = light.film_means(-WIDEST_FILM_PX * pixel_size, LINE_STEP_PX * pixel_size, count)
+        return cls(
+            np.asarray((np.arange(count) + 0.5) * LINE_STEP_PX - WIDEST_FILM_PX, float), fft.rfft(means)
+        )
 
     def blurred(self, outside: Values, blur: float) -> Values:
         """Light at distances outside the edge, px: a blurred step and the blurred film."""
@@ -135,8 +133,9 @@ def fit_circle(
     """
     line, start = _start(samples, model, opening, blur_px)
     numbers = samples.sector
-    loss: Loss = "linear"  # at first, so that an edge far from the rough circle counts
-    for _ in range(PASSES):
+    # without the loss at first, so that an edge far from the rough circle counts; last without stray sectors
+    passes: tuple[Loss, ...] = ("linear", "cauchy", "cauchy")
+    for loss in passes:
         used = np.isin(samples.sector, numbers)
         names = ("azimuth", "distance", "value", "weight", "sector")
         kept = replace(samples, **{name: getattr(samples, name)[used] for name in names})
@@ -149,11 +148,10 @@ def fit_circle(
             raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
         if loss == "cauchy":
             off = np.abs(offsets - np.median(offsets))
-            near = off <= STRAY_SECTOR_SIGMA * max(MAD_TO_STD * float(np.median(off)), 1e-6)
+            near = off <= CLIP_SIGMA * max(MAD_TO_STD * float(np.median(off)), 1e-6)
             offsets, azimuths, numbers = offsets[near], azimuths[near], numbers[near]
             if near.all():
                 break
-        loss = "cauchy"
     return _with_uncertainty(_fitted_circle(samples.circle, start, misfit), offsets, azimuths)
 
 
@@ -164,7 +162,7 @@ def _start(
     high, low = np.percentile(samples.value, [90, 10])
     if not high > low:
         raise FrameError("the light is the same on both sides of the contact's edge")
-    blur = float(np.hypot(1.5 if blur_px is None else blur_px, PIXEL_VARIANCE**0.5))
+    blur = float(np.hypot(OUTLINE_BLUR_PX if blur_px is None else blur_px, PIXEL_VARIANCE**0.5))
     line, radius = _film_about(samples.outline_px, model, opening, blur)
     return line, np.array([0.0, 0.0, radius, 0.0, 0.0, high - low, low, blur, *HALO_START])
 
@@ -176,8 +174,8 @@ def _fit(
     free = np.setdiff1d(np.arange(len(start)), fixed)
     contrast = abs(start[5])
     low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
-    low[2], low[7:] = 0.5 * start[2], (PIXEL_VARIANCE**0.5, 0.0, HALO_WIDTH_PX[0])
-    high[7:] = WIDEST_BLUR_PX, HALO_MOST, HALO_WIDTH_PX[1]
+    low[2], low[7:] = 0.5 * start[2], (PIXEL_VARIANCE**0.5, *HALO_LEAST)
+    high[7:] = WIDEST_BLUR_PX, *HALO_MOST
     scale = np.array([1.0, 1.0, 1.0, 1.0, 1.0, contrast, contrast, 1.0, 0.1, 2.0])
     start = np.clip(start, low, high)
 
@@ -191,7 +189,7 @@ def _fit(
         start[free],
         bounds=(low[free], high[free]),
         loss=loss,
-        f_scale=OUTLIER_SIGMA,
+        f_scale=CLIP_SIGMA,
         x_scale=scale[free],
         xtol=1e-7,
         ftol=1e-7,
@@ -257,7 +255,7 @@ def _sector_offsets(samples: EdgeSamples, p: Values, line: _Line) -> tuple[Value
     fall = (_profile(outside - step, p, line) - _profile(outside + step, p, line)) * (
         samples.weight / (2 * step)
     )
-    trust = 1 / (1 + (rest / OUTLIER_SIGMA) ** 2)
+    trust = 1 / (1 + (rest / CLIP_SIGMA) ** 2)
     numbers, inverse = np.unique(samples.sector, return_inverse=True)
     slope = np.bincount(inverse, trust * fall**2)
     shown = slope > 0  # not where all samples lie far from the edge
@@ -351,7 +349,7 @@ def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
     rings = pd.DataFrame({"ring": ring, "value": samples.value, "distance": samples.distance})
     rest = (rings["value"] - rings.groupby("ring")["value"].transform("median")).abs()
     spread = MAD_TO_STD * rest.groupby(ring).transform("median")
-    kept = rings[rest <= OUTLIER_SIGMA * spread].groupby("ring")
+    kept = rings[rest <= CLIP_SIGMA * spread].groupby("ring")
     means, stds, count = kept.mean(), kept["value"].std(ddof=0), kept.size()
     there = count > SECTORS / 8
     variance = (stds**2 + float(np.median(stds[there])) ** 2) / count
@@ -361,7 +359,7 @@ def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
         azimuth=np.zeros(len(error)),
         distance=means.loc[there, "distance"].to_numpy(),
         value=means.loc[there, "value"].to_numpy(),
-        weight=1 / np.maximum(error, MODEL_ERROR * float(np.ptp(means["value"]))),
+        weight=1 / np.maximum(error, NEGLIGIBLE * float(np.ptp(means["value"]))),
         sector=np.zeros(len(error), np.intp),
     )
 
