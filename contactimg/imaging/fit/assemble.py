@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import find_candidates
-from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual, find_peaks, least_peak
 from contactimg.imaging.fit.covers import (
+    SETTLED_GROWTH_RATIO,
     Replacement,
     are_parts,
     find_better_covers,
@@ -30,7 +31,7 @@ from contactimg.imaging.fit.disks import (
 )
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
-from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
+from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS, are_entangled, find_pairs
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.timings import stage
 
@@ -40,10 +41,6 @@ MOST_DISKS = 100_000
 """Disks of a frame at most; five times the largest crowd that was measured."""
 GROWTH_RATIO = 1.3
 """Largest fitted radius over that of the candidate, besides one blur width. By hand."""
-COVER_GROWTH_RATIO = 1.1
-"""The same over that in a better cover. By hand."""
-NEIGHBOUR_BLUR_WIDTHS = 3.0
-"""Gap within which an added or dropped disk changes its neighbours. By hand."""
 RIM_BLUR_WIDTHS = 5.0
 """Distance that counts as near a rim, where imperfect edges leave light. By hand."""
 LEAST_RIM_PEAK = 0.12
@@ -164,7 +161,7 @@ class _Assembly:
     def is_entangled(self) -> bool:
         """Whether the disks share so many pixels with their neighbours that no more are added."""
         fit = self.fit
-        pairs = find_pairs(fit.disks, 0.5 * NEIGHBOUR_BLUR_WIDTHS * fit.blur)
+        pairs = find_pairs(fit.disks, 0.5 * EDGE_BLUR_WIDTHS * fit.blur)
         return are_entangled(fit.disks, pairs, fit.blur, self.problem.image.size)
 
     def add_wide_residuals(self) -> None:
@@ -196,9 +193,9 @@ class _Assembly:
         isolated disk that stands out of the noise, and whether peaks were left.
         """
         problem, fit, contrast = self.problem, self.fit, self.problem.contrast
-        peaks, lowest = find_peaks(
-            problem.image, fit.model, width=fit.blur, height=0.0, background=problem.background
-        )
+        smooth = filter_residual(problem.image, fit.model, fit.blur)
+        lowest = least_peak(smooth, problem.background)
+        peaks = find_peaks(smooth, lowest, fit.blur)
         smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
         if outside:
             peaks = peaks[~are_parts(peaks, fit.disks[self.whole], problem.image, 0.5 * contrast)]
@@ -270,7 +267,7 @@ class _Assembly:
         kept, new = np.flatnonzero(~covers.replaced), covers.new
         self.ellipses = self.ellipses.kept(~covers.replaced)
         self.whole = np.concatenate([self.whole[kept], covers.whole])
-        self.largest = np.concatenate([self.largest[kept], COVER_GROWTH_RATIO * new[:, RADIUS]])
+        self.largest = np.concatenate([self.largest[kept], SETTLED_GROWTH_RATIO * new[:, RADIUS]])
         rows = np.concatenate([kept, np.full(len(new), -1)])
         self._refit(np.vstack([self.fit.disks[kept], new]), rows, 5)
 
@@ -337,7 +334,7 @@ def _disks_of_peaks(peaks: NDArray, blur: float, contrast: float) -> NDArray[np.
 
 def _near(disks: NDArray, changed: NDArray[np.bool_], blur: float) -> NDArray[np.bool_]:
     """The changed disks, and those whose rim they influence."""
-    return _neighbours(disks, changed, NEIGHBOUR_BLUR_WIDTHS * blur)
+    return _neighbours(disks, changed, EDGE_BLUR_WIDTHS * blur)
 
 
 def _neighbours(disks: NDArray, changed: NDArray[np.bool_], gap: float) -> NDArray[np.bool_]:

@@ -23,8 +23,18 @@ from contactimg.imaging.detect.inscribed_disks import (
     find_holes,
     inscribed_in,
 )
-from contactimg.imaging.detect.peaks import find_peaks_near
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, find_insignificant, fit_disks, render_disks
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual
+from contactimg.imaging.fit.contact_pixels import CORE_BLUR_WIDTHS
+from contactimg.imaging.fit.disks import (
+    SUSPICIOUS_CHI_SQUARE,
+    USUAL_CHI_SQUARE,
+    WELL_FITTED_CHI_SQUARE,
+    FitControl,
+    FittedDisks,
+    find_insignificant,
+    fit_disks,
+    render_disks,
+)
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.shapes import (
     EXACT_OPTICS,
@@ -34,23 +44,15 @@ from contactimg.imaging.fit.shapes import (
     fit_ellipse,
     render_ellipse,
 )
-from contactimg.imaging.kernels.pairs import count_touching, find_pairs
+from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS, count_touching, find_pairs
 
-DISK_REACH_BLUR_WIDTHS = 2.0
-"""Margin about a disk within which pixels count as its own. By hand."""
 GROUP_ITERATIONS = 15
 """Gauss-Newton steps at most. Accuracy."""
-GROUP_REACH_BLUR_WIDTHS = 4.0
-"""Margin of the window about a group. Theory: a blurred edge is 3e-5 there."""
 
 CONTROL = FitControl(free_blur=False, robust=False, iterations=GROUP_ITERATIONS)
-GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.1, 0.3
+SETTLED_GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.1, 0.3
 """Largest fitted radius of a disk that is about right over the radius before, and an additional margin. By
 hand."""
-BAD_FIT_RATIO = 1.3
-"""Chi-square over its usual value above which a fit is bad, ... By hand."""
-BAD_FIT_SIGMA = 6.0
-"""... if it is so significant. False-alarm rate: 1e-9 for a normal deviate."""
 CHI_SQUARE_SLACK_SIGMA = 3.0
 """Excess chi-square that counts as none. False-alarm rate: 1e-3 for a normal deviate."""
 COARSE_BLUR_WIDTHS = 2.0
@@ -61,21 +63,14 @@ DISK_PRICE = 40.0
 """Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
 EXCESS_LEFT_FRACTION = 0.35
 """Fraction of the excess chi-square that a new cover may leave. By hand."""
-GROUP_GAP_BLUR_WIDTHS = 2.0
-"""Gap between rims within one group. By hand."""
 JOINED_ELLIPTICITY, MOST_JOINED = 0.3, 4
 """Ellipticity from which the fit of one ellipse to touching disks starts, and disks that it may replace. By
 hand: three disks in a row are an ellipse of 3 : 1."""
 LARGEST_GROUP = 20
 """Disks of the largest group for which covers are tried. By hand, for time."""
-LARGEST_USUAL_CHI_SQUARE = 2.0
-"""Largest mean chi-square ascribed to the noise model. By hand."""
 LEAST_GAIN = 1.0
 """Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
 uncertainty of one parameter."""
-POOR_RATIO, UNDESCRIBED_RATIO = 2.0, 3.0
-"""Mean squared residual over its usual value above which fewer disks may be as good, and above which disks
-do not describe a group. By hand."""
 LIT_FRACTION = 0.02
 """Height from which pixels belong to a group, of the contrast. By hand."""
 LEAST_CONVEX = 0.92
@@ -86,8 +81,6 @@ LEAST_PAIR_ELONGATION = 1.2
 equal disks that overlap by 0.7 of their radius, the deepest that are told apart."""
 LEAST_NOISE_FRACTION = 5e-3
 """Smallest noise assumed. By hand: no contact is a perfect disk."""
-UNSETTLED_CHI_SQUARE_RATIO = 1.5
-"""Chi-square over its expectation below which the same disks are refitted first. By hand."""
 
 MOST_WINDOW_SHARE = 1.5
 """Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By
@@ -121,7 +114,7 @@ class GroupWindow:
     ) -> "GroupWindow | None":
         """The window about some disks of a fit, and so far around; None if nothing lies in the image."""
         disks = fit.disks[members]
-        reach = disks[:, RADIUS] + GROUP_REACH_BLUR_WIDTHS * fit.blur + margin
+        reach = disks[:, RADIUS] + EDGE_BLUR_WIDTHS * fit.blur + margin
         low = np.maximum(np.floor((disks[:, :2].T - reach).min(axis=1)), 0).astype(int)
         high = np.maximum(np.ceil((disks[:, :2].T + reach).max(axis=1)).astype(int) + 1, 0)
         box = (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0])))
@@ -177,11 +170,11 @@ class GroupWindow:
             squares[(problem.saturated == 1) & (residual < 0.0)] = 0.0
         return np.asarray(squares, np.float32)
 
-    def highest_residual(self, disks: NDArray) -> NDArray[np.float64] | None:
-        """x, y and height of the highest peak of the blurred residual."""
-        image = self.problem.image
-        peaks = find_peaks_near(image, self.model(disks), disks, width=self.blur, lowest=0.0)
-        return peaks[np.argmax(peaks[:, 2])] if len(peaks) else None
+    def highest_residual(self, disks: NDArray) -> tuple[int, int]:
+        """Column and row of the highest residual behind the blur."""
+        smooth = filter_residual(self.problem.image, self.model(disks), self.blur)
+        row, column = np.unravel_index(np.argmax(smooth), smooth.shape)
+        return int(column), int(row)
 
     def small_disk(self, x: float, y: float) -> NDArray[np.float64]:
         """A disk as small as the blur, with the expected contrast."""
@@ -190,7 +183,7 @@ class GroupWindow:
     def pixels_of(self, disk: NDArray) -> NDArray[np.bool_]:
         """The pixels on and about a disk."""
         x, y = self.from_centre(disk)
-        return np.asarray(np.hypot(x, y) < disk[RADIUS] + DISK_REACH_BLUR_WIDTHS * self.blur)
+        return np.asarray(np.hypot(x, y) < disk[RADIUS] + CORE_BLUR_WIDTHS * self.blur)
 
     def from_centre(self, disk: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Columns and rows counted from the centre of a disk, to be broadcast."""
@@ -234,12 +227,14 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
     """
     replaced, new, one = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))], [np.empty(0, np.bool_)]
     median = float(np.median(fit.chi_square)) if len(fit.disks) else 1.0
-    usual = float(np.clip(median, 1.0, LARGEST_USUAL_CHI_SQUARE))
-    limit = np.maximum(BAD_FIT_RATIO, 1.0 + BAD_FIT_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
+    usual = float(np.clip(median, 1.0, USUAL_CHI_SQUARE))
+    limit = np.maximum(
+        SUSPICIOUS_CHI_SQUARE, 1.0 + FALSE_ALARM_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1))
+    )
     bad = fit.chi_square > limit * usual
     # the smallest groups first: most of them are resolved if the work does not suffice for all
     coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
-    groups = sorted(_groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur), key=len)
+    groups = sorted(_groups_with(bad, fit.disks, CORE_BLUR_WIDTHS * fit.blur), key=len)
     for members in groups:
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
         usual_single = len(members) == 1 and whole[members[0]]
@@ -276,7 +271,7 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     """
     lit = window.model(disks) > LIT_FRACTION * window.problem.contrast
     misfit = float(window.misfit(disks)[lit].mean()) / usual if lit.any() else 0.0
-    if misfit < POOR_RATIO:
+    if misfit < USUAL_CHI_SQUARE:
         return None
     coarse, region = _coarser_cover(window, disks)
     if not len(coarse):
@@ -286,7 +281,7 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     beside &= disks[:, RADIUS] < coarse[:, RADIUS].max()
     fewer = np.vstack([coarse, disks[beside]])
     moved = len(fewer) == len(disks) == 1 and np.abs(fewer - disks)[0, :3].max() > window.blur
-    if misfit < UNDESCRIBED_RATIO or len(coarse) > 1 or not (len(fewer) < len(disks) or moved):
+    if misfit < WELL_FITTED_CHI_SQUARE or len(coarse) > 1 or not (len(fewer) < len(disks) or moved):
         if len(fewer) > len(disks) - 2:
             return None
         _, chi_square = window.fit(fewer, _bounds(window, fewer))
@@ -434,7 +429,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     slack = CHI_SQUARE_SLACK_SIGMA * usual * np.sqrt(2.0 * window.pixels)
     first = chi_square = window.chi_square(disks)
     best = disks
-    unsettled = first < UNSETTLED_CHI_SQUARE_RATIO * expected
+    unsettled = first < SUSPICIOUS_CHI_SQUARE * expected
     for number in range(-1 if unsettled else 0, COVER_ROUNDS):
         if chi_square < expected + slack:
             break
@@ -459,10 +454,8 @@ def _other_covers(window: GroupWindow, disks: NDArray, number: int) -> Iterator[
 
 def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
     """Covers with one disk or two more than before."""
-    peak = window.highest_residual(disks)
-    if peak is not None:
-        more = np.vstack([disks, window.small_disk(peak[0], peak[1])])
-        yield window.fit(more, np.full(len(more), np.inf))
+    more = np.vstack([disks, window.small_disk(*window.highest_residual(disks))])
+    yield window.fit(more, np.full(len(more), np.inf))
     residual = window.problem.image - window.model(disks)
     parts = [window.pixels_of(disk) for disk in disks]
     mean_squares = [np.sum(residual[part] ** 2) / max(np.count_nonzero(part), 1) for part in parts]
@@ -476,7 +469,7 @@ def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
 
 def _bounds(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
     """Upper bounds of the radii of disks that are about right."""
-    return np.asarray(GROWTH_RATIO * disks[:, RADIUS] + GROWTH_BLUR_WIDTHS * window.blur)
+    return np.asarray(SETTLED_GROWTH_RATIO * disks[:, RADIUS] + GROWTH_BLUR_WIDTHS * window.blur)
 
 
 def _split(window: GroupWindow, residual: NDArray, disk: NDArray, count: int) -> NDArray[np.float64]:
