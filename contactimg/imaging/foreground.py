@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.background.illumination import DifferenceImage
 from contactimg.imaging.contrast.noise import estimate_noise
-from contactimg.imaging.detect.candidates import Contrast, measure_contrast
+from contactimg.imaging.detect.candidates import ODD_RATIO, Contrast, measure_contrast
 from contactimg.imaging.detect.foreign import NONE, Foreign, find_foreign
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.profile.optics import SharedOptics
@@ -16,9 +16,6 @@ from contactimg.imaging.profile.optics import SharedOptics
 HOLE_REACH_PX, LEAST_WEIGHT = 2, 0.3
 """Distance from which a hole is filled, and share of pixels seen there that it takes. By hand: dead
 pixels, not masks."""
-CONTRADICTION_RATIO = 1.3
-"""Ratio of measured to prior contrast above which the frame contradicts the prior. By hand: blur can only
-make a frame show less than its contrast."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +102,7 @@ def find_foreground(
         shown = measure_contrast(image, noise, frame_pair.valid).within(largest)
     contrast = shown
     if np.isfinite(prior.contrast) and not frame_pair.trivial:
-        if shown.resolved and shown.plateau > CONTRADICTION_RATIO * prior.contrast:
+        if shown.resolved and shown.plateau > ODD_RATIO * prior.contrast:
             refused = prior.contrast
             prior = prior.without_contrast()
         else:

@@ -21,6 +21,7 @@ from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.count.method import choose_threshold, measure_by_count
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
+from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.evidence.background_left import inspect_background
 from contactimg.imaging.evidence.rules import OWN_RISE, Columns, judge_contacts, own_rise
 from contactimg.imaging.evidence.status import (
@@ -36,6 +37,7 @@ from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.fit.shapes import made_round
 from contactimg.imaging.foreground import Foreground, find_foreground
+from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
@@ -58,10 +60,6 @@ LINEARITY = 0.01
 for CCD cameras."""
 BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}
 """Level of the background among those of a frame, by the polarity of the contacts."""
-REACH_BLUR_WIDTHS = 4.0
-"""Distance from a rim from which on a block is background. Theory: 3e-5 of an edge is left there."""
-USUAL_BLUR_PX = 1.5
-"""Blur where none was fitted. By hand: that of the paper's frames."""
 OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
 """Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes
 shorter."""
@@ -301,7 +299,7 @@ def count_again(
         remark, rim_height = counted.remark, counted.rim_height
     seen = FrameEvidence(
         foreground, contacts, rejected, {}, own.contrast_relative_std, None,
-        _background(foreground, contacts, USUAL_BLUR_PX), 0.0, remark, rim_height,
+        _background(foreground, contacts, DEFAULT_BLUR_PX), 0.0, remark, rim_height,
     )  # fmt: skip
     return _tabulate(
         foreground, contacts, rejected, (shared, own), judge_frame(seen), unmatched,
@@ -314,7 +312,7 @@ def _background(foreground: Foreground, contacts: Columns, blur: float) -> Any:
     places = np.column_stack([np.asarray(contacts[name], float) for name in ("x_px", "y_px", "radius_px")])
     return inspect_background(
         foreground.image, foreground.frame_pair.valid, foreground.difference.illumination.background, places,
-        reach_px=REACH_BLUR_WIDTHS * blur, contrast=foreground.contrast.plateau,
+        reach_px=EDGE_BLUR_WIDTHS * blur, contrast=foreground.contrast.plateau,
     )  # fmt: skip
 
 
@@ -368,7 +366,7 @@ def _foreign(foreground: Foreground) -> Columns:
     """The foreign objects; those that the frame itself does not show are dust in the reference."""
     foreign = foreground.foreign.rejected
     places = np.column_stack([np.asarray(foreign[name], float) for name in ("x_px", "y_px")])
-    rise = own_rise(foreground, places, np.asarray(foreign["radius_px"], float), USUAL_BLUR_PX)
+    rise = own_rise(foreground, places, np.asarray(foreign["radius_px"], float), DEFAULT_BLUR_PX)
     return foreign | {"reason": np.where(rise < OWN_RISE, Reason.REFERENCE_DUST.value, foreign["reason"])}
 
 

@@ -25,7 +25,7 @@ from contactimg.imaging.background.alignment import (
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, ITERATIONS, Illumination
 from contactimg.imaging.pixels.blocks import side_of, strips
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST, SIGNIFICANT_SIGMA, median, robust_std
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST_VALUES, SIGNIFICANT_SIGMA, median, robust_std
 from contactimg.timings import stage
 
 Values = NDArray[np.float32]
@@ -138,7 +138,7 @@ def _gauss_newton(
     The gradients of the frame are used as instrumental variables for those of the reference: the noise of the
     two images is independent, so the mean of their product has no noise term, which would shorten every step.
     """
-    if np.count_nonzero(mask) < FEWEST:
+    if np.count_nonzero(mask) < FEWEST_VALUES:
         return UNKNOWN
     x = y = 0.0
     tops = np.arange(0, len(rows), STRIP_ROWS)
@@ -172,7 +172,7 @@ def _gauss_newton(
 
 def _correlated(cross: NDArray, own: NDArray, count: float) -> bool:
     """Whether the gradients of the two images are correlated beyond chance, in every direction."""
-    if count < FEWEST / 2:
+    if count < FEWEST_VALUES / 2:
         return False
     noise = SIGNIFICANT_SIGMA / np.sqrt(count / CORRELATED_PX) * _smallest_eigenvalue(own)
     return _smallest_eigenvalue(cross) > noise > 0.0
@@ -186,7 +186,7 @@ def _smallest_eigenvalue(matrix: NDArray) -> float:
 
 def _consistent(sums: NDArray) -> bool:
     """Whether the gradients of the two images agree in most tiles as well as they do in the best."""
-    tiles = sums[sums[..., 9] > FEWEST]
+    tiles = sums[sums[..., 9] > FEWEST_VALUES]
     own = tiles[:, 3] + tiles[:, 5]
     correlation = (tiles[:, 0] + tiles[:, 2])[own > 0] / own[own > 0]
     best = np.percentile(correlation, 90) if len(correlation) else 0.0
@@ -331,7 +331,7 @@ def search_alignment(
     )
     around = around / np.maximum(weight, np.float32(1e-3))
     usable &= around > DARKEST_FRACTION * float(np.abs(around).max())
-    if np.count_nonzero(usable) < FEWEST:
+    if np.count_nonzero(usable) < FEWEST_VALUES:
         return FarSearch(None, textured=False)
     around = np.where(usable, around, np.float32(1.0))
     detail = np.where(usable, before / around - 1.0, np.float32(0.0))

@@ -14,7 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from contactimg.imaging.pixels.blocks import is_background, sample_background, strips
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST, MAD_TO_STD, MANY, SAMPLE, median, noise_std
+from contactimg.imaging.pixels.robust import (
+    CLIP_SIGMA,
+    FEWEST_VALUES,
+    MAD_TO_STD,
+    MANY,
+    SAMPLE,
+    median,
+    noise_std,
+)
 from contactimg.timings import stage
 
 LARGEST_LAG = 10
@@ -140,7 +148,7 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
     """
     every = max(int(np.sqrt(image.size / SAMPLE)), 1)
     sample = sample_background(image, background, (every, every))
-    if len(sample) < FEWEST:
+    if len(sample) < FEWEST_VALUES:
         # no background: neighbouring pixels differ by the noise of both
         difference = np.abs(np.diff(image[::every], axis=1))
         return float(MAD_TO_STD * median(difference) / np.sqrt(2)) if difference.size else 0.0

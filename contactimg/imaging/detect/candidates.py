@@ -5,6 +5,7 @@ half of its own plateau, and what stands out of the noise below half of the comm
 half of its own. Round regions are one disk; the others are covered by inscribed disks.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import cv2
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_runs
-from contactimg.imaging.detect.inscribed_disks import component_at, disks_in_region, filled_contact, is_round
+from contactimg.imaging.detect.inscribed_disks import disks_in_region, is_round
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.masks import Mask, visible_fraction
 from contactimg.imaging.pixels.robust import quantile, reach_std
@@ -24,9 +25,6 @@ CLEAR_RATIO, BRIGHT_RATIO = 1.5, 3.0
 """Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and
 above which coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by hand,
 twice the former."""
-LOWER_RATIO = 0.6
-"""Level, over half of the common contrast, at which a region is outlined again before it is split. By
-hand."""
 LIGHT_SIGMA = 8.0
 """Light of a faint region in standard deviations of the noise. As for counted components: noise stays below
 6."""
@@ -56,9 +54,8 @@ HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
 """Radius at half height of a Gaussian over its standard deviation (theory)."""
 FAINT_SMOOTHING_PX = 1.0
 """Standard deviation of the filter behind which faint regions are outlined. By hand."""
-USUAL_RANGE, LEAST_CORE = 0.3, 10
-"""Relative distance from the median plateau of what still belongs to it, and squares well inside regions that
-show it better than their peaks. By hand."""
+LEAST_CORE = 10
+"""Squares well inside regions that show a plateau better than their peaks. By hand."""
 MOST_RUNS = 1500
 """Runs of pixels that are looked at for it. Accuracy: they know a median to 1 % of the scatter."""
 FAINT_RATIO, RAGGED_SHARE = 0.7, 0.6
@@ -139,7 +136,7 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
             values, areas = plateau[wide], half_area[wide]
             weights = np.minimum(areas, WEIGHT_CAP * np.median(areas))
             middle = _weighted_median(values, weights)
-            usual = np.abs(values / middle - 1.0) < USUAL_RANGE
+            usual = np.abs(values / middle - 1.0) < ODD_RATIO - 1.0
             middle = _core_level(coarse, runs, np.where(wide, plateau, 0.0), middle)
             spread = float(np.std(values[usual])) if np.count_nonzero(usual) > 1 else 0.05 * middle
             return Contrast(
@@ -207,11 +204,7 @@ def find_candidates(
     add(_disks_of(regions[one]), plateau[one])
     for k in np.flatnonzero(~one & ~bright & (regions["area"] > LEAST_AREA_PX2)):
         disks, whole = disks_in_region(regions[k], smooth, level)
-        lower = _whole_at_lower_level(regions[k], smooth, level) if len(disks) > 1 else None
-        if lower is not None:
-            add(lower, plateau[k], whole=True)
-        else:
-            add(disks, plateau[k], whole=whole)
+        add(disks, plateau[k], whole=whole)
     for k in np.flatnonzero(bright):
         for height, disks, whole in _at_own_half(regions[k], smooth, level, float(plateau[k])):
             add(disks, height, whole=whole)
@@ -236,22 +229,6 @@ def _small_at(height: float, blur: float) -> float:
     return float(blur * np.sqrt(-2.0 * np.log1p(-min(height, 0.99))))
 
 
-def _whole_at_lower_level(
-    region: np.void, image: NDArray[np.float32], level: float
-) -> NDArray[np.float64] | None:
-    """The disk of a region that is one ellipse at a lower level, which mottling does not cut up, or None."""
-    margin = 4
-    top, left = max(int(region["top"]) - margin, 0), max(int(region["left"]) - margin, 0)
-    window = image[top : int(region["bottom"]) + margin + 1, left : int(region["right"]) + margin + 1]
-    own = component_at(
-        window > LOWER_RATIO * level, int(region["peak_x"]) - left, int(region["peak_y"]) - top
-    )
-    if any(side.any() for side in (own[0], own[-1], own[:, 0], own[:, -1])):
-        return None
-    disk = filled_contact(own)
-    return None if disk is None else disk + np.array([left, top, 0.0])
-
-
 def _coarse(image: NDArray[np.float32], valid: Mask, side: int) -> NDArray[np.float32]:
     """Means over squares; 0 where no pixel is seen."""
     means = block_means(image, valid, side=side)
@@ -272,7 +249,7 @@ def _core_level(
 
     No region counts more than `WEIGHT_CAP` usual ones. Where there are too few such pixels: ``middle``.
     """
-    used = np.where(np.abs(plateau / middle - 1.0) < USUAL_RANGE, plateau, np.inf)
+    used = np.where(np.abs(plateau / middle - 1.0) < ODD_RATIO - 1.0, plateau, np.inf)
     values, owner = _core_pixels(image, runs[:: max(len(runs) // MOST_RUNS, 1)], used)
     if len(values) < LEAST_CORE:
         return middle
@@ -348,25 +325,23 @@ def _measure_plateaus(image, runs, peak, plateau, half_area):
 
 def _at_own_half(
     region: np.void, image: NDArray[np.float32], level: float, plateau: float
-) -> list[tuple[float, NDArray[np.float64], bool]]:
+) -> Iterator[tuple[float, NDArray[np.float64], bool]]:
     """Disks of a bright region at half of its own plateau, and of what was beside it."""
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
     box = (slice(max(top - 1, 0), bottom + 2), slice(max(left - 1, 0), right + 2))
     corner = np.array([box[1].start, box[0].start, 0.0])
     window = np.ascontiguousarray(image[box])
-    inner, _ = label_runs(window, 0.5 * plateau)
-    found, covered = [], np.zeros(window.shape, np.uint8)
-    for part in inner:
+    covered = np.zeros(window.shape, np.uint8)
+    for part in label_runs(window, 0.5 * plateau)[0]:
         disks, whole = disks_in_region(part, window, 0.5 * plateau)
-        found.append((plateau, disks + corner, whole))
+        yield plateau, disks + corner, whole
         for x, y, a in disks:
             cv2.circle(covered, (round(x), round(y)), int(np.ceil(1.15 * a + 2)), 1, cv2.FILLED)
     rest = np.where(covered > 0, np.float32(0.0), window)
     for part in label_runs(rest, level)[0]:
         if part["area"] > WIDE_PX2:
             disks, whole = disks_in_region(part, rest, level)
-            found.append((2.0 * level, disks + corner, whole))
-    return found
+            yield 2.0 * level, disks + corner, whole
 
 
 def _faint_regions(

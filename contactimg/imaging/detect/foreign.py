@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_components
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.tables import Reason
@@ -35,8 +36,6 @@ SIDE = 2
 LEVEL_FRACTION = 0.3
 """Level, as a fraction of the contrast, above which objects are looked for. By hand: a blurred hair does not
 reach half of the contrast along its whole length."""
-SEEN_SIGMA = 6.0
-"""Height of a pixel, or of a square, over its noise above which it is an object. False-alarm rate 1e-9."""
 SPRAWL = 4.0
 """Squared diagonal of the bounding box over the area above which a region is no disk and no pair of disks.
 Theory: 2.5 for a disk, 3.2 for two that touch."""
@@ -92,7 +91,7 @@ def find_foreign(image: NDArray[np.float32], plateau: float, noise: float, valid
     >>> found.rejected["reason"].tolist(), found.rejected["x_px"].tolist(), int(found.mask[40, 40])
     (['long: neither a disk nor a group of disks'], [99.5], 0)
     """
-    level = max(LEVEL_FRACTION * plateau, SEEN_SIGMA * noise / SIDE)
+    level = max(LEVEL_FRACTION * plateau, FALSE_ALARM_SIGMA * noise / SIDE)
     squares = np.nan_to_num(block_means(image, valid, side=SIDE), copy=False)
     components = label_components(squares, level)
     sprawling = _squared_diagonal(components)[_sprawls(components)]

@@ -69,7 +69,8 @@ def disks_in_region(
     """
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
     above = image[top : bottom + 1, left : right + 1] > level
-    own = component_at(above, int(region["peak_x"]) - left, int(region["peak_y"]) - top)
+    labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)[1]
+    own = (labels == labels[int(region["peak_y"]) - top, int(region["peak_x"]) - left]).astype(np.uint8)
     cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
     corner, holes = np.array([left, top, 0.0]), find_holes(own)
     disk = None if any(cut) else as_one_contact(fill(own, holes, LARGEST_WHOLE_HOLES * own.sum()), own)
@@ -83,17 +84,6 @@ def disks_in_region(
     if not len(disks):
         disks = np.array([[region["x"], region["y"], np.sqrt(region["area"] / np.pi)]]) - corner
     return disks + corner, False
-
-
-def component_at(above: NDArray[np.bool_], x: int, y: int) -> NDArray[np.uint8]:
-    """The pixels of a mask that are connected with one of them by sides and corners."""
-    labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)[1]
-    return np.asarray(labels == labels[y, x]).astype(np.uint8)
-
-
-def filled_contact(own: NDArray[np.uint8]) -> NDArray[np.float64] | None:
-    """The disk of a region that is one contact when its holes are filled; else None."""
-    return as_one_contact(fill(own, find_holes(own), LARGEST_WHOLE_HOLES * own.sum()), own)
 
 
 def as_one_contact(
@@ -145,10 +135,9 @@ def fill(
 def inscribed_in(mask: NDArray[np.uint8], cut: tuple[bool, ...]) -> NDArray[np.float64]:
     """Disks inscribed in a mask, largest first; ``cut`` marks the sides beyond which the mask continues."""
     # a contact cut by the border continues: repeat the border instead of closing it
-    closed = np.asarray(cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT), np.uint8)
-    for side, rim, inside in zip(cut, _rims(closed, 0), _rims(closed, 1), strict=True):
-        if side:
-            rim[:] = inside
+    closed = np.asarray(cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_REPLICATE), np.uint8)
+    for side, goes_on in zip((closed[0], closed[-1], closed[:, 0], closed[:, -1]), cut, strict=True):
+        side[:] = side if goes_on else 0
     return inscribed_disks(closed, 1)
 
 
@@ -163,11 +152,6 @@ def inscribed_disks(mask: NDArray[np.uint8], margin: int) -> NDArray[np.float64]
     distance = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5)[inside, inside]
     summits = _summits(np.ascontiguousarray(distance), SMALLEST_INSCRIBED)
     return _select(summits[np.argsort(-summits[:, 2], kind="stable")])
-
-
-def _rims(array: NDArray, depth: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Rows and columns so far inside the four sides of an array."""
-    return array[depth], array[-1 - depth], array[:, depth], array[:, -1 - depth]
 
 
 @njit(cache=True)

@@ -13,70 +13,30 @@ FALSE_ALARM_SIGMA = 6.0
 ``pixels/(2 width^2) (2 pi)^(-3/2) z exp(-z^2/2)`` maxima above z: 3e-3 in 1600 x 1200 pixels at 1.4 px."""
 
 
-def find_peaks(
-    image: NDArray[np.float32],
-    model: NDArray[np.float32],
-    *,
-    width: float,
-    height: float,
-    background: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], float]:
-    """Find the peaks of the residuals after a matched filter.
+def least_peak(smooth: NDArray[np.float32], background: NDArray[np.bool_]) -> float:
+    """Height from which a peak of a filtered image stands out of its noise.
 
-    Parameters
-    ----------
-    image, model : ndarray, shape (rows, columns)
-        Difference image, and the disks fitted so far.
-    width : float, px
-        Standard deviation of the Gaussian filter: that of the blur.
-    height : float
-        Least height of a peak, grey levels, in however quiet a background.
-    background : ndarray of bool
-        Background blocks, see `contactimg.imaging.pixels.blocks`, where the noise of the filtered image is
-        measured.
-
-    Returns
-    -------
-    peaks : ndarray, shape (n, 3)
-        x, y, height of the filtered peak (grey levels); largest first.
-    lowest : float
-        Least height of a peak that was used, grey levels.
+    ``background`` are the blocks in which the noise is measured (`contactimg.imaging.pixels.blocks`).
     """
-    smooth = _smooth(image, model, width)
     sample = sample_background(smooth, background, (7, 11))
     if len(sample) < 50:
         sample = smooth[::5, ::7].ravel()
     middle = median(sample)
-    lowest = max(middle + FALSE_ALARM_SIGMA * reach_std(sample, middle), height)
-    return _sorted_peaks(smooth, lowest, width), lowest
+    return middle + FALSE_ALARM_SIGMA * reach_std(sample, middle)
 
 
-def find_peaks_near(
-    image: NDArray[np.float32], model: NDArray[np.float32], disks: NDArray, *, width: float, lowest: float
-) -> NDArray[np.float64]:
-    """Find the peaks of the residuals in windows around some disks, see `find_peaks`."""
-    found = [np.empty((0, 3))]
-    for x, y, a in disks[:, :3]:
-        reach = int(np.ceil(a + 6.0 * width))
-        x0, y0 = max(round(x) - reach, 0), max(round(y) - reach, 0)
-        part = (slice(y0, max(round(y) + reach + 1, 0)), slice(x0, max(round(x) + reach + 1, 0)))
-        if image[part].size:
-            found.append(
-                _sorted_peaks(_smooth(image[part], model[part], width), lowest, width)
-                + np.array([x0, y0, 0.0])
-            )
-    return np.unique(np.vstack(found), axis=0)
-
-
-def _smooth(image: NDArray[np.float32], model: NDArray[np.float32], width: float) -> NDArray[np.float32]:
-    """Residuals after a Gaussian filter."""
+def filter_residual(
+    image: NDArray[np.float32], model: NDArray[np.float32], width: float
+) -> NDArray[np.float32]:
+    """What a model leaves of an image, after a Gaussian filter of a width (px): that of the blur."""
     taps = 2 * int(np.ceil(2.5 * width)) + 1
     residual = image - model
     blurred = cv2.GaussianBlur(residual, (taps, taps), width, dst=residual, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(blurred, np.float32)
 
 
-def _sorted_peaks(smooth: NDArray[np.float32], lowest: float, width: float) -> NDArray[np.float64]:
+def find_peaks(smooth: NDArray[np.float32], lowest: float, width: float) -> NDArray[np.float64]:
+    """Peaks (x, y, height) of a filtered image above a height, no two within a width (px), largest first."""
     found = _peaks(smooth, np.flatnonzero(smooth.ravel() > np.float32(lowest)), int(np.ceil(width)))
     return found[np.argsort(-found[:, 2], kind="stable")]
 

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.detect.candidates import DARK_FRACTION
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask, clear_disks
 from contactimg.imaging.pixels.robust import robust_std
 
-DARK_FRACTION = 0.2
-"""Depth of a dark patch, of the contrast, at least. Chosen: dust of 3 px leaves less in a block of 8 px."""
-BLOCK_SIGMA = 6.0
-"""Depth of a dark patch, in standard deviations of block means. False-alarm rate 1e-9 a block."""
 PATCH_PX = 32
 """Side of the patches over which unevenness is measured; blocks of 8 px give it where there are enough."""
 SQUARE_PX = 2
@@ -88,7 +86,7 @@ def inspect_background(
     if not left.size or not contrast > 0:
         return BackgroundLeft(free_share=left.size / seen)
     noise = robust_std(left)
-    dark = left < -max(DARK_FRACTION * contrast, BLOCK_SIGMA * noise)
+    dark = left < -max(DARK_FRACTION * contrast, FALSE_ALARM_SIGMA * noise)
     followed = np.abs(left) < FOLLOWED_FRACTION * contrast
     if background.shape == free.shape:
         followed |= background[free > 0]

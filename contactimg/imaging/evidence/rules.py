@@ -16,12 +16,14 @@ from scipy.special import ellipe
 
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
-from contactimg.imaging.fit.disks import FittedDisks
+from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, FittedDisks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.kernels.pairs import count_touching
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
 from contactimg.imaging.profile.optics import combine_errors
 from contactimg.tables import Flag, Reason
 
@@ -43,18 +45,12 @@ Columns = dict[str, NDArray]
 
 PLACE = ("x_px", "y_px", "radius_px")
 """Columns that say where a candidate is."""
-POOR_CHI_SQUARE = 1.5
-"""Mean chi-square about the rim above which a contact has the flag POOR_FIT. By hand."""
-UNDESCRIBED_CHI_SQUARE = 3.0
-"""The same above which the model does not describe a contact. By hand."""
 LOW_SIGNAL_SIGMA = 10.0
 """Light below which a contact has the flag LOW_SIGNAL. By hand: twice the detection limit."""
 LEAST_LIGHT_SIGMA, LEAST_POOR_LIGHT_SIGMA = 2.0, 5.0
 """Light below which a disk is left out, and below which one that fits badly is. By hand."""
 LEAST_VISIBLE = 0.1
 """Share of a disk inside the image below which it is not measured. By hand."""
-EDGE_GAP_BLUR_WIDTHS = 2.0
-"""Rims closer to the border have the flag EDGE. Theory: 98 % of the edge's light lies within."""
 LEAST_RISE = 0.25
 """Rise of the mean inside over the surroundings, of the contrast fitted, of a contact that is seen. By
 hand."""
@@ -63,9 +59,9 @@ RIM_FALL = 0.35
 OWN_RISE = 0.5
 """Part of its rise that a contact must show in the frame without its reference. By hand: half-way between the
 frame alone and the reference alone."""
-DIP_SHARE, DIP_SIGMA = 0.25, 2.0
-"""Dip of the reference over the rise of the difference, and over the noise, from which both are measured. By
-hand: half of what dust shows; theory: 3 standard errors of the pixels that are read."""
+DIP_SHARE = 0.25
+"""Dip of the reference over the rise of the difference from which both are measured. By hand: half of what
+dust shows."""
 LONGEST = 3.5
 """Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
 hand."""
@@ -73,7 +69,7 @@ SHARP_PX2 = 2.5
 """Counted pixels up to which a faint candidate that does not fit is part of a hair. Theory: a
 point behind a blur of 0.5 px has four pixels above half height."""
 AGREEMENT_SIGMA = 2.0
-"""Standard errors up to which the counted pixels of all contacts together agree with those expected."""
+"""Standard errors up to which two measures of the same thing agree."""
 DISAGREES_SIGMA = 4.0
 """Standard errors of a count by which it differs from the pixels that the model expects. False-alarm rate
 6e-5."""
@@ -81,8 +77,6 @@ UNSEEN_FILM_BLUR_WIDTHS = 0.25 / np.sqrt(3.0)
 """Standard uncertainty of the place of an edge beside which an air film may shine, over the blur. Theory: of
 a shift anywhere between 0 and 0.25; by hand: of 0.17 no rim tells anything, twice as much is seen as soft
 edges."""
-COUNT_VARIANCE = 1.0 / 12.0
-"""Variance of the place of the edge in a pixel, px^2 (theory)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,13 +186,13 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     radius, contrast = disks[:, RADIUS], disks[:, CONTRAST]
     std = np.where(fit.std[:, RADIUS] > 0, fit.std[:, RADIUS], np.inf)
     poor = (fit.chi_square > POOR_CHI_SQUARE) & (looked.rim_chi_square > POOR_CHI_SQUARE)
-    undescribed = poor & (np.minimum(fit.chi_square, looked.rim_chi_square) > UNDESCRIBED_CHI_SQUARE)
+    undescribed = poor & (np.minimum(fit.chi_square, looked.rim_chi_square) > WELL_FITTED_CHI_SQUARE)
     plateau = np.where(np.isfinite(looked.plateau), looked.plateau, contrast)
     again = np.flatnonzero(undescribed | free)
     if len(again):  # at half of their own plateau
         looked = looked.updated(again, look_at_pixels(problem, fit, half=0.5 * plateau, rows=again))
     slope = np.maximum(contrast, 1e-9) / (blur * np.sqrt(2.0 * np.pi))
-    place = COUNT_VARIANCE + fit.brightness**-1 * problem.noise.variance / slope**2
+    place = PIXEL_VARIANCE + fit.brightness**-1 * problem.noise.variance / slope**2
     count_std = np.sqrt(2.0 * np.pi * np.maximum(radius, 1.0) * place)
     ring = np.where(np.isfinite(looked.ring), looked.ring, 0.0)
     mean = looked.light / np.maximum(np.pi * radius**2, 1.0)
@@ -208,21 +202,20 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     # counted pixels of small contacts say little about their area
     resolved = radius > 1.5 * blur
     count_z = np.where(resolved, (looked.area - looked.expected) / count_std, 0.0)
-    hollow = (looked.core_chi_square > UNDESCRIBED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
+    hollow = (looked.core_chi_square > WELL_FITTED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
     # a misfit that most contacts do not share is that of its own shape
     misfit = np.minimum(fit.chi_square, looked.rim_chi_square)
-    shaped = misfit > UNDESCRIBED_CHI_SQUARE * max(float(np.median(misfit)) if n else 1.0, 1.0)
-    differs = shaped | (np.abs(count_z) > 2.0)
+    shaped = misfit > WELL_FITTED_CHI_SQUARE * max(float(np.median(misfit)) if n else 1.0, 1.0)
+    differs = shaped | (np.abs(count_z) > AGREEMENT_SIGMA)
     use_count = ((undescribed & ~ellipse & differs) | hollow) & resolved
     use_count = (use_count | free) & (looked.area > 0)
     places = np.column_stack([problem.in_frame(disks[:, [X, Y]]), radius * problem.binning])
     rows = np.full(n, -1) if joint is None else joint.prior.is_odd(disks)
-    reach = radius + EDGE_GAP_BLUR_WIDTHS * blur
+    reach = radius + NEAR_BLUR_WIDTHS * blur
     gap = _gap_to_border(disks, problem.image.shape)
     cut = (gap < reach) | touches(problem.valid, 0, disks, reach)
     return {
         "radius": radius,
-        "radius_std": std,
         "blur": np.full(n, blur),
         "signal": radius / (2.0 * std),
         "light": radius / (2.0 * std * _without_contrast(fit)),
@@ -234,8 +227,6 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
         "undescribed": undescribed,
-        "rim_chi_square": looked.rim_chi_square,
-        "core_chi_square": looked.core_chi_square,
         "counted": looked.area,
         "expected": looked.expected,
         "count_std": count_std,
@@ -243,7 +234,6 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "use_count": use_count,
         "border": looked.border,
         "elongation": looked.elongation,
-        "ring": ring / np.maximum(contrast, 1e-9),
         "surrounded": np.isfinite(looked.ring),
         "x": looked.x,
         "y": looked.y,
@@ -259,8 +249,10 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
 
 def _without_contrast(fit: FittedDisks) -> NDArray[np.float64]:
     """Standard uncertainty of each radius at a known contrast over that at the contrast of the fit."""
-    both = [np.linalg.pinv(fit.information[:, :size, :size])[:, RADIUS, RADIUS] for size in (3, 4)]
-    return np.sqrt(np.clip(both[0] / np.maximum(both[1], 1e-300), 1e-6, 1.0))
+    covariance = np.linalg.pinv(fit.information[:, :4, :4], hermitian=True)
+    variance = covariance[:, RADIUS, RADIUS] * covariance[:, CONTRAST, CONTRAST]
+    known = 1.0 - covariance[:, RADIUS, CONTRAST] ** 2 / np.maximum(variance, 1e-300)
+    return np.sqrt(np.clip(known, 1e-6, 1.0))
 
 
 def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: float) -> NDArray[np.float64]:
@@ -276,7 +268,7 @@ def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: flo
     distance = radius + 4.0 * blur
     dip = -foreground.sign * _rise_of_pixels(pair.reference, places, distance)
     rise = _rise_of_pixels(foreground.image, places, distance)
-    rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > DIP_SIGMA * foreground.noise))
+    rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > AGREEMENT_SIGMA * foreground.noise))
     if not len(rows):
         return share
     disks = np.column_stack([places, radius])[rows]
@@ -349,7 +341,7 @@ def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
         shifts[k] = 0.0
     poor = e["poor"] & ~counted
     error = (e["counted"] - e["expected"]) / (2.0 * np.pi * np.maximum(radius, 0.5))
-    std = np.where(poor & (np.abs(e["count_z"]) > 2.0), np.hypot(std, error), std)
+    std = np.where(poor & (np.abs(e["count_z"]) > AGREEMENT_SIGMA), np.hypot(std, error), std)
     total = combine_errors(std, np.column_stack([shifts, edge]))
     return {
         "x_px": problem.in_frame(x),
@@ -427,7 +419,7 @@ def measure_fall(
     centres = disks[wide, 0] + 1j * disks[wide, 1]
     inside, outside = (
         _values_at(image, valid, centres[:, None] + (disks[wide, 2] + step)[:, None] * directions)
-        for step in (-2.0 * blur, 2.0 * blur)
+        for step in (-NEAR_BLUR_WIDTHS * blur, NEAR_BLUR_WIDTHS * blur)
     )
     fall = inside - outside
     count = np.isfinite(fall).sum(axis=1)
@@ -457,7 +449,7 @@ def _fall_of_rims(
         depth = cv2.distanceTransform(own, cv2.DIST_L2, cv2.DIST_MASK_5)
         depth -= cv2.distanceTransform(1 - own, cv2.DIST_L2, cv2.DIST_MASK_5)
         seen = np.ones(window.shape, np.bool_) if valid is None else valid[box] > 0
-        near = [window[seen & (np.abs(depth + side * 2.0 * blur) < 1.0)] for side in (-1.0, 1.0)]
+        near = [window[seen & (np.abs(depth + side * NEAR_BLUR_WIDTHS * blur) < 1.0)] for side in (-1.0, 1.0)]
         if min(map(len, near)) >= LEAST_SEEN:
             fall[row] = max(fall[row], float(np.median(near[0]) - np.median(near[1])))
     return fall

@@ -6,27 +6,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.detect.candidates import dark_spots, measure_contrast
+from contactimg.imaging.detect.candidates import ODD_RATIO, dark_spots, measure_contrast
 from contactimg.imaging.evidence.background_left import BackgroundLeft
 from contactimg.imaging.evidence.rules import Columns
 from contactimg.imaging.fit.edge_profile import describe_edge
 from contactimg.imaging.fit.method import FrameFit
-from contactimg.imaging.foreground import CONTRADICTION_RATIO, Foreground
+from contactimg.imaging.foreground import Foreground
 from contactimg.tables import Flag, Status
 
 RESOLVED = 0.05
 """Relative standard uncertainty of the contrast above which a frame counts as not showing it. By hand: 2.5
 % of the radius of a small contact and 7.5 % of its force."""
+FEWEST_CONTACTS = 3
+"""Contacts that say something about a frame, at least. By hand."""
+SPOILED_SHARE = 0.2
+"""Share of contacts with a flag that spoils a frame. By hand."""
+DOUBTED_SHARE = 0.05
+"""Share of the candidates that prove to be no contacts, or of the bright pixels that belong to none, above
+which others may be false or missing. By hand."""
 LIGHT_CHANGE = 1.5
 """Ratio of the background to the reference, or its inverse, above which the light has changed. By hand."""
-SPOILED_SHARE, FEWEST_SPOILED = 0.2, 3
-"""Share of contacts (and least number) with a flag that spoils a frame. By hand: one odd contact of two says
-nothing about a frame."""
-FALSE_SHARE, FEWEST_FALSE = 0.05, 3
-"""Share of the candidates, and number, that prove to be no contacts, above which others may be left. By
-hand."""
-UNEXPLAINED_SHARE = 0.05
-"""Share of the bright pixels that belong to nothing, above which contacts are missing. By hand."""
 HIDDEN_SHARE = 0.02
 """Share of the frame under hairs and scratches above which contacts may be missing. By hand: one of twenty
 contacts of a usual frame."""
@@ -118,7 +117,7 @@ class FrameEvidence:
     def spoiled(self, flag: Flag) -> int:
         """Number of such contacts where they are so many, or all, that they spoil the frame; else 0."""
         n = self.flagged(flag)
-        many = n >= FEWEST_SPOILED and n > SPOILED_SHARE * self.count
+        many = n >= FEWEST_CONTACTS and n > SPOILED_SHARE * self.count
         return n if many or (n and n == self.count) else 0
 
 
@@ -206,7 +205,7 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         yield Status.DISAGREES, text
     if len(seen.evidence) and seen.count:
         alone = 1.0 - float(np.mean(seen.evidence["surrounded"]))
-        if alone > (UNSURROUNDED_SHARE if seen.count >= FEWEST_SPOILED else 0.99):
+        if alone > (UNSURROUNDED_SHARE if seen.count >= FEWEST_CONTACTS else 0.99):
             text = f"no background is seen around {100 * alone:.0f} % of the contacts"
             yield Status.LITTLE_BACKGROUND, text
 
@@ -217,13 +216,13 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
     dust = int(np.count_nonzero(reasons == "dust in the reference"))
     false = int(np.count_nonzero(np.isin(reasons, FALSE_REASONS)))
     total = false + seen.count
-    if dust > 0.5 * (dust + seen.count) and dust >= FEWEST_FALSE:
+    if dust > 0.5 * (dust + seen.count) and dust >= FEWEST_CONTACTS:
         text = (
             f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of "
             "another place?"
         )
         yield Status.WRONG_REFERENCE, text
-    if false >= FEWEST_FALSE and false > FALSE_SHARE * total:
+    if false >= FEWEST_CONTACTS and false > DOUBTED_SHARE * total:
         text = (
             f"{false} of {total} candidates proved to be no contacts; others may be left among the contacts"
         )
@@ -234,13 +233,13 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             f"hairs, scratches or bars hide {100 * hidden:.2g} % of the frame: what they cross was left out"
         )
         yield Status.UNRESOLVED, text
-    if seen.unexplained > UNEXPLAINED_SHARE:
+    if seen.unexplained > DOUBTED_SHARE:
         text = (
             f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
         )
         yield Status.UNRESOLVED, text
     foreground, small = seen.foreground, seen.flagged(Flag.TOO_SMALL)
-    if foreground.frame_pair.reference is None and FEWEST_FALSE <= small > FALSE_SHARE * seen.count:
+    if foreground.frame_pair.reference is None and FEWEST_CONTACTS <= small > DOUBTED_SHARE * seen.count:
         text = (
             f"{small} of {seen.count} contacts are no wider than the blur: without a reference specks of "
             "dirt look the same"
@@ -290,7 +289,7 @@ def _common_disagreement(e: Columns) -> str:
     if not len(e) or not len(e["counted"]):
         return ""
     used = ~e["use_count"] & ~e["cut"] & (e["touching"] == 0) & (e["radius"] > 2.0 * e["blur"])
-    if np.count_nonzero(used) < FEWEST_SPOILED:
+    if np.count_nonzero(used) < FEWEST_CONTACTS:
         return ""
     apart, std = e["counted"][used] - e["expected"][used], e["count_std"][used]
     share = float(apart.sum() / max(e["expected"][used].sum(), 1.0))
@@ -314,7 +313,7 @@ def _remarks(seen: FrameEvidence) -> Iterator[str]:
             f"{foreground.refused_contrast * unit:.3g} given, which were not used"
         )
     given, shown = foreground.prior_optics.contrast, foreground.shown
-    if seen.count and shown.resolved and given > CONTRADICTION_RATIO * shown.plateau:
+    if seen.count and shown.resolved and given > ODD_RATIO * shown.plateau:
         yield (
             f"the radii depend on a contrast of {given * unit:.3g} grey levels, given, of which the frame "
             f"shows {shown.plateau * unit:.3g}"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import find_candidates
-from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual, find_peaks, least_peak
 from contactimg.imaging.fit.covers import (
     SETTLED_GROWTH_RATIO,
     Replacement,
@@ -193,9 +193,9 @@ class _Assembly:
         isolated disk that stands out of the noise, and whether peaks were left.
         """
         problem, fit, contrast = self.problem, self.fit, self.problem.contrast
-        peaks, lowest = find_peaks(
-            problem.image, fit.model, width=fit.blur, height=0.0, background=problem.background
-        )
+        smooth = filter_residual(problem.image, fit.model, fit.blur)
+        lowest = least_peak(smooth, problem.background)
+        peaks = find_peaks(smooth, lowest, fit.blur)
         smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
         if outside:
             peaks = peaks[~are_parts(peaks, fit.disks[self.whole], problem.image, 0.5 * contrast)]

@@ -23,8 +23,15 @@ from contactimg.imaging.detect.inscribed_disks import (
     find_holes,
     inscribed_in,
 )
-from contactimg.imaging.detect.peaks import find_peaks_near
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, find_insignificant, fit_disks, render_disks
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual
+from contactimg.imaging.fit.disks import (
+    WELL_FITTED_CHI_SQUARE,
+    FitControl,
+    FittedDisks,
+    find_insignificant,
+    fit_disks,
+    render_disks,
+)
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.shapes import (
     EXACT_OPTICS,
@@ -51,8 +58,6 @@ CONTROL = FitControl(free_blur=False, robust=False, iterations=ITERATIONS)
 SETTLED_GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.1, 0.3
 """Largest fitted radius of a disk that is about right over the radius before, and an additional margin. By
 hand."""
-BAD_FIT_SIGMA = 6.0
-"""... if it is so significant. False-alarm rate: 1e-9 for a normal deviate."""
 CHI_SQUARE_SLACK_SIGMA = 3.0
 """Excess chi-square that counts as none. False-alarm rate: 1e-3 for a normal deviate."""
 COARSE_BLUR_WIDTHS = 2.0
@@ -69,9 +74,6 @@ LARGEST_GROUP = 20
 LEAST_GAIN = 1.0
 """Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
 uncertainty of one parameter."""
-POOR_RATIO, UNDESCRIBED_RATIO = 2.0, 3.0
-"""Mean squared residual over its usual value above which fewer disks may be as good, and above which disks
-do not describe a group. By hand."""
 LIT_FRACTION = 0.02
 """Height from which pixels belong to a group, of the contrast. By hand."""
 LEAST_CONVEX = 0.92
@@ -166,11 +168,11 @@ class GroupWindow:
             squares[(problem.saturated == 1) & (residual < 0.0)] = 0.0
         return np.asarray(squares, np.float32)
 
-    def highest_residual(self, disks: NDArray) -> NDArray[np.float64] | None:
-        """x, y and height of the highest peak of the blurred residual."""
-        image = self.problem.image
-        peaks = find_peaks_near(image, self.model(disks), disks, width=self.blur, lowest=0.0)
-        return peaks[np.argmax(peaks[:, 2])] if len(peaks) else None
+    def highest_residual(self, disks: NDArray) -> tuple[int, int]:
+        """Column and row of the highest residual behind the blur."""
+        smooth = filter_residual(self.problem.image, self.model(disks), self.blur)
+        row, column = np.unravel_index(np.argmax(smooth), smooth.shape)
+        return int(column), int(row)
 
     def small_disk(self, x: float, y: float) -> NDArray[np.float64]:
         """A disk as small as the blur, with the expected contrast."""
@@ -224,7 +226,9 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
     replaced, new, one = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))], [np.empty(0, np.bool_)]
     median = float(np.median(fit.chi_square)) if len(fit.disks) else 1.0
     usual = float(np.clip(median, 1.0, USUAL_CHI_SQUARE))
-    limit = np.maximum(SUSPICIOUS_CHI_SQUARE, 1.0 + BAD_FIT_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
+    limit = np.maximum(
+        SUSPICIOUS_CHI_SQUARE, 1.0 + FALSE_ALARM_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1))
+    )
     bad = fit.chi_square > limit * usual
     # the smallest groups first: most of them are resolved if the work does not suffice for all
     coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
@@ -265,7 +269,7 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     """
     lit = window.model(disks) > LIT_FRACTION * window.problem.contrast
     misfit = float(window.misfit(disks)[lit].mean()) / usual if lit.any() else 0.0
-    if misfit < POOR_RATIO:
+    if misfit < USUAL_CHI_SQUARE:
         return None
     coarse, region = _coarser_cover(window, disks)
     if not len(coarse):
@@ -275,7 +279,7 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     beside &= disks[:, RADIUS] < coarse[:, RADIUS].max()
     fewer = np.vstack([coarse, disks[beside]])
     moved = len(fewer) == len(disks) == 1 and np.abs(fewer - disks)[0, :3].max() > window.blur
-    if misfit < UNDESCRIBED_RATIO or len(coarse) > 1 or not (len(fewer) < len(disks) or moved):
+    if misfit < WELL_FITTED_CHI_SQUARE or len(coarse) > 1 or not (len(fewer) < len(disks) or moved):
         if len(fewer) > len(disks) - 2:
             return None
         _, chi_square = window.fit(fewer, _bounds(window, fewer))
@@ -442,10 +446,8 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
 
 def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
     """Covers with one disk or two more than before."""
-    peak = window.highest_residual(disks)
-    if peak is not None:
-        more = np.vstack([disks, window.small_disk(peak[0], peak[1])])
-        yield window.fit(more, np.full(len(more), np.inf))
+    more = np.vstack([disks, window.small_disk(*window.highest_residual(disks))])
+    yield window.fit(more, np.full(len(more), np.inf))
     residual = window.problem.image - window.model(disks)
     parts = [window.pixels_of(disk) for disk in disks]
     mean_squares = [np.sum(residual[part] ** 2) / max(np.count_nonzero(part), 1) for part in parts]

@@ -36,13 +36,12 @@ from contactimg.imaging.kernels.pairs import (
 )
 from contactimg.imaging.kernels.solve import marginal_variances, solve_coupled
 from contactimg.imaging.pixels.masks import for_kernel
-from contactimg.imaging.pixels.robust import MAD_TO_STD, quantile
+from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA, quantile
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE, EdgeTable, disk_table
 from contactimg.imaging.profile.limits import (
     EDGE_BLUR_WIDTHS,
     FAINT_FRACTION,
     FEW,
-    SIGNIFICANT_SIGMA,
     SUSPICIOUS_CHI_SQUARE,
     USUAL_CHI_SQUARE,
 )

@@ -22,6 +22,7 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.radial_sums import add_profiles, radial_nodes, sum_residuals
 from contactimg.imaging.pixels.masks import for_kernel
+from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE
 from contactimg.imaging.profile.edge_shape import (
     FAMILIES,
@@ -41,7 +42,6 @@ from contactimg.imaging.profile.limits import (
     FAINT_FRACTION,
     FEW,
     LONGEST_BLUR_STEP,
-    SIGNIFICANT_SIGMA,
 )
 
 Values = NDArray[np.float64]

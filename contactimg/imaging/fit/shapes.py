@@ -20,13 +20,13 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitP
 from contactimg.imaging.kernels.ellipse_equations import sample_ellipse
 from contactimg.imaging.kernels.normal_equations import LARGEST_TERM
 from contactimg.imaging.kernels.pairs import count_touching
+from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.limits import (
     FIT_BLUR_WIDTHS,
     ITERATIONS,
     LEAST_FRACTION,
     POOR_CHI_SQUARE,
     REACH_BLUR_WIDTHS,
-    SIGNIFICANT_SIGMA,
 )
 
 E1, E2, LIGHT = 3, 4, 5

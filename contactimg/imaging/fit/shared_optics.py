@@ -37,7 +37,7 @@ from contactimg.imaging.fit.unseen_contrast import (
     PLATEAU_STD_FRACTION,
     profile_contrast,
 )
-from contactimg.imaging.pixels.robust import MAD_TO_STD
+from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import (
     FEW,
@@ -49,7 +49,6 @@ from contactimg.imaging.profile.limits import (
     POOR_CHI_SQUARE,
     ROUNDS,
     SETTLED_SIGMA,
-    SIGNIFICANT_SIGMA,
     USUAL_CHI_SQUARE,
 )
 from contactimg.imaging.profile.optics import SharedOptics

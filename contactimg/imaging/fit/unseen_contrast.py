@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
-from contactimg.imaging.pixels.robust import median
-from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, ROUNDS, SIGNIFICANT_SIGMA
+from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA, median
+from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, ROUNDS
 
 Values = NDArray[np.float64]
 

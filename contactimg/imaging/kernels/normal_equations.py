@@ -47,8 +47,9 @@ from contactimg.imaging.kernels.rim_pixels import (
     row_of_block,
 )
 from contactimg.imaging.kernels.solve import invert_4x4
+from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import END_BLUR_WIDTHS, INNER_BLUR_WIDTHS, EdgeTable
-from contactimg.imaging.profile.limits import FIT_BLUR_WIDTHS, REACH_BLUR_WIDTHS, SIGNIFICANT_SIGMA
+from contactimg.imaging.profile.limits import FIT_BLUR_WIDTHS, REACH_BLUR_WIDTHS
 
 EDGE_STEPS_PER_BLUR_WIDTH = 64  # theory: linear interpolation errs by (1/64)^2/8 x 0.24 = 7e-6
 EDGE_HALF = REACH_BLUR_WIDTHS * EDGE_STEPS_PER_BLUR_WIDTH

@@ -19,7 +19,7 @@ SIGNIFICANT_SIGMA = 5.0
 
 TAIL_SHARE, TAIL_TO_STD = 0.01, 2.576
 """Share of the values below the centre that make the tail, and its place in standard deviations (theory)."""
-FEWEST = 300
+FEWEST_VALUES = 300
 """Values that give a variance, to 8 % (theory: sqrt(2/n)), or a tail, in which three of them lie."""
 MANY = 160_000
 """Values that are looked at where each tells little: a covariance, or blocks of 64 of them. Accuracy."""
@@ -98,7 +98,7 @@ def reach_std(values: NDArray, centre: float) -> float:
     (0.388, 0.375)
     """
     below = centre - values[values < centre]
-    if below.size < FEWEST:
+    if below.size < FEWEST_VALUES:
         return noise_std(values)
     scatter = MAD_TO_STD * median(below)
     return min(scatter, quantile(below, 1.0 - TAIL_SHARE) / TAIL_TO_STD)

@@ -12,8 +12,6 @@ FIT_BLUR_WIDTHS = 3.6
 REACH_BLUR_WIDTHS = 5.0
 """Margin beyond a rim that nothing of it crosses. Theory: 3e-7 of it is left."""
 
-SIGNIFICANT_SIGMA = 5.0
-"""Standard deviations from which a departure is not chance. False-alarm rate: 6e-7 for a normal deviate."""
 SETTLED_SIGMA = 0.2
 """Change, in its uncertainty, that needs no other fit. Accuracy: a coverage of 68 % is lowered by 1 %."""
 SUSPICIOUS_CHI_SQUARE = 1.3
