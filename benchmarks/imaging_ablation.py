@@ -54,6 +54,7 @@ def mechanisms():
         "faint regions": [
             ("detect.candidates", "_faint_regions", lambda *a: ([], np.zeros(len(a[4]), np.bool_)))
         ],
+        "outlines at a lower level": [("detect.candidates", "_whole_at_lower_level", lambda *_a: None)],
         "contrasts that no contact shows": [("fit.shared_optics", "_is_unseen", lambda *_a: False)],
         "halo": [("fit.method", "remove_halo", nothing["remove_halo"])],
         "learned edge": [("fit.method", "learn_edge", plain_edge)],

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_runs
-from contactimg.imaging.detect.inscribed_disks import disks_in_region, is_round
+from contactimg.imaging.detect.inscribed_disks import (
+    LARGEST_WHOLE_HOLES,
+    as_one_contact,
+    component_at,
+    disks_in_region,
+    fill,
+    find_holes,
+    is_round,
+)
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.masks import Mask, visible_fraction
 from contactimg.imaging.pixels.robust import quantile, reach_std
@@ -25,6 +33,9 @@ CLEAR_RATIO, BRIGHT_RATIO = 1.5, 3.0
 """Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and
 above which coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by hand,
 twice the former."""
+LOWER_RATIO = 0.6
+"""Level, over half of the common contrast, at which a region is outlined again before it is split. By
+hand."""
 LIGHT_SIGMA = 8.0
 """Light of a faint region in standard deviations of the noise. As for counted components: noise stays below
 6."""
@@ -204,7 +215,8 @@ def find_candidates(
     add(_disks_of(regions[one]), plateau[one])
     for k in np.flatnonzero(~one & ~bright & (regions["area"] > LEAST_AREA_PX2)):
         disks, whole = disks_in_region(regions[k], smooth, level)
-        add(disks, plateau[k], whole=whole)
+        lower = _whole_at_lower_level(regions[k], smooth, level) if len(disks) > 1 else None
+        add(disks if lower is None else lower, plateau[k], whole=whole or lower is not None)
     for k in np.flatnonzero(bright):
         for height, disks, whole in _at_own_half(regions[k], smooth, level, float(plateau[k])):
             add(disks, height, whole=whole)
@@ -227,6 +239,22 @@ def find_candidates(
 def _small_at(height: float, blur: float) -> float:
     """Radius of the disk that a blur reduces to a fraction of its height."""
     return float(blur * np.sqrt(-2.0 * np.log1p(-min(height, 0.99))))
+
+
+def _whole_at_lower_level(
+    region: np.void, image: NDArray[np.float32], level: float
+) -> NDArray[np.float64] | None:
+    """The disk of a region that is one ellipse at a lower level, which mottling does not cut up, or None."""
+    margin = 4
+    top, left = max(int(region["top"]) - margin, 0), max(int(region["left"]) - margin, 0)
+    window = image[top : int(region["bottom"]) + margin + 1, left : int(region["right"]) + margin + 1]
+    own = component_at(
+        window > LOWER_RATIO * level, int(region["peak_x"]) - left, int(region["peak_y"]) - top
+    )
+    if any(side.any() for side in (own[0], own[-1], own[:, 0], own[:, -1])):
+        return None
+    disk = as_one_contact(fill(own, find_holes(own), LARGEST_WHOLE_HOLES * own.sum()), own)
+    return None if disk is None else disk + np.array([left, top, 0.0])
 
 
 def _coarse(image: NDArray[np.float32], valid: Mask, side: int) -> NDArray[np.float32]:

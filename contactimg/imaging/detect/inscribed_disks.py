@@ -69,8 +69,7 @@ def disks_in_region(
     """
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
     above = image[top : bottom + 1, left : right + 1] > level
-    labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)[1]
-    own = (labels == labels[int(region["peak_y"]) - top, int(region["peak_x"]) - left]).astype(np.uint8)
+    own = component_at(above, int(region["peak_x"]) - left, int(region["peak_y"]) - top)
     cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
     corner, holes = np.array([left, top, 0.0]), find_holes(own)
     disk = None if any(cut) else as_one_contact(fill(own, holes, LARGEST_WHOLE_HOLES * own.sum()), own)
@@ -84,6 +83,12 @@ def disks_in_region(
     if not len(disks):
         disks = np.array([[region["x"], region["y"], np.sqrt(region["area"] / np.pi)]]) - corner
     return disks + corner, False
+
+
+def component_at(above: NDArray[np.bool_], x: int, y: int) -> NDArray[np.uint8]:
+    """The pixels of a mask that are connected with one of them by sides and corners."""
+    labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)[1]
+    return np.asarray(labels == labels[y, x]).astype(np.uint8)
 
 
 def as_one_contact(

@@ -44,11 +44,11 @@ from contactimg.imaging.fit.shapes import (
 )
 from contactimg.imaging.kernels.pairs import count_touching, find_pairs
 from contactimg.imaging.profile.limits import (
+    FIT_BLUR_WIDTHS,
     ITERATIONS,
     LEAST_NOISE_FRACTION,
     NEAR_BLUR_WIDTHS,
     POOR_CHI_SQUARE,
-    REACH_BLUR_WIDTHS,
     ROUNDS,
     SUSPICIOUS_CHI_SQUARE,
     USUAL_CHI_SQUARE,
@@ -112,7 +112,7 @@ class GroupWindow:
     ) -> "GroupWindow | None":
         """The window about some disks of a fit, and so far around; None if nothing lies in the image."""
         disks = fit.disks[members]
-        reach = disks[:, RADIUS] + REACH_BLUR_WIDTHS * fit.blur + margin
+        reach = disks[:, RADIUS] + FIT_BLUR_WIDTHS * fit.blur + margin
         low = np.maximum(np.floor((disks[:, :2].T - reach).min(axis=1)), 0).astype(int)
         high = np.maximum(np.ceil((disks[:, :2].T + reach).max(axis=1)).astype(int) + 1, 0)
         box = (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0])))
