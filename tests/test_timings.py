@@ -146,7 +146,7 @@ def test_process_prints_its_stages(small_series, tmp_path, capsys):
     named = {"reading", "registration", "light", "detection", "fit", "pose", "forces", "pictures", "writing"}
     assert named <= set(stages)
     assert stages["quality"][0] >= 3  # some frames are measured again with what others show
-    assert stages["forces"][0] == 2  # a block of frames for the tables, and again for the pictures
+    assert stages["forces"][0] == 1  # a block of frames; the pictures take them from the tables
     # printed with three decimals: half a millisecond a line
     seconds = sum(seconds for _, seconds in stages.values())
     assert seconds == pytest.approx(total, abs=5e-4 * (len(stages) + 1))

@@ -357,7 +357,8 @@ def visible_areas(contacts: pd.DataFrame, shape: tuple[int, ...]) -> NDArray[np.
     Examples
     --------
     >>> half = {"shape": "disk", "x_px": -0.5, "y_px": 9.0, "area_px2": 100.0, "radius_px": 5.64}
-    >>> table = pd.DataFrame([half | {"label": 1, "semi_major_px": 5.64, "semi_minor_px": 5.64}])
+    >>> round_one = {"label": 1, "semi_major_px": 5.64, "semi_minor_px": 5.64, "angle_rad": 0.0}
+    >>> table = pd.DataFrame([half | round_one])
     >>> visible_areas(table, (20, 30)).round()
     array([50.])
     """
