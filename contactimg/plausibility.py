@@ -243,7 +243,7 @@ def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> 
 
 
 def _other_lens(scene: Scene, shown: Apex | None) -> str:
-    """What the contacts show of the lens, where that is not the stated one; empty where it is."""
+    """A sentence on the lens that the contacts show, where it is not the stated one; else empty."""
     if scene.indenter is None or shown is None or shown.radius is None:
         return ""
     off = abs(shown.radius / scene.indenter.radius - 1)

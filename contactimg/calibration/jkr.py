@@ -220,7 +220,7 @@ def _robust_covariance(terms: Values, fit: LinearFit) -> Values:
 
 @dataclass(frozen=True)
 class EdgeShift:
-    """How far the edge of the contact seems to lie outside the true one.
+    """The distance by which the edge of the contact seems to lie outside the true one.
 
     An edge that is soft to one side looks like that of a larger contact: one image does not tell, a series
     does. With the shift ``d`` the load is ``P(a) - P'(a) d``, and ``P'`` goes with the radius as no other

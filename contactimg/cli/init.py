@@ -100,7 +100,7 @@ def _ask_loads(folder: Path) -> None:
 
 
 def _remarks(folder: str, found: "files.FolderFiles") -> Iterator[str]:
-    """What the files of a folder were taken for."""
+    """Remarks on what the files of a folder were taken for."""
     frames, reference, masks = found.frames, found.images["reference"], found.images["mask"]
     named = frames[0].name if len(frames) == 1 else f"{frames[0].name} ... {frames[-1].name}"
     loads = f"{found.loads} ({found.columns})" if found.columns else found.loads

@@ -33,7 +33,7 @@ MOST_STEPS, MOST_ITERATIONS = 5000, 200
 
 @dataclass(frozen=True, eq=False)
 class HeightDensity:
-    """How many caps touch from which depth on, and the law that they follow.
+    """The number of caps that touch from each depth on, and the law that they follow.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class HeightDensity:
 
     @property
     def excess(self) -> Values:
-        """How far the nearest possible law lies above the wanted one, relative."""
+        """The relative distance by which the nearest possible law lies above the wanted one."""
         return self.area / self.wanted - 1
 
     def heights(self, count: int) -> Values:

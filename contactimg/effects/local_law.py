@@ -32,7 +32,7 @@ EFFECT_WORDS = {"sphere_profile": "the exact profile of the sphere", "adhesion":
 
 
 def law_name(scene: Scene) -> str:
-    """What tables call the law of the local forces of a scene whose switches are set.
+    """The name in tables of the law of the local forces of a scene whose switches are set.
 
     Examples
     --------
@@ -73,14 +73,14 @@ class LawPlan:
         return "; ".join([f"local forces by the law {law} ({words})", left, *self.messages])
 
     def _loss(self, effect: str) -> str:
-        """What is left out with an effect."""
+        """A sentence on what is left out with an effect."""
         why = ", as the scene says" if effect in self.switched_off else ""
         return f"left out{why}: {EFFECT_WORDS[effect]} ({100 * self.left_out[effect]:.2g} % of the forces)"
 
 
 @dataclass(frozen=True)
 class LawEvidence:
-    """What the contacts of some frames say of the law of their forces.
+    """The law of the forces that the contacts of some frames ask for.
 
     Parameters
     ----------

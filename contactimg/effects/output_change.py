@@ -46,7 +46,7 @@ def requested_outputs(output: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a solution says of the same asperities, in any consistent unit.
+    """The outputs of a solution for the same asperities, in any consistent unit.
 
     Parameters
     ----------

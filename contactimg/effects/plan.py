@@ -112,7 +112,7 @@ class Plan:
         )
 
     def sentence(self) -> str:
-        """What is left out and by how much that changes each output."""
+        """A sentence that names what is left out and by how much that changes each output."""
         text = "nothing else that acts is left out" if self.limits else "nothing that acts is left out"
         if self.left_out:
             changes = change_sentence(self.expected_errors)

@@ -65,7 +65,7 @@ class MaskedArea:
 
 @dataclass(frozen=True)
 class PixelCorrections:
-    """What is done to the pixels of a frame; callable on a `Frame`.
+    """The corrections of the pixels of a frame; callable on a `Frame`.
 
     Parameters
     ----------
@@ -345,7 +345,7 @@ def masked_areas(edits: pd.DataFrame) -> tuple[MaskedArea, ...]:
 
 
 def _complaint(row: dict) -> str:
-    """What a row lacks; empty if nothing."""
+    """A sentence on what a row lacks; empty if nothing."""
     action = row["action"]
     if action not in _ACTIONS:
         return f"has an unknown action; the actions are {', '.join(_ACTIONS)}"

@@ -520,7 +520,7 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
 
 
 def kind_of(path: Path) -> str:
-    """What a file is called like: "reference", "dark", "flat", "mask", or "" for a frame.
+    """The kind that the name of a file suggests: "reference", "dark", "flat", "mask", or "" for a frame.
 
     Examples
     --------

@@ -563,7 +563,7 @@ class PartStore:
         self._digests = {entry["path"]: entry.get("sha256") for entry in record.get("inputs", [])}
 
     def common(self, settings: object, others: Sequence[Path] = ()) -> str:
-        """What the names of several parts have in common: settings, and the content of files."""
+        """The part that names of several results share: settings, and the content of files."""
         return fingerprint([self._basis, settings, [self._digest(path) for path in others]])
 
     def name(self, common: str, path: Path | None, job: object) -> str | None:

@@ -286,7 +286,7 @@ def measure_image(
 def count_again(
     foreground: Foreground, fraction: float, *, fraction_std: float = 0.0, edits: Sequence[HandEdit] = ()
 ) -> ImageMeasurement:
-    """What `measure_image` gives with the method "threshold" at this fraction of the contrast."""
+    """The measurement of `measure_image` with the method "threshold" at this fraction of the contrast."""
     nothing = np.empty(0)
     contacts: Columns = dict.fromkeys((*NUMBERS, "flags"), nothing)
     rejected: Columns = dict.fromkeys(("x_px", "y_px", "radius_px", "reason"), nothing)

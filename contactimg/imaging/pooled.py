@@ -103,7 +103,7 @@ class Contacts:
     film: FilmRim | None = None
 
     def left_out(self) -> "Contacts":
-        """The same with the disks left out instead of divided out."""
+        """The view with the disks left out instead of divided out."""
         return replace(self, disks=self.disks[:0], hidden=np.concatenate([self.hidden, self.disks[:, :3]]))
 
     def divided_out(self, image: NDArray) -> NDArray[np.float32]:
@@ -236,7 +236,7 @@ class Placement:
 
     @stage("light")
     def view(self, image: NDArray, hidden: NDArray[np.float64]) -> View:
-        """What the image shows outside hidden disks (x, y, radius, px), as the anchor would."""
+        """The image outside hidden disks (x, y, radius, px), as the anchor would show it."""
         shape = (image.shape[0], image.shape[1])
         finite = np.isfinite(image)
         seen, bits = finite.astype(np.uint8), 4
@@ -251,7 +251,7 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class PlacedFrame:
-    """How a frame is turned into its view of the background.
+    """The steps that turn a frame into its view of the background.
 
     Parameters
     ----------
@@ -535,7 +535,7 @@ def correct_radii(
 def excess_variance(
     contacts: Contacts, views_at_rim: NDArray[np.float64], others: Sequence[Contacts]
 ) -> NDArray[np.float64]:
-    """What the uncertainty of the background adds to the variance of each radius, relative to it.
+    """The share that the uncertainty of the background adds to the variance of each radius.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ of the error up to which a solution counts as converged."""
 
 
 class ContactLaw(Protocol):
-    """What the equations need to know of each contact."""
+    """The quantities of each contact that the equations need."""
 
     def response(self, variable: Values) -> tuple[Values, Values]:
         """Penetrations and forces."""

@@ -117,7 +117,7 @@ class NearFieldSum:
 
     @cached_property
     def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.floating]]:
-        """Where the pairs of each point begin, the other points, and ``erfc(b r)/(pi r)``."""
+        """The first pair of each point, the other points, and ``erfc(b r)/(pi r)``."""
         points = self._x, self._y, self._bounds, self._cells, self._cutoff**2, self._sharpness
         counts = np.zeros(self._x.size + 1, dtype=np.int64)
         _list_pairs(*points, counts, np.empty(0, dtype=np.int32), np.empty(0, dtype=self._stored))

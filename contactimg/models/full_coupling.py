@@ -47,7 +47,7 @@ SPHERE_WIDENING = 8 / 105
 
 @dataclass(frozen=True, eq=False)
 class CapCorrection:
-    """What the neighbours' fields change about the caps.
+    """The changes of the caps by the fields of their neighbours.
 
     Parameters
     ----------

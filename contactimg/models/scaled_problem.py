@@ -56,7 +56,7 @@ class ScaledProblem:
 
     @property
     def caps(self) -> Caps:
-        """What the law of an asperity needs to know of each."""
+        """The quantities of each asperity that its law needs."""
         return Caps(self.radius)
 
     @property

@@ -344,7 +344,7 @@ def _place_views(
     registered = bool(options.scene.effects.switched_off("position_drift"))
 
     def place(contacts: dict[int, Contacts], anchor: NDArray) -> dict[int, PlacedView]:
-        """Without frames that do not show the surface of the anchor, and copies of a frame."""
+        """The series without frames that do not show the surface of the anchor, and copies of a frame."""
         call = partial(place_frame, anchor=anchor, sign=sign, registered=registered)
         found = _each(experiment, call, contacts, workers)
         shown = {k: one for k, one in found.items() if one is not None and not isinstance(one, FailedFrame)}
@@ -396,6 +396,6 @@ def _add_up(
 def _each(
     experiment: Experiment, call: Callable[..., Any], arguments: dict[int, Any], workers: int | None
 ) -> dict[int, Any]:
-    """What the call gives for frames of these numbers, each with its argument."""
+    """The results of a call for frames of these numbers, each with its argument."""
     jobs = [(experiment.frames[k], argument) for k, argument in arguments.items()]
     return dict(zip(arguments, for_each_frame(experiment, call, jobs, workers=workers), strict=True))

@@ -51,7 +51,7 @@ FOUND = 0.9
 
 @dataclass(frozen=True, eq=False)
 class MeasurementCheck:
-    """What became of the contacts that were drawn into the frames of an experiment.
+    """The fate of the contacts that were drawn into the frames of an experiment.
 
     Parameters
     ----------

@@ -135,7 +135,7 @@ def frame_sources(run: Run) -> dict[str, FrameSource]:
 
 
 def _about(run: Run) -> dict[str, str]:
-    """What the first sheet of the workbook says."""
+    """The lines of the first sheet of the workbook."""
     counts = run.frames["n_contacts"].sum(skipna=True)
     versions = run.provenance.get("versions", {})
     return {

@@ -218,7 +218,7 @@ class MeasuredFrame:
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """How the frames of a scene are measured.
+    """The settings with which the frames of a scene are measured.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ class FrameOptions:
 
     @classmethod
     def of(cls, scene: Scene, sites: pd.DataFrame | None) -> "FrameOptions":
-        """Those of a scene with these composite summits."""
+        """The settings of a scene with these composite summits."""
         return cls(scene, film_setting(scene, sites))
 
 

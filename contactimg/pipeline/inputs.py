@@ -79,7 +79,7 @@ def asperities_and_sites(experiment: Experiment) -> tuple[pd.DataFrame | None, p
 
 
 def contact_sites(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
-    """Where each asperity first touches, and with which radius: the composite summits under the indenter."""
+    """The places and radii of first touch: the composite summits of the asperities under the indenter."""
     if scene.indenter is None:
         return asperities
     return composite_apexes(asperities, indenter_radius=scene.indenter.radius, apex=scene.indenter.apex)

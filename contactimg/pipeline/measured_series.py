@@ -227,7 +227,7 @@ def _noted(frames: pd.DataFrame, notes: Mapping[str, str], status: Status | None
 
 
 def _known(contacts: pd.DataFrame, column: str) -> Iterator[tuple[str, int, int]]:
-    """Of each frame, how many of its contacts have a value in a column, and their number."""
+    """The number of contacts of each frame that have a value in a column, and that of all."""
     table = contacts[column].notna().groupby(contacts["frame"]).agg(["sum", "size"])
     return ((str(name), int(found), int(count)) for name, found, count in table.itertuples())
 
@@ -289,7 +289,7 @@ def local_law(run: Run, sites: pd.DataFrame | None) -> LawPlan | None:
 
 
 def _law_evidence(run: Run, sites: pd.DataFrame | None) -> LawEvidence:
-    """What the contacts of a run say of the law of the local forces."""
+    """The law of the local forces that the contacts of a run ask for."""
     return LawEvidence.of(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
 
 

@@ -344,7 +344,7 @@ class Session:
 
 
 def _meaning(row: dict[Any, Any]) -> tuple[Any, ...]:
-    """What an edit does; who made it, when and why does not matter."""
+    """The part of an edit that acts; who made it, when and why does not matter."""
     return tuple(row[name] for name in ("frame", "action", "x_px", "y_px", "radius_px", "points"))
 
 

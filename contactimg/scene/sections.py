@@ -37,7 +37,7 @@ MIN_ELECTRONS_PER_LEVEL = 1e-3
 
 
 class Camera(Section):
-    """How the camera sees the sample."""
+    """The camera and its view of the sample."""
 
     pixel_size: Positive = Field(alias="pixel_size_m", description="Length on the sample of one pixel, m.")
     centre: Point | None = Field(
@@ -174,7 +174,7 @@ class Images(Section):
 
 
 class Measure(Section):
-    """How contacts are measured."""
+    """The method by which contacts are measured."""
 
     method: Literal["threshold", "disk"] = Field(
         "disk", description='"threshold": the pixel count of the paper; "disk": fit of blurred disks.'

@@ -86,7 +86,7 @@ def _expected(place: Values, sites: Values) -> Values:
 
 @dataclass(frozen=True, eq=False)
 class ShearLaws:
-    """What contacts at one normal load do under a tangential load.
+    """The behaviour of contacts at one normal load under a tangential load.
 
     Parameters
     ----------

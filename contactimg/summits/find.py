@@ -176,7 +176,7 @@ def correlation_factor(residuals: Values) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class SummitSearch:
-    """What counts as a summit, and how its radius is measured.
+    """The rules by which a summit counts and its radius is measured.
 
     Parameters
     ----------
@@ -409,7 +409,7 @@ def _row(fit: _Fit, base: Base, factor: float) -> dict[str, object]:
 
 
 def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
-    """What height and curvature change by between the upper half and the whole, beyond their errors."""
+    """The change of height and curvature between the upper half and the whole, beyond their errors."""
     if fit.half is None:
         return np.zeros(2), "few pixels: whether it is a sphere was not tested"
     whole, half = fit.whole, fit.half

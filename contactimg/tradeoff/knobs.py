@@ -263,7 +263,7 @@ def model_settings(case: Case) -> Iterator[Setting]:
 
 
 def lacks(case: Case, kind: str) -> str:
-    """What a scene lacks for "mechanics", "rendering" or "frames"; empty for nothing."""
+    """A sentence on what a scene lacks for "mechanics", "rendering" or "frames"; empty for nothing."""
     scene = case.scene
     if kind == "frames":
         missing = lacks(case, "rendering") if case.measured is None else ""

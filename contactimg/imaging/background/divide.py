@@ -167,7 +167,7 @@ def _interpolate_row(out, y, half, low):
 
 @njit(cache=True, fastmath=True, forceinline=True)
 def _mix(out, near, far):
-    """What lies a quarter of the way from one row to the next."""
+    """The values a quarter of the way from one row to the next."""
     for x in range(len(out)):
         out[x] = np.float32(0.75) * near[x] + np.float32(0.25) * far[x]
 

@@ -192,7 +192,7 @@ def _nearest(regions: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _at_places(levels: NDArray, regions: NDArray[np.int32]) -> NDArray[np.float32]:
-    """At each place the level of its region."""
+    """The level of the region of each place."""
     return np.asarray(np.take_along_axis(levels, regions[None].astype(np.int64) - 1, axis=0)[0], np.float32)
 
 

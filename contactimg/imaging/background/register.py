@@ -179,7 +179,7 @@ def _correlated(cross: NDArray, own: NDArray, count: float) -> bool:
 
 
 def _smallest_eigenvalue(matrix: NDArray) -> float:
-    """Of a symmetric matrix of two by two."""
+    """The smaller eigenvalue of a symmetric matrix of two by two."""
     (xx, xy), (_, yy) = matrix.tolist()
     return float(0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy))
 

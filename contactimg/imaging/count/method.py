@@ -151,7 +151,7 @@ def measure_by_count(
 
 
 def _remark_on_threshold(contacts: Columns, crossing: Crossing) -> str:
-    """What to say of the distance between threshold and rims, if it is most of the uncertainties."""
+    """A remark on the distance between threshold and rims, if it is most of the uncertainties."""
     shift, std = contacts["edge_shift_px"], contacts["radius_std_px"]
     if crossing.fraction_std > 0 or not len(shift) or np.median(shift**2 / std**2) < 0.5:
         return ""

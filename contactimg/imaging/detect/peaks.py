@@ -28,7 +28,7 @@ def least_peak(smooth: NDArray[np.float32], background: NDArray[np.bool_]) -> fl
 def filter_residual(
     image: NDArray[np.float32], model: NDArray[np.float32], width: float
 ) -> NDArray[np.float32]:
-    """What a model leaves of an image, after a Gaussian filter of a width (px): that of the blur."""
+    """The residual of a model, after a Gaussian filter of a width (px): that of the blur."""
     taps = 2 * int(np.ceil(2.5 * width)) + 1
     residual = image - model
     blurred = cv2.GaussianBlur(residual, (taps, taps), width, dst=residual, borderType=cv2.BORDER_REPLICATE)

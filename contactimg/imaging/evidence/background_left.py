@@ -27,7 +27,7 @@ FEWEST_PATCHES = 6
 
 @dataclass(frozen=True)
 class BackgroundLeft:
-    """What is left of the background after all corrections, where no contact was found.
+    """The background that is left after all corrections, where no contact was found.
 
     Parameters
     ----------

@@ -263,7 +263,7 @@ FALSE_REASONS = ["not seen: hardly brighter inside than around it", "piece of a 
 
 
 def _edges(fit: FrameFit) -> Iterator[tuple[str, str]]:
-    """What the edges say."""
+    """The statuses and remarks that the edges give."""
     if fit.film is not None:
         verdict = fit.film.verdict
         yield Status.FILM if verdict.contradicted else "", verdict.remark()
@@ -303,7 +303,7 @@ def _common_disagreement(e: Columns) -> str:
 
 
 def _remarks(seen: FrameEvidence) -> Iterator[str]:
-    """What is worth knowing without being a defect."""
+    """The remarks that are worth knowing without being a defect."""
     foreground = seen.foreground
     unit = foreground.frame_pair.unit
     yield seen.remark

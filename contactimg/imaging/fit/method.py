@@ -145,7 +145,7 @@ def measure_by_fit(
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """What is given for all fits of a frame."""
+    """The quantities that all fits of a frame share."""
 
     foreground: Foreground
     problem: FitProblem

@@ -65,7 +65,7 @@ def pool_optics(frames: Iterable[SharedOptics]) -> SharedOptics | None:
 
 
 def pool_edges(frames: Sequence[EdgeKnowledge]) -> EdgeKnowledge | None:
-    """What the frames with the same edge as the one with most contacts say of it together.
+    """The edge from all frames that share it with the one that has most contacts.
 
     Parameters
     ----------

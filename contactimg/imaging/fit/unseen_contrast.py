@@ -35,7 +35,7 @@ CONTROL = FitControl(free_blur=True, iterations=15, tolerance=0.003)
 
 @dataclass(frozen=True, eq=False)
 class ContrastProfile:
-    """What contacts that do not show their contrast say of it.
+    """The likelihood of the contrast from contacts that do not show it.
 
     Parameters
     ----------

@@ -187,7 +187,7 @@ def _unit(image: NDArray, frame: NDArray, reference: NDArray | None) -> float:
 
 
 def _defect(frame: NDArray, reference: NDArray | None, valid: Mask, scale: float) -> str:
-    """What is wrong with a frame as a whole; empty if nothing."""
+    """A sentence on what is wrong with a frame as a whole; empty if nothing."""
     if valid is not None and not valid.any():
         return Status.ALL_HOLES
     if _constant(frame):

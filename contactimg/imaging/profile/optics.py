@@ -24,7 +24,7 @@ class Halo:
 
 @dataclass(frozen=True, eq=False)
 class EdgeKnowledge:
-    """What frames say of the edge that all contacts share, in the neighbourhood of their best edge.
+    """The likelihood of the edge that all contacts share, in the neighbourhood of the best edge.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class EdgeKnowledge:
 
 @dataclass(frozen=True)
 class KnownEdge:
-    """What a reference contact has told of the edge of contacts.
+    """The edge of contacts as a reference contact shows it.
 
     Parameters
     ----------

@@ -245,7 +245,7 @@ def _profile(outside: Values, p: Values, line: _Line) -> Values:
 
 
 def _sector_offsets(samples: EdgeSamples, p: Values, line: _Line) -> tuple[Values, Values, NDArray[np.intp]]:
-    """How far the edge lies outside the fitted one in each sector that shows it; direction and number.
+    """The distance of the edge outside the fitted one in each sector that shows it; direction and number.
 
     Samples far off, of dust, have less weight.
     """
@@ -281,7 +281,7 @@ def _with_uncertainty(found: Circle, offsets: Values, azimuths: Values) -> Circl
 
 @dataclass(frozen=True)
 class Opening:
-    """How fast a film opens, and the next best answer.
+    """The rate at which a film opens, and the next best answer.
 
     Parameters
     ----------

@@ -209,7 +209,7 @@ def smooth_shear_stress(place: Place, options: AnalysisOptions) -> Estimate:
 
 
 def _run_model(places: Sequence[Place]) -> str:
-    """What the tables call the contacts of the runs: "measured" or "predicted", if they go together."""
+    """The name in tables of the contacts of the runs: "measured" or "predicted", if they go together."""
     folders = {Path(place.name).resolve() for place in places}
     if len(folders) < len(places):
         raise InputError("a run is given more than once; its contacts would count as those of another place")

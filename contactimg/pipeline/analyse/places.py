@@ -165,7 +165,7 @@ def _pose(run: Run) -> Pose | None:
 
 
 def _centre(run: Run, pose: Pose | None, centre_px: Point | None) -> Point:
-    """Where the centre of the apparent contact is on the sample."""
+    """The centre of the apparent contact on the sample."""
     if centre_px is not None:
         if pose is None:
             raise InputError(f"{run.folder}: a centre in pixels needs a run with a pixel size")

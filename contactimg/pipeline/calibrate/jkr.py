@@ -364,7 +364,7 @@ def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
 
 
 def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, Any]:
-    """What ``calibration.json`` says of a JKR fit: results, quality, what was fixed and fitted."""
+    """The content of ``calibration.json`` of a JKR fit: results, quality, what was fixed and fitted."""
     centre, sphere, table = mean_centre(series.table), calibration.sphere, series.table
     edge = calibration.edge if calibration.edge is not None and calibration.edge.settled else None
     found = {
