@@ -236,10 +236,8 @@ def _known(contacts: pd.DataFrame, column: str) -> Iterator[tuple[str, int, int]
 def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit) -> Run:
     """The run with sample coordinates and asperities under a pose."""
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
-    located, frames = (
-        CONTACTS.conform(locate_frames(run.contacts, run.frames, pose.pose, targets)),
-        run.frames,
-    )
+    frames = run.frames
+    located = CONTACTS.conform(locate_frames(run.contacts, frames, pose.pose, targets))
     if targets is not None:
         few, lost = dict[str, str](), dict[str, str]()
         for name, found, count in _known(located, "asperity"):
