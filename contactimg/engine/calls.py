@@ -235,9 +235,16 @@ class _Processes:
         try:
             with os.fdopen(handle, "wb") as file:
                 cloudpickle.dump(function, file, protocol=pickle.HIGHEST_PROTOCOL)
-            yield lambda item: self._executor().submit(_call, name, *item)
+            yield partial(self._submit, name)
         finally:
             resource_tracker.maybe_unlink(name, "file")
+
+    def _submit(self, name: str, item: tuple[Any, ...]) -> Future[Any]:
+        """Hand a call to the processes, to new ones if one of them ends while it is handed over."""
+        try:
+            return self._executor().submit(_call, name, *item)
+        except BrokenProcessPool:
+            return self._executor().submit(_call, name, *item)
 
     def seen(self, last: float) -> float:
         """Nothing is to be looked for: a process of this machine that has gone ends its calls."""

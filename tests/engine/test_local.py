@@ -66,6 +66,21 @@ def test_calls_that_all_end_their_process_are_not_tried_for_ever(monkeypatch):
     assert len(given_up) == 1
 
 
+def test_a_process_that_ends_while_a_call_is_handed_over_costs_nothing(monkeypatch):
+    executor_of, broken = calls.get_reusable_executor, []
+
+    def broken_once(*args, **named):
+        executor = executor_of(*args, **named)
+        if not broken:
+            broken.append(executor.submit(os.kill, executor.submit(os.getpid).result(), signal.SIGKILL))
+            broken[0].exception()
+        return executor
+
+    monkeypatch.setattr(calls, "get_reusable_executor", broken_once)
+    assert squares(partial(deadly_square, set())) == [k**2 for k in range(COUNT)]
+    assert broken
+
+
 def is_running(process):
     try:
         os.kill(process, 0)
