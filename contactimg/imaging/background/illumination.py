@@ -72,7 +72,8 @@ class Illumination:
     ) -> NDArray[np.float32]:
         """The polynomial at every pixel of some rows (and columns) of an image of ``shape``."""
         along, across = self.row_polynomials(shape, rows)
-        return along @ _powers(across[columns]).T
+        # a matrix product would start threads, whose wait for more work costs far more than this
+        return np.einsum("yk,kx->yx", along, np.ascontiguousarray(_powers(across[columns]).T))
 
     def ratio_at_rows(
         self,
