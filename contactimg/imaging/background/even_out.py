@@ -30,6 +30,7 @@ FLICKER_PART = 0.1
 PIERCED = 1.3
 # Blocks in a region that lie beyond it as seen from the background: contacts on it. By hand: one may be dirt.
 FEWEST_BEYOND = 2
+FEWEST_ISLANDS = 3  # that a flat region surrounds: contacts on it. By hand: specks of dirt in a contact are fewer
 FEWEST_BLOCKS = 60  # of a region. By hand: a contact that fills so many has a radius of 35 px
 MOST_REGIONS = 8  # regions that are followed, the largest; a bound of the work
 # Share of the blocks above which flat ones that are no background, or a region at the border of a frame
@@ -136,14 +137,18 @@ def find_background_regions(
 
 
 def _has_contacts(blocks: NDArray[np.float32], inside: NDArray[np.bool_], scatter: float) -> bool:
-    """Whether a flat region has contacts on it: blocks beyond its level and beyond that of the background.
+    """Whether a flat region has contacts on it: many islands, or some beyond it and beyond the background.
 
-    A wide contact with specks of dirt has none: what is darker in it lies between both levels.
+    A wide contact with specks of dirt has none: they are few, and their level lies between both.
     """
     closed = cv2.morphologyEx(np.pad(inside, 2).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     whole = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)[2:-2, 2:-2] > 0
-    levels, level = blocks[whole & ~inside], float(np.median(blocks[inside]))
+    level, islands = float(np.median(blocks[inside])), whole & ~inside
+    levels = blocks[islands]
+    apart = islands & (np.abs(blocks - level) > BACKGROUND_CLIP_SIGMA * scatter)
+    if cv2.connectedComponents(apart.astype(np.uint8))[0] > FEWEST_ISLANDS:  # one is what is around
+        return True
     low, high = (
         min(0.0, level) - BACKGROUND_CLIP_SIGMA * scatter,
         max(0.0, level) + BACKGROUND_CLIP_SIGMA * scatter,
@@ -201,7 +206,8 @@ def _at_pixels(
 ) -> NDArray[np.float32]:
     """The level at each pixel: that of its region; between two the one nearer to the image around the pixel.
 
-    What is far from both, and what is next to that, is a contact, and has the level of what surrounds it.
+    What is far from both, and what is next to that, is a contact, and has the level of what surrounds it. So
+    is what has the level of another region and is not connected with it.
     """
     rows, columns = image.shape
     size = (regions.shape[1] * BLOCK, regions.shape[0] * BLOCK)
@@ -219,8 +225,13 @@ def _at_pixels(
     contact = ((smooth > highest + beyond) | (smooth < lowest - beyond)).astype(np.uint8)
     contact = cv2.dilate(contact, np.ones((7, 7), np.uint8))
     nearest = np.argmin(np.abs(smooth - fields), axis=0).astype(np.int32) + 1
-    places = np.where((places == 0) & (contact == 0), nearest, places)
-    return _at_places(fields, _nearest(places))
+    chosen = np.where((places == 0) & (contact == 0), nearest, places)
+    for k in range(1, len(fields) + 1):
+        count, parts = cv2.connectedComponents((chosen == k).astype(np.uint8), connectivity=4)
+        connected = np.zeros(count, np.bool_)
+        connected[parts[places == k]] = True
+        chosen[(chosen == k) & ~connected[parts]] = 0
+    return _at_places(fields, _nearest(chosen))
 
 
 def _subtract_left(
