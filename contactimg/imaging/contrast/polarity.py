@@ -1,5 +1,6 @@
 """Whether contacts are brighter or darker than the background."""
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,22 +8,29 @@ from contactimg.imaging.pixels.robust import CLIP_SIGMA, robust_std
 
 
 def find_polarity(blocks: NDArray[np.float32], background: NDArray[np.bool_] | None = None) -> str:
-    """``"bright"`` or ``"dark"``: the sign of the sum of the block means far from the background at 0.
+    """``"bright"`` or ``"dark"``: the sign of most of what stands out of the background at 0.
+
+    A connected region counts as the square root of its light: one shadow is not many contacts.
 
     Parameters
     ----------
-    blocks : ndarray
+    blocks : ndarray, shape (rows, columns)
         Block means of the difference image; NaN = no data.
     background : ndarray of bool or None
         Blocks that are background, from which the scatter is read; None: most are.
 
     Examples
     --------
-    >>> find_polarity(np.array([0.1, -0.1, 0.2, -0.2, 0.0, -9.0, -8.0, 0.1]))
+    >>> find_polarity(np.array([[0.1, -0.1, 0.2, -0.2, 0.0, -9.0, -8.0, 0.1]]))
     'dark'
     """
     usual = np.isfinite(blocks)
     if background is not None and background.shape == blocks.shape and (usual & background).any():
         usual &= background
-    far = np.abs(blocks) > CLIP_SIGMA * robust_std(blocks[usual])
-    return "dark" if np.nansum(blocks[far]) < 0 else "bright"
+    limit = CLIP_SIGMA * robust_std(blocks[usual])
+    shown = []
+    for light in (np.nan_to_num(blocks), -np.nan_to_num(blocks)):
+        far = light > limit
+        regions = cv2.connectedComponents(far.astype(np.uint8))[1]
+        shown.append(np.sqrt(np.bincount(regions[far], light[far])).sum())
+    return "dark" if shown[1] > shown[0] else "bright"
