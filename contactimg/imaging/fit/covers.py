@@ -83,6 +83,8 @@ make 0.94 of a triangle of 30 px."""
 MOST_WINDOW_SHARE = 1.5
 """Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By
 hand: a crowd of which half is covered takes 0.7."""
+PIXELS_OF_A_GROUP = 3000.0
+"""Pixels that take as long as the fits of the smallest group; for time."""
 
 Cover = tuple[NDArray[np.float64], float]
 """Fitted disks, and their chi-square."""
@@ -242,7 +244,7 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
         window = GroupWindow.about(coarse, fit, members)
         if window is None:
             continue
-        left -= window.pixels
+        left -= PIXELS_OF_A_GROUP + window.pixels
         if left < 0.0:
             break
         disks = fit.disks[members] - window.offset

@@ -62,8 +62,12 @@ class ContrastPrior:
         """Row in ``odd`` of each disk; -1 where it has the contrast of the frame."""
         rows = np.full(len(disks), -1)
         if len(self.odd) and len(disks):
-            near = cKDTree(disks[:, :2])
-            for k, (x, y, radius, _) in enumerate(self.odd):
+            near, reach = cKDTree(disks[:, :2]), SAME_PLACE_RADII * np.maximum(self.odd[:, [RADIUS]], 1.0)
+            low, high = (self.odd[:, :2] + side * reach for side in (-1.0, 1.0))
+            # a group of disks lies beside few of them
+            beside = (high >= disks[:, :2].min(axis=0)) & (low <= disks[:, :2].max(axis=0))
+            for k in np.flatnonzero(beside.all(axis=1)):
+                x, y, radius, _ = self.odd[k]
                 found = near.query_ball_point([x, y], SAME_PLACE_RADII * max(radius, 1.0))
                 alike = [i for i in found if 0.4 < disks[i, RADIUS] / max(radius, 1e-3) < 2.5]
                 if alike:
