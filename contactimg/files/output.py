@@ -12,25 +12,22 @@ import secrets
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path, PurePath
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import numpy as np
-import pandas as pd
 from filelock import FileLock, Timeout
 from platformdirs import user_state_path
-from pydantic import BaseModel
 
 from contactimg import __version__
 from contactimg.engine.calls import in_parallel
 from contactimg.engine.cluster import source_digest
 from contactimg.engine.processes import signals_held
 from contactimg.errors import InputError
-from contactimg.files.atomic import flush_to_disk, replacing, write_json
+from contactimg.files.atomic import explaining, flush_to_disk, plain, replacing, write_json
 from contactimg.scene import Scene
 from contactimg.timings import stage
 
@@ -495,33 +492,14 @@ def fingerprint(value: object) -> str:
     >>> fingerprint({"a": (1, np.float64(0.1))}) == fingerprint({"a": [1, 0.1]})
     True
     """
-    return hashlib.sha256(json.dumps(value, default=_plain, sort_keys=True).encode()).hexdigest()
 
+    def digested(part: object) -> object:
+        if isinstance(part, np.ndarray):
+            digest = hashlib.sha256(np.ascontiguousarray(part).tobytes()).hexdigest()
+            return [part.dtype.str, part.shape, digest]
+        return plain(part)
 
-def _plain(value: Any) -> Any:
-    """A value that JSON does not have, made of values that it has."""
-    if isinstance(value, np.ndarray):
-        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
-        return [value.dtype.str, value.shape, digest]
-    if isinstance(value, BaseModel):
-        return [type(value).__name__, value.model_dump()]
-    if is_dataclass(value) and not isinstance(value, type):
-        return [type(value).__name__, {field.name: getattr(value, field.name) for field in fields(value)}]
-    if isinstance(value, bytes):
-        return value.hex()
-    if isinstance(value, PurePath):
-        return value.as_posix()
-    if isinstance(value, set | frozenset):
-        return sorted(value, key=repr)
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, pd.DataFrame):
-        return value.to_dict("list")
-    if value is pd.NA:
-        return None
-    raise TypeError(f"a {type(value).__name__} has no fingerprint")
+    return hashlib.sha256(json.dumps(value, default=digested, sort_keys=True).encode()).hexdigest()
 
 
 def _key_of_user() -> str:
@@ -599,10 +577,8 @@ class PartStore:
         shown : str
             What a person is shown of the loop; then it is logged if a run that was ended has left some.
         """
-        try:
+        with explaining(self.folder, "written"):
             self.folder.mkdir(exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{self.folder}: cannot be written ({error.strerror or error})") from None
         done = sum(name is not None and (self.folder / name).is_file() for name in names)
         if shown and done and self.resumes:
             logger.warning(
