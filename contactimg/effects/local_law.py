@@ -130,12 +130,12 @@ def decide_law(scene: Scene, evidence: LawEvidence) -> LawPlan:
         estimates, scene.effects, tolerance=tolerance.relative, output=tolerance.output
     )
     switches = {d.effect: "on" if d.on and (d.change > 0 or d.switch == "on") else "off" for d in decisions}
-    effects = scene.effects.model_copy(update=switches)
     left_out = {d.effect: d.change for d in decisions if switches[d.effect] == "off" and d.change > 0}
     switched_off = tuple(d.effect for d in decisions if d.switch == "off" and d.effect in left_out)
     others = [text for text in messages if not text.startswith(switched_off)]
-    support = _support_messages(evidence.largest_radius, elastic, tolerance.relative)
-    return LawPlan(scene.model_copy(update={"effects": effects}), left_out, switched_off, (*others, *support))
+    if too_thin := _support_message(evidence.largest_radius, elastic, tolerance.relative):
+        others.append(too_thin)
+    return LawPlan(scene.with_effects(switches), left_out, switched_off, tuple(others))
 
 
 def _largest_change(change: Values, complete: Values, groups: Sequence[NDArray[np.intp]]) -> float:
@@ -149,18 +149,17 @@ def _largest_change(change: Values, complete: Values, groups: Sequence[NDArray[n
     return max(ratios)
 
 
-def _support_messages(radius: float, elastic: Elastic, tolerance: float) -> tuple[str, ...]:
-    """A sentence if the layer is so thin that its support acts on a single contact."""
+def _support_message(radius: float, elastic: Elastic, tolerance: float) -> str:
+    """A sentence if the layer is so thin that its support acts on a single contact; else empty."""
     if elastic.thickness is None:
-        return ()
+        return ""
     ratio = radius / elastic.thickness
     pressing, _ = layer_factors(min(ratio, LARGEST_RATIO), poisson_ratio=elastic.poisson_ratio)
     error = float(1 - 1 / pressing)
     if error <= tolerance:
-        return ()
-    sentence = (
+        return ""
+    return (
         f"contact radii reach {ratio:.2g} of the layer's thickness: the support under a contact itself is "
         f"not in the law, and forces are low by {'more than' if ratio > LARGEST_RATIO else 'up to'} "
         f"{100 * error:.2g} %"
     )
-    return (sentence,)

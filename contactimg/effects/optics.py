@@ -207,9 +207,7 @@ class Camera:
         """Grey levels of frame and reference before the sensor."""
         key = shown - SENSOR
         if key not in self.lights:
-            switches = {name: "on" if name in key else "off" for name in OPTICS}
-            effects = self.scene.effects.model_copy(update=switches)
-            scene = self.scene.model_copy(update={"effects": effects})
+            scene = self.scene.with_effects({name: "on" if name in key else "off" for name in OPTICS})
             frame = render_contacts(
                 self.contacts,
                 scene,

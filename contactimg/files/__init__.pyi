@@ -7,7 +7,6 @@ from .corrections import MASK as MASK
 from .corrections import EditsFile as EditsFile
 from .corrections import edit_points as edit_points
 from .corrections import read_edits as read_edits
-from .decoders import METRES as METRES
 from .decoders import stated_pixel_size as stated_pixel_size
 from .decoders import write_frame as write_frame
 from .experiment import SCENE_FILE as SCENE_FILE
@@ -46,6 +45,7 @@ from .sources import FrameSeries as FrameSeries
 from .sources import FrameSource as FrameSource
 from .sources import list_frames as list_frames
 from .sources import read_frames as read_frames
+from .tables import METRES as METRES
 from .tables import AmbiguousLoadsError as AmbiguousLoadsError
 from .tables import TableFormat as TableFormat
 from .tables import TableWriter as TableWriter

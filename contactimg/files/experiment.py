@@ -87,10 +87,8 @@ class Experiment:
 
     @cached_property
     def _loads(self) -> dict[str, float]:
-        """Frame -> load, N; the first where a frame is listed twice. Empty if no load is known."""
-        known = self.loads["load_N"].notna().any()
-        rows = self.loads.drop_duplicates("frame") if known else self.loads.iloc[:0]
-        return dict(zip(rows["frame"], rows["load_N"].to_numpy(float).tolist(), strict=True))
+        """Frame -> load, N."""
+        return dict(zip(self.loads["frame"], self.loads["load_N"].tolist(), strict=True))
 
 
 @stage("reading")

@@ -73,12 +73,10 @@ def region_of(outline: Outline, *, name: str, colour: str = "") -> Region:
     >>> region_of(Outline(3, 10.0, 20.0, 5.0, 4.0, 0.5), name="a").points[0]
     (14.387912809451864, 22.397127693021016)
     """
-    region = None
-    if outline.lines or (outline.semi_major != outline.semi_minor and outline.angle != 0.0):
-        region = polygon_region(name, outline.polygon[:-1])
-    if region is None:
-        region = Region(name, outline.x, outline.y, outline.semi_major, outline.semi_minor)
-    return replace(region, colour=colour)
+    tilted = outline.semi_major != outline.semi_minor and outline.angle != 0.0
+    polygon = polygon_region(name, outline.polygon[:-1]) if outline.lines or tilted else None
+    oval = Region(name, outline.x, outline.y, outline.semi_major, outline.semi_minor)
+    return replace(polygon or oval, colour=colour)
 
 
 def read_regions(path: str | Path) -> list[Region]:

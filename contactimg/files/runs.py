@@ -485,12 +485,8 @@ def _is_number(value: object) -> bool:
 
 def shares_frames(record: Mapping[str, Any], inputs: list[dict[str, Any]]) -> bool:
     """Whether a calibration used one of the frames among these inputs (as `provenance` lists them)."""
-    digests = [
-        {
-            entry.get("sha256")
-            for entry in listed
-            if not str(entry.get("path", "")).endswith((".csv", ".toml"))
-        }
+    images = [
+        {one.get("sha256") for one in listed if Path(one.get("path", "")).suffix not in (".csv", ".toml")}
         for listed in (record.get("frames", []), inputs)
     ]
-    return bool((digests[0] & digests[1]) - {None})
+    return bool(set.intersection(*images) - {None})

@@ -31,7 +31,11 @@ PER_NEWTON = {"N": 1.0, "mN": 1e3, "uN": 1e6, "µN": 1e6, "μN": 1e6}
 PER_NEWTON |= {"kg": 1 / STANDARD_GRAVITY, "g": 1e3 / STANDARD_GRAVITY, "mg": 1e6 / STANDARD_GRAVITY}
 """Unit of a load or of a weight -> how many of it are one newton."""
 
-_PER_METRE = {"mm": 1e3, "um": 1e6, "µm": 1e6, "μm": 1e6, "nm": 1e9}
+METRES = {"m": 1.0, "mm": 1e-3, "millimeter": 1e-3, "nm": 1e-9}
+METRES |= dict.fromkeys(("um", "micron", "microns", "micrometer", "µm", "μm", "\\u00b5m"), 1e-6)
+"""Unit of a length -> its size in m; um also with the micro sign, a Greek letter, or as ImageJ has it."""
+
+_PER_METRE = {unit: round(1 / size) for unit, size in METRES.items()}
 _UNITS = {  # ending in another unit -> ending in the schema, how many make one of it
     **{f"_{unit}": ("_N", count) for unit, count in PER_NEWTON.items()},
     **{f"_{unit}": ("_m", count) for unit, count in _PER_METRE.items()},
