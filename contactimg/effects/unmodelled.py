@@ -57,23 +57,13 @@ def unmodelled_effects(
     distance = np.hypot(solution.x[rows] - x0, solution.y[rows] - y0)
     slope = float(distance.max() / solution.conditions.indenter_radius)
     tilted = {name: factor * slope**2 for name, factor in SLOPE_FACTORS.items()}
-    named = {
-        "finite_strain": (
-            f"a/R up to {a[widest] / R[widest]:.2f}: rubber bears {load[widest]:.3f} of the law's force",
-            strain,
-        ),
-        "cap_slope": (f"slopes of the lens up to {slope:.2g} under the contacts", tilted),
-    }
-    wanted = requested_outputs(output)
-    return tuple(
-        EffectEstimate(
-            name,
-            max((v for key, v in changes.items() if key in wanted), default=0.0),
-            reason,
-            changes=changes,
-        )
-        for name, (reason, changes) in named.items()
-    )
+    at = f"a/R up to {a[widest] / R[widest]:.2f}: rubber bears {load[widest]:.3f} of the law's force"
+    under = f"slopes of the lens up to {slope:.2g} under the contacts"
+    found = []
+    for name, reason, changes in (("finite_strain", at, strain), ("cap_slope", under, tilted)):
+        change = max(changes.get(wanted, 0.0) for wanted in requested_outputs(output))
+        found.append(EffectEstimate(name, change, reason, changes))
+    return tuple(found)
 
 
 def strain_factor(ratio: Values, law: str) -> Values:
