@@ -5,7 +5,6 @@ frames and reference alike. Masked pixels of a frame become NaN, which every mea
 """
 
 import hashlib
-import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from contactimg.errors import FrameError, InputError
 from contactimg.files.atomic import flush_to_disk, read_bytes, write_text
 from contactimg.files.sources import FrameSource, list_frames
-from contactimg.files.tables import read_table, read_text_table, text_of_rows
+from contactimg.files.tables import read_table, read_text_table
 from contactimg.frame import Frame
 from contactimg.tables import EDITS
 from contactimg.tables.outlines import Outline
@@ -411,8 +410,7 @@ class EditsFile:
         """
         rows = EDITS.conform(rows)
         check_edits(rows, self.path.name)
-        text = io.StringIO(text_of_rows(rows, EDITS), newline="")
-        new = pd.read_csv(text, names=[*EDITS.columns], dtype="str", keep_default_na=False)
+        new = rows.astype(object).where(rows.notna(), "").astype("str")
         separator, cells = self._cells()
         place = len(cells) if place is None else place
         self._write(separator, pd.concat([cells[:place], new, cells[place:]]).fillna(""))

@@ -606,13 +606,10 @@ def _kept(function: Callable[..., Any], folder: str, name: str | None, *job: Any
     result = function(*job)
     if path is None or getattr(result, "is_failure", False):
         return result
-    parts = result.parts() if hasattr(result, "parts") else (result,)
     with replacing(path) as part:
-        with part.open("wb") as file:
-            for item in parts:
-                pickle.dump(item, file, protocol=pickle.HIGHEST_PROTOCOL)
+        part.write_bytes(pickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL))
         flush_to_disk(part)
-    return _kept_in(path, parts[0])
+    return _kept_in(path, result)
 
 
 def _kept_in(path: Path, result: Any) -> Any:
@@ -620,8 +617,8 @@ def _kept_in(path: Path, result: Any) -> Any:
     return result.kept_in(path) if hasattr(result, "kept_in") else result
 
 
-def read_part(path: str | Path, number: int = 0) -> Any:
-    """An item of a part file: 0 the result, 1 the tables that it left there.
+def read_part(path: str | Path) -> Any:
+    """The result in a part file, with its tables.
 
     Raises
     ------
@@ -629,9 +626,6 @@ def read_part(path: str | Path, number: int = 0) -> Any:
         If the file is damaged.
     """
     try:
-        with Path(path).open("rb") as file:
-            for _ in range(number):
-                pickle.load(file)  # noqa: S301 - written by `_kept`
-            return pickle.load(file)  # noqa: S301
+        return pickle.loads(Path(path).read_bytes())  # noqa: S301 - written by `_kept`
     except (OSError, EOFError, pickle.UnpicklingError, ValueError, AttributeError, ImportError) as error:
         raise InputError(f"{path}: is damaged ({type(error).__name__})") from None
