@@ -97,6 +97,14 @@ class PoseRecord(_Part):
     n_matched: Count
     residual_m: NonNegative | None
 
+    @property
+    def fit(self) -> PoseFit:
+        """The pose, and how well it explains the contacts."""
+        turn = radians(self.rotation_deg)
+        pose = Pose((self.rows, self.columns), self.pixel_size_m, self.centre_m, turn, self.mirrored)
+        residual = nan if self.residual_m is None else self.residual_m
+        return PoseFit(pose, self.fitted, self.n_points, self.n_matched, residual)
+
 
 class ApexRecord(_Part):
     """The apex of the indenter over the sample."""
@@ -148,21 +156,8 @@ class RunRecord(_Part):
     apex: ApexRecord | None = None
 
 
-def check_record(record: Mapping[str, Any], file: Path) -> dict[str, Any]:
-    """The record of a run, with every key that the commands read.
-
-    Parameters
-    ----------
-    record : mapping
-        From `contactimg.files.read_records`.
-    file : Path
-        The provenance.json, for the message.
-
-    Raises
-    ------
-    InputError
-        If a key is missing or has another type; the message names it.
-    """
+def _checked(record: Mapping[str, Any], file: Path) -> RunRecord:
+    """The record of a run; an `InputError` names a key that is missing or has another type."""
     try:
         checked = RunRecord.model_validate(dict(record))
     except ValidationError as error:
@@ -172,7 +167,7 @@ def check_record(record: Mapping[str, Any], file: Path) -> dict[str, Any]:
     used = checked.configuration.options.calibration
     if used is not None:
         check_calibration(used.record, f"{file}: the calibration of the run")
-    return {"created": checked.created, "inputs": [], **record}
+    return checked
 
 
 def pose_record(fit: PoseFit) -> dict[str, Any]:
@@ -198,19 +193,6 @@ def apex_record(apex: Apex) -> dict[str, Any]:
     if apex.radius is not None:
         found["indenter_radius_m"] = {"value": apex.radius, "std": apex.radius_std}
     return found
-
-
-def _pose_of(record: Mapping[str, Any]) -> PoseFit:
-    """The pose of the camera that the provenance states."""
-    pose = Pose(
-        shape=(record["rows"], record["columns"]),
-        pixel_size=record["pixel_size_m"],
-        centre=(record["centre_m"][0], record["centre_m"][1]),
-        rotation=radians(record["rotation_deg"]),
-        mirrored=record["mirrored"],
-    )
-    residual = nan if record["residual_m"] is None else record["residual_m"]
-    return PoseFit(pose, record["fitted"], record["n_points"], record["n_matched"], residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,7 +338,7 @@ def _read_run(folder: Path) -> Run:
         raise InputError(
             f"{folder}: was written by a newer contactimg (schema {version}, this one reads {SCHEMA_VERSION})"
         )
-    record = check_record(record, folder / PROVENANCE_FILE)
+    checked = _checked(record, folder / PROVENANCE_FILE)
     contacts = read_run_table(folder, CONTACTS, infinite=True)
     frames = read_run_table(folder, FRAMES, infinite=True)
     _check_tables(folder, contacts, frames)
@@ -368,15 +350,15 @@ def _read_run(folder: Path) -> Run:
             folder,
             " and ".join(changed),
         )
-    stated = record["configuration"]
-    place, relative = str(stated.get("scene_folder", ".")), stated.get("scene_folder_relative")
+    stated = checked.configuration
+    place, relative = stated.scene_folder, stated.scene_folder_relative
     if relative is not None and not Path(place).is_dir():  # moved together with the output folder
         place = os.path.normpath(folder / relative)
-    scene = scene_from_dict(stated.get("scene") or {}, name=str(folder / PROVENANCE_FILE), folder=place)
-    apex = record.get("apex")
-    scene = scene if apex is None else scene.with_apex(tuple(apex["apex_m"]))
-    pose = None if record.get("pose") is None else _pose_of(record["pose"])
-    return Run(scene, contacts, frames, pose, folder=folder, provenance=record, changed=tuple(changed))
+    scene = scene_from_dict(stated.scene or {}, name=str(folder / PROVENANCE_FILE), folder=place)
+    scene = scene if checked.apex is None else scene.with_apex(checked.apex.apex_m)
+    pose = None if checked.pose is None else checked.pose.fit
+    provenance = {"created": checked.created, "inputs": []} | record
+    return Run(scene, contacts, frames, pose, folder=folder, provenance=provenance, changed=tuple(changed))
 
 
 def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) -> None:
