@@ -118,9 +118,6 @@ def to_grey(array: NDArray) -> NDArray:
 
 # --- stills, Norpix sequences, videos
 
-_PNG = b"\x89PNG\r\n\x1a\n"
-_PNG_SIZE = struct.Struct(">LL")  # at byte 16, in the chunk that every PNG begins with
-
 # magic, name, version, header size, description, nine fields of the images, frame rate, eight to compression
 _HEADER = struct.Struct("<L24sll512s9Ld8L")
 _MAGIC = 0xFEED
@@ -134,26 +131,20 @@ Image.MAX_IMAGE_PIXELS = None  # `check_size` has the limit
 def read_still(path: Path, _index: int) -> Pixels:
     """Pixels as stored (an orientation tag is not applied), without transparency."""
     data = path.read_bytes()
-    if data.startswith(_PNG):  # grey or red-green-blue, 8 or 16 bits; palettes are expanded
-        check_size(*_PNG_SIZE.unpack(data[16:24].ljust(8, b"\0")))
-        array = imagecodecs.png_decode(data)
-        if array.ndim > 2:
-            array = array[..., 0] if array.shape[2] <= 2 else array[..., :3]
-    else:
-        array = _decode_other(data)
-    return Pixels(array, float(np.iinfo(array.dtype).max))
-
-
-def _decode_other(data: bytes) -> NDArray:
-    """Grey or red-green-blue of a JPEG or BMP, 8 bits."""
     try:
-        with Image.open(io.BytesIO(data), formats=("JPEG", "BMP")) as image:
+        with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "BMP")) as image:
             check_size(*image.size)
-            if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
+            if image.format == "PNG":  # Pillow would cut 16 bits of red, green and blue to 8
+                array = imagecodecs.png_decode(data)
+            elif image.mode in ("1", "L", "P", "RGB", "RGBA"):
+                array = np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGB"))
+            else:
                 raise ValueError(f"colours of type {image.mode} are not supported")
-            return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGB"))
     except UnidentifiedImageError:
         raise ValueError("the content is not that of a PNG, JPEG or BMP image") from None
+    if array.ndim > 2:
+        array = array[..., 0] if array.shape[2] <= 2 else array[..., :3]
+    return Pixels(array, float(np.iinfo(array.dtype).max))
 
 
 def list_norpix(path: Path) -> range:
