@@ -28,9 +28,9 @@ Stated = dict[str, dict[str, Any]]
 
 
 def command(
-    *options: click.Parameter, group: click.Group | None = None, said: str = ""
+    *options: click.Parameter, group: click.Group | None = None
 ) -> Callable[[Callable[..., Any]], click.Command]:
-    """Make a command of a function; ``said`` is what the help of its group says of it.
+    """Make a command of a function.
 
     Each parameter becomes an option, a positional parameter an argument. The signature gives name, type and
     default; beside the type stand, in ``Annotated``, bounds (a click type), the flag where it is not the
@@ -65,7 +65,6 @@ def command(
             callback=call,
             params=sorted([*own, *options, *EVERYWHERE], key=lambda param: isinstance(param, click.Option)),
             help=text,
-            short_help=said or None,
         )
         if group is not None:
             group.add_command(made)
