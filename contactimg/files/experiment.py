@@ -265,17 +265,13 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSourc
     used = set(_find_corrections(scene, frames).files)
     kinds = {one.name: kind_of(one.path) for one in frames if one.path not in used | chosen}
     frames = [frame for frame in frames if frame.path not in used and not kinds.get(frame.name)]
-    dropped = [name for name, kind in kinds.items() if kind == "reference"]
-    extra = [name for name, kind in kinds.items() if kind not in ("", "reference")]
+    others = {kind: [name for name in kinds if kinds[name] == kind] for kind in set(kinds.values()) - {""}}
     if not frames:
-        besides = _some([reference.name for reference in references] or dropped)
+        besides = _some([reference.name for reference in references] or others.get("reference", []))
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
-    for names, cure in (
-        (dropped, "name it as the reference, or list it in [images] frames"),
-        (extra, "to use it, name it in [images] as dark, flat or mask"),
-    ):
-        if names:
-            logger.warning("%s: %s is not measured as a frame; %s", folder, _some(names), cure)
+    for kind, names in sorted(others.items()):
+        cure = f"name it as the {kind}, or list it in [images] frames"
+        logger.warning("%s: %s is not measured as a frame; %s", folder, _some(names), cure)
     return frames
 
 
