@@ -215,9 +215,7 @@ def check(
         out.record["sentence"] = result.sentence
         forms = {"low_px": ".2f", "high_px": ".2f", "drawn": "", "completeness": ".0%", "bias_px": "+.3f"}
         forms |= {"rms_px": ".3f", "within_1_std": ".0%", "within_2_std": ".0%"}
-        echo_table(
-            f"{folder}, contacts drawn", result.classes[[*forms]].to_dict("records"), left=0, forms=forms
-        )
+        echo_table(f"{folder}, contacts drawn", result.classes[[*forms]], left=0, forms=forms)
         say(result.sentence)
         say(*(f"{row.frame}: not checked, {row.message}" for row in result.failed.itertuples()))
     return 1 if len(result.failed) else 0
