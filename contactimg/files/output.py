@@ -11,7 +11,7 @@ import re
 import secrets
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -231,42 +231,39 @@ class OutputFolder:
         self.folder = self.path / STAGING_FOLDER
         self.record = dict(record)
         self._main_files, self._keeps = {Path(name) for name in main_files}, set(keeps)
-        self._created: list[Path] = []
+        self._undo = ExitStack()
         self._lock = FileLock(self.path / LOCK_FILE, timeout=0)
 
     def __enter__(self) -> Self:
-        self._created = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            self._lock.acquire()
-        except Timeout:
-            raise InputError(
-                f"{self.path}: another run is writing there; wait for it or choose another output folder"
-            ) from None
-        except OSError as error:
-            self._remove_created()
-            raise InputError(
-                f"{self.path}: cannot be written ({error.strerror or error}); choose another output folder"
-            ) from None
-        try:
+        created = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
+        with ExitStack() as undo:
+            undo.callback(_remove_empty, created)
+            try:
+                self.path.mkdir(parents=True, exist_ok=True)
+                self._lock.acquire()
+            except Timeout:
+                raise InputError(
+                    f"{self.path}: another run is writing there; wait for it or choose another output folder"
+                ) from None
+            except OSError as error:
+                reason = error.strerror or error
+                raise InputError(
+                    f"{self.path}: cannot be written ({reason}); choose another output folder"
+                ) from None
+            undo.callback(self._release)
             _complete_commit(self.path)
             self._check_contents()
             shutil.rmtree(self.folder, ignore_errors=True)  # left by a run that was killed
             self.folder.mkdir()
-        except BaseException:
-            self._release()
-            raise
+            self._undo = undo.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with signals_held():
-            try:
-                if kind is None:
-                    self._commit()
-            finally:
-                self._release()
+        with signals_held(), self._undo:
+            if kind is None:
+                self._commit()
 
     def part_store(self) -> "PartStore":
         """Results that an earlier run of the same command left when it was ended; inside the block.
@@ -345,19 +342,18 @@ class OutputFolder:
                     raise InputError(f"{place}: is a file, where the run needs a folder; move it away")
 
     def _release(self) -> None:
-        """Remove the hidden files and the folders that are still empty, and release the lock."""
+        """Remove the hidden files, and release the lock."""
         shutil.rmtree(self.folder, ignore_errors=True)
-        with suppress(OSError):  # it holds parts, or was never made
-            (self.path / PARTS_FOLDER).rmdir()
+        _remove_empty([self.path / PARTS_FOLDER])
         _drop_lock_file(self.path)
         self._lock.release()
-        self._remove_created()
 
-    def _remove_created(self) -> None:
-        """Remove the folders that this run created, as far as they are empty."""
-        for folder in self._created:
-            with suppress(OSError):
-                folder.rmdir()
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Remove folders as far as they are there and empty."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def _complete_commit(folder: Path) -> None:
@@ -378,9 +374,7 @@ def _complete_commit(folder: Path) -> None:
             _place(folder, name, foreign=name not in earlier)
         for name in sorted(earlier - new):
             (folder / name).unlink(missing_ok=True)
-            with suppress(OSError):  # a folder that is not empty, or the output folder
-                for parent in name.parents[:-1]:
-                    (folder / parent).rmdir()
+            _remove_empty(folder / parent for parent in name.parents[:-1])
         (pending / PROVENANCE_FILE).replace(folder / PROVENANCE_FILE)
     if pending.exists():
         shutil.rmtree(pending)
