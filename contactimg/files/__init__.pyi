@@ -22,7 +22,6 @@ from .experiment import recognise_folder as recognise_folder
 from .experiment import set_scene_keys as set_scene_keys
 from .experiment import write_scene as write_scene
 from .figures import figure_bytes as figure_bytes
-from .figures import write_figure as write_figure
 from .figures import write_figures as write_figures
 from .figures import write_palette_image as write_palette_image
 from .height_maps import read_height_map as read_height_map
