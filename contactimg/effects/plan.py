@@ -278,15 +278,10 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     ('asymptotic', False)
     """
     mechanics = estimate_mechanics(scene, asperities, load=load)
-    optics: tuple[EffectEstimate, ...] = ()
-    if scene.simulate is not None:
-        optics = estimate_optics(
-            scene, CONTACTS.empty() if mechanics.base is None else mechanics.base.contacts()
-        )
-    estimates = (*mechanics.estimates, *optics)
+    contacts = CONTACTS.empty() if mechanics.base is None else mechanics.base.contacts()
     tolerance = scene.tolerance
     decisions, messages = decide(
-        estimates,
+        (*mechanics.estimates, *estimate_optics(scene, contacts)),
         scene.effects,
         tolerance=tolerance.relative,
         output=tolerance.output,

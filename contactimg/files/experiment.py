@@ -44,7 +44,7 @@ _NAMES_SHOWN = 3  # in a message
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """The files of one experiment, found and checked; no image has been read yet.
+    """The files of one experiment, found and checked; no frame has been read yet.
 
     Attributes
     ----------
