@@ -103,8 +103,7 @@ def process(
             title = f"{folder}, method {described.measure.method}"
             echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
             law, film = str(facts.get("law") or ""), _film_sentence(frames, facts.get("film", {}))
-            found = series.apex is not None and series.apex.known != STATED
-            apex = series.apex.sentence() if found and series.apex is not None else ""
+            apex = series.apex.sentence() if series.apex and series.apex.known != STATED else ""
             say(acts and f"calibration {calibration}: {acts}", apex, law, film)
         doubted = warn_of(doubts_about_run(series.scene, frames, series.shown), folder)
         statuses = set(frames["status"])

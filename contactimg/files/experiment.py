@@ -183,7 +183,7 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     entries = [given] if isinstance(given, str) else given or []
     references = tuple(dict.fromkeys(one for entry in entries for one in _list_reference(entry, scene)))
     frames = _find_frames(scene, list(references))
-    named = edits_file(scene, scene.folder)
+    named = edits_file(scene)
     edited = named if scene.images.edits is not None or named.is_file() else None
     tables = [_loads_file(scene), _asperities_file(scene), edited]
     edits = EDITS.empty() if edited is None else read_edits(edited)
@@ -283,10 +283,8 @@ def _loads_file(scene: Scene) -> Path | None:
     return path if path.is_file() else None
 
 
-def edits_file(scene: Scene | None, folder: str | Path) -> Path:
-    """The table of corrections that a scene names, or edits.csv beside it; of a folder without a scene."""
-    if scene is None:
-        return Path(folder) / EDITS_FILE
+def edits_file(scene: Scene) -> Path:
+    """The table of corrections that a scene names, or edits.csv beside it."""
     return Path(scene.folder) / (scene.images.edits or EDITS_FILE)
 
 
@@ -464,11 +462,8 @@ class FolderFiles:
             "flat": _one_or_glob(self.images["flat"]),
             "mask": mask[0] if len(mask) == 1 else None,
         }
-        sections: dict[str, dict[str, Any]] = {"images": images, "asperities": {"file": self.asperities}}
-        given = {
-            name: {key: value for key, value in keys.items() if value} for name, keys in sections.items()
-        }
-        return {name: keys for name, keys in given.items() if keys}
+        sections = {"images": {key: value for key, value in images.items() if value}}
+        return sections | ({"asperities": {"file": self.asperities}} if self.asperities else {})
 
 
 def recognise_folder(folder: str | Path) -> FolderFiles:
