@@ -188,9 +188,8 @@ def write_overlay_tiff(
     """
     image = image if image.dtype in (np.uint8, np.uint16) else np.asarray(image, np.float32)
     metadata: dict[str, Any] = {"Overlays": [imagej_roi(region).tobytes() for region in regions]}
+    metadata |= {} if pixel_size is None else {"unit": "um"}
     resolution = None if pixel_size is None else (1e-6 / pixel_size, 1e-6 / pixel_size)
-    if resolution is not None:
-        metadata["unit"] = "um"
     with replacing(path) as part:
         tifffile.imwrite(part, image, imagej=True, metadata=metadata, resolution=resolution)
 

@@ -43,22 +43,6 @@ Size = Annotated[CountFrom1, Field(le=10**6)]
 Text = Annotated[str, Field(strict=True)]
 
 
-def changed_tables(record: Mapping[str, Any], folder: Path) -> list[str]:
-    """Names of the tables of a run that were changed since it wrote them; none if its hashes are not known.
-
-    Parameters
-    ----------
-    record : mapping
-        Of the run, from its provenance.json.
-    folder : Path
-        The output folder of the run.
-    """
-    hashes = record.get("sha256")
-    if not isinstance(hashes, dict):
-        return []
-    return [name for name in RUN_TABLES if name in hashes and hashes[name] != sha256_of(folder / name)]
-
-
 def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
     """Whether a result was made from other tables than those that a run holds now.
 
@@ -152,6 +136,7 @@ class RunRecord(_Part):
     configuration: _Configuration
     inputs: list[_InputFile] = []
     outputs: list[Text] = []
+    sha256: dict[str, Text] = {}
     pose: PoseRecord | None = None
     apex: ApexRecord | None = None
 
@@ -342,7 +327,8 @@ def _read_run(folder: Path) -> Run:
     contacts = read_run_table(folder, CONTACTS, infinite=True)
     frames = read_run_table(folder, FRAMES, infinite=True)
     _check_tables(folder, contacts, frames)
-    changed = changed_tables(record, folder)
+    known = checked.sha256
+    changed = [name for name in RUN_TABLES if name in known and known[name] != sha256_of(folder / name)]
     if changed:
         frames = sums_of_contacts(contacts, frames)
         logger.warning(
