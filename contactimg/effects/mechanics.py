@@ -260,10 +260,8 @@ class Comparison:
         """Change of each output if these effects are left out, each a number of times."""
         names = {*left_out} | ({"full_coupling"} if "coupling" in left_out else set())
         steps = [step for name, step in self.steps.items() if name in names]
-        if not steps:
-            return dict.fromkeys(WRITTEN, 0.0)
         found = dict.fromkeys(WRITTEN, 0.0)
-        for beyond in {0.0, stretch - 1}:  # contacts may form or vanish at either end
+        for beyond in {0.0, stretch - 1} if steps else ():  # contacts may form or vanish at either end
             complete = self.complete + beyond * np.sum(steps, axis=0)
             without = complete - stretch * np.sum(steps, axis=0)
             changes = self._changes(without, complete, may_form=stretch > 1)
