@@ -6,10 +6,10 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -488,24 +488,24 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
     if not frames:
         raise InputError(f"{folder}: there is no frame besides {listed[0].name}; add the frames")
     frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
-    asperities, loads = "", pd.DataFrame()
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
     tables = [path for path in files if path.suffix.lower() in TABLES and path.name not in OURS]
-    for path in sorted(tables, key=lambda path: path.name != "loads.csv")[:TRIED_TABLES]:
-        with suppress(InputError):
-            if not asperities:
-                read_asperities(path)
-                asperities = path.name
-                continue
-        with suppress(InputError):
-            if loads.empty:
-                loads = read_loads(path, pulled=True)
-                loads.attrs["file"] = path.name
-    file, columns = (str(loads.attrs.get(name, "")) for name in ("file", "columns"))
-    unloaded = bool(file and (loads["load_N"] == 0).any())
+    tables = sorted(tables, key=lambda path: path.name != _LOADS_FILE)[:TRIED_TABLES]
+    asperities, _ = _first_table(tables, read_asperities)
+    others = [path for path in tables if path.name != asperities]
+    file, loads = _first_table(others, partial(read_loads, pulled=True))
+    columns, unloaded = str(loads.attrs.get("columns", "")), bool((loads["load_N"] == 0).any())
     used = {one.path.name for one in frames}.union(*images.values()) | {file, asperities} | OURS
     ignored = [path.name for path in files if path.name not in used and not path.name.startswith(".")]
     return FolderFiles(frames, images, file, asperities, columns, unloaded, ignored)
+
+
+def _first_table(files: list[Path], read: Callable[[Path], pd.DataFrame]) -> tuple[str, pd.DataFrame]:
+    """Name and rows of the first file that is such a table; without any, no name and no load."""
+    for path in files:
+        with suppress(InputError):
+            return path.name, read(path)
+    return "", LOADS.empty()
 
 
 def kind_of(path: Path) -> str:
