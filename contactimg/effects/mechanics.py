@@ -384,16 +384,16 @@ class MechanicalEstimates:
     limits : tuple of str
         One sentence for each range of validity that some contacts exceed, and each effect that could not be
         solved.
-    base : InteractingSolution or None
-        Contacts coupled by point forces; None without contacts.
+    base : InteractingSolution
+        Contacts coupled by point forces.
     compared : tuple of Comparison
     model_error : ModelError
         Of the complete model.
     """
 
     estimates: tuple[EffectEstimate, ...]
+    base: InteractingSolution
     limits: tuple[str, ...] = ()
-    base: InteractingSolution | None = None
     compared: tuple[Comparison, ...] = ()
     model_error: ModelError = field(default_factory=ModelError)
 
@@ -452,24 +452,24 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
     whole = Comparison(scene, asperities, load)
     if not whole.base.touching.size:
         nothing = f"at {load:g} N there is no contact"
-        return MechanicalEstimates(tuple(EffectEstimate(name, 0.0, nothing) for name in MECHANICAL_EFFECTS))
+        estimates = [EffectEstimate(name, 0.0, nothing) for name in MECHANICAL_EFFECTS]
+        return MechanicalEstimates(tuple(estimates), whole.base)
     refuse_touching(whole.base, load)
     limits = whole.base.validity.messages()
     near = whole if whole.base.touching.size <= PART_CONTACTS else whole.part(PART_CONTACTS)
     for name in MECHANICAL_EFFECTS:
         (whole if name in ("coupling", "layer") else near).compare(name)
     compared = (whole,) if near is whole else (whole, near)
-    found = MechanicalEstimates((), compared=compared)
+    found, reasons = MechanicalEstimates((), whole.base, compared=compared), near.reasons | whole.reasons
     requested = requested_outputs(scene.tolerance.output)
     estimates = []
     for name in MECHANICAL_EFFECTS:
         changes = found.together([name])
-        source = whole if name in whole.reasons else near
         change = max(changes[output] for output in requested)
-        estimates.append(EffectEstimate(name, change, source.reasons[name], changes))
-        if source.reasons[name].startswith(UNSOLVED):
-            limits.append(f"{name} is not compared: {source.reasons[name]}")
-    return MechanicalEstimates(tuple(estimates), tuple(limits), whole.base, compared, _model_error(near))
+        estimates.append(EffectEstimate(name, change, reasons[name], changes))
+        if reasons[name].startswith(UNSOLVED):
+            limits.append(f"{name} is not compared: {reasons[name]}")
+    return MechanicalEstimates(tuple(estimates), whole.base, tuple(limits), compared, _model_error(near))
 
 
 def refuse_engulfed(alone: InteractingSolution) -> None:

@@ -23,7 +23,7 @@ from contactimg.effects.optics import estimate_optics
 from contactimg.effects.output_change import EffectEstimate, change_sentence, requested_outputs
 from contactimg.effects.unmodelled import unmodelled_effects
 from contactimg.scene import Effects, Scene
-from contactimg.tables import CONTACTS, EFFECTS
+from contactimg.tables import EFFECTS
 from contactimg.timings import stage
 
 REQUIRES = {"full_coupling": "coupling", "layer": "coupling"}
@@ -278,10 +278,9 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     ('asymptotic', False)
     """
     mechanics = estimate_mechanics(scene, asperities, load=load)
-    contacts = CONTACTS.empty() if mechanics.base is None else mechanics.base.contacts()
     tolerance = scene.tolerance
     decisions, messages = decide(
-        (*mechanics.estimates, *estimate_optics(scene, contacts)),
+        (*mechanics.estimates, *estimate_optics(scene, mechanics.base.contacts())),
         scene.effects,
         tolerance=tolerance.relative,
         output=tolerance.output,

@@ -20,15 +20,13 @@ SLOPE_FACTORS = {"area": 1.0, "force": 0.12}
 lens: 0.6 and 0.076 % on RA+ with slopes up to 0.08, from solutions of the whole problem (docs/models.md)."""
 
 
-def unmodelled_effects(
-    solution: InteractingSolution | None, *, law: str, output: str
-) -> tuple[EffectEstimate, ...]:
+def unmodelled_effects(solution: InteractingSolution, *, law: str, output: str) -> tuple[EffectEstimate, ...]:
     """Estimates of the effects that every solution leaves out.
 
     Parameters
     ----------
-    solution : InteractingSolution or None
-        There is no estimate without.
+    solution : InteractingSolution
+        There is no estimate without contacts.
     law : {"hertz", "sphere"}
         That of the solution which is planned.
     output : str
@@ -40,7 +38,7 @@ def unmodelled_effects(
         ``finite_strain``: of area, radii and Hertz forces at the forces of the solution, and of the forces at
         its radii; ``cap_slope``: of area and forces.
     """
-    if solution is None or not solution.touching.size:
+    if not solution.touching.size:
         return ()
     rows, (x0, y0) = solution.touching, solution.conditions.apex
     a, R, weight = solution.radius[rows], solution.composite_radius[rows], np.abs(solution.force[rows])
