@@ -12,7 +12,7 @@ import cv2
 from shared import ROOT, markdown, put_table
 
 from contactimg import read_scene
-from contactimg.files import write_figure
+from contactimg.files import figure_bytes
 from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.tradeoff.measure import error_text, run_knobs, time_text
@@ -32,7 +32,7 @@ def measure(name):
         clock=time.process_time,
     )
     ax = plot_tradeoff(found.table, relative=found.relative)
-    write_figure(ax, ROOT / "docs" / "figures" / f"tradeoff_{name}.png")
+    (ROOT / "docs" / "figures" / f"tradeoff_{name}.png").write_bytes(figure_bytes(ax, "png"))
     page = ROOT / "docs" / "tradeoff.md"
     put_table(page, f"{name} settings", markdown(HEADER, rows(found.table)))
     put_table(page, f"{name} sentences", "\n".join(f"- {text}" for text in found.sentences.values()))

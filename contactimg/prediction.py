@@ -14,7 +14,12 @@ from scipy.special import ellipe
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
 from contactimg.effects.local_law import law_name
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, solve_scene
+from contactimg.effects.mechanics import (
+    MECHANICAL_EFFECTS,
+    coupling_level,
+    refuse_touching,
+    solve_scene,
+)
 from contactimg.effects.output_change import ANNULUS
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
@@ -128,11 +133,10 @@ def predict_contacts(
     if always_plan or any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
-    level = scene_level(scene, coupling)
+    level = coupling if coupling == "hertz" else coupling_level(scene.effects)
     field = surrounding_field(scene, asperities, load, coupled=level != "none")
     solution = solve_scene(scene, asperities, load=load, coupling=level, surroundings=field)
-    if solution.base_gap.beyond_models:
-        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
+    refuse_touching(solution, solution.load)
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
     contacts = solution.contacts(name)
     hertz_forces = hertz.load(
@@ -168,27 +172,15 @@ def with_coupling(scene: Scene, coupling: str) -> Scene:
     """The scene with the switches that correspond to a level of coupling given as an option."""
     if coupling == "auto":
         return scene
-    switches: dict[str, str] = {
-        name: "off" for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"
-    }
-    switches |= {
-        "coupling": "off" if coupling == "none" else "on",
-        "full_coupling": "on" if coupling == "full" else "off",
-    }
+    switches = {name: "off" for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"}
+    switches["coupling"] = "off" if coupling == "none" else "on"
+    switches["full_coupling"] = "on" if coupling == "full" else "off"
     return scene.with_effects(switches)
 
 
 def scene_of_model(scene: Scene, model: str) -> Scene:
     """The scene of one of `COMPARED_MODELS`: without coupling for ``"uncoupled"``."""
     return scene if model == "coupled" else scene.with_effects({"coupling": "off", "full_coupling": "off"})
-
-
-def scene_level(scene: Scene, coupling: str) -> str:
-    """Level of coupling of a scene whose switches are set; ``"hertz"`` if the option asks for it."""
-    if coupling == "hertz":
-        return coupling
-    effects = scene.effects
-    return coupling_level(coupling=effects.coupling != "off", full_coupling=effects.full_coupling == "on")
 
 
 def _judgement(solution: InteractingSolution, border: str, more: Sequence[str]) -> dict[str, str]:

@@ -56,32 +56,29 @@ def calibrate() -> None:
     """
 
 
-@shared.command(
-    *RUNNING, group=calibrate, said="Young's modulus, work of adhesion and centre from a smooth contact."
-)
+@shared.command(*RUNNING, group=calibrate)
 def jkr(folder: shared.ExistingFolder, **common: Any) -> int:
-    """Fit Young's modulus and the work of adhesion to frames of a smooth contact at three or more loads.
+    """Fit modulus and work of adhesion to a smooth contact.
 
-    Measures the radius of the circular contact on each frame of FOLDER and fits the JKR law to radius against
-    load. Writes calibration.json (young_modulus in Pa, work_of_adhesion in J/m^2, centre_x and centre_y in
-    pixels), circles.csv (load and radius of each frame), provenance.json and figures.
+    Measures the radius of the circular contact on each frame of FOLDER, at three or more loads, and fits the
+    JKR law to radius against load. Writes calibration.json (young_modulus in Pa, work_of_adhesion in J/m^2,
+    centre_x and centre_y in pixels), circles.csv (load and radius of each frame), provenance.json and
+    figures.
 
     \b
     Example:
       contactimg calibrate jkr sample_data/smooth_jkr -o jkr
     """
-    return _calibrate("jkr", folder, pipeline.run_jkr, pulled=True, **common)
+    return _calibrate(folder, pipeline.run_jkr, pulled=True, **common)
 
 
-@shared.command(
-    *RUNNING, *MODULUS, group=calibrate, said="The threshold at which the local forces add up to the load."
-)
+@shared.command(*RUNNING, *MODULUS, group=calibrate)
 def threshold(folder: shared.ExistingFolder, *, stated: shared.Stated, jkr: Jkr = None, **common: Any) -> int:
-    """Find the threshold at which the local forces of a sample of known modulus add up to the load.
+    """Find the threshold at which local forces add up to the load.
 
-    Young's modulus is that of --jkr or --young-modulus-MPa, else that of the scene. Writes calibration.json
-    (threshold as a fraction of the contrast), forces.csv (load and sum of the forces of each frame),
-    curve.csv (slope against threshold), provenance.json and figures.
+    The sample has a known modulus: that of --jkr or --young-modulus-MPa, else that of the scene. Writes
+    calibration.json (threshold as a fraction of the contrast), forces.csv (load and sum of the forces of each
+    frame), curve.csv (slope against threshold), provenance.json and figures.
 
     \b
     Example:
@@ -89,7 +86,6 @@ def threshold(folder: shared.ExistingFolder, *, stated: shared.Stated, jkr: Jkr 
     """
     record = files.read_calibration(jkr) if jkr else {}
     return _calibrate(
-        "threshold",
         folder,
         pipeline.run_threshold,
         stated=_with_modulus(stated, jkr, record),
@@ -99,9 +95,7 @@ def threshold(folder: shared.ExistingFolder, *, stated: shared.Stated, jkr: Jkr 
     )
 
 
-@shared.command(
-    *RUNNING, *MODULUS, group=calibrate, said="Young's modulus at which the local forces add up to the load."
-)
+@shared.command(*RUNNING, *MODULUS, group=calibrate)
 def modulus(
     folder: shared.ExistingFolder,
     *,
@@ -111,12 +105,12 @@ def modulus(
     jkr: Jkr = None,
     **common: Any,
 ) -> int:
-    """Find Young's modulus at which the local forces add up to the load, with the threshold fixed.
+    """Find Young's modulus at which local forces add up to the load.
 
-    The threshold is that of --calibration or --threshold, else that of the scene. The result is compared with
-    the modulus of --jkr, --young-modulus-MPa or the scene, and a note says if it lies outside the uncertainty
-    of that one. Writes calibration.json (young_modulus in Pa), forces.csv (load and sum of the forces of each
-    frame), provenance.json and a figure.
+    The threshold is fixed: that of --calibration or --threshold, else that of the scene. The result is
+    compared with the modulus of --jkr, --young-modulus-MPa or the scene, and a note says if it lies outside
+    the uncertainty of that one. Writes calibration.json (young_modulus in Pa), forces.csv (load and sum of
+    the forces of each frame), provenance.json and a figure.
 
     \b
     Example:
@@ -137,7 +131,6 @@ def modulus(
         return pipeline.run_modulus(experiment, threshold=fixed, **how)
 
     return _calibrate(
-        "modulus",
         folder,
         run,
         stated=_with_modulus(stated, jkr, compared),
@@ -147,11 +140,9 @@ def modulus(
     )
 
 
-@shared.command(
-    *RUNNING, group=calibrate, said="The range of thresholds over which the contact area hardly changes."
-)
+@shared.command(*RUNNING, group=calibrate)
 def plateau(folder: shared.ExistingFolder, **common: Any) -> int:
-    """Find the range of thresholds over which the total contact area hardly changes.
+    """Find the range of thresholds where the area hardly changes.
 
     For samples whose asperity radii are not known; the two ends of the range give the error bar of the area.
     Writes calibration.json (threshold, threshold_low and threshold_high as fractions of the contrast),
@@ -161,11 +152,10 @@ def plateau(folder: shared.ExistingFolder, **common: Any) -> int:
     Example:
       contactimg calibrate plateau sample_data/ra_plus
     """
-    return _calibrate("plateau", folder, pipeline.run_plateau, **common)
+    return _calibrate(folder, pipeline.run_plateau, **common)
 
 
 def _calibrate(
-    kind: str,
     folder: str,
     run: Callable[..., "pipeline.Calibrated"],
     *,
@@ -193,7 +183,7 @@ def _calibrate(
             raise InputError(ONE_OF_TWO)
         result = run(experiment, workers=workers)
         pipeline.write_calibration(result, out.folder, frames=out.record["inputs"])
-        _echo(result, title=f"{folder}, calibrate {kind}")
+        _echo(result, title=f"{folder}, calibrate {click.get_current_context().info_name}")
     return 1 if result.failed else 0
 
 

@@ -255,19 +255,13 @@ def selftest() -> int:
     from contactimg.hard_cases import CASES, run_cases
 
     table = run_cases(CASES)
-    rows = [
-        {
-            "case": row["case"],
-            "answer": str(row["said"])[:LONGEST_SENTENCE],
-            "": "" if row["passed"] else "FAILS",
-            "residual": row["residual"],
-            "error": row["error"],
-            "allowed": row["allowed"] if row["truth"] else None,
-            "truth": row["truth"],
-        }
-        for row in table.to_dict("records")
-    ]
-    echo_table("hard cases", rows, left=3, forms={"residual": ".1g", "error": ".2g", "allowed": ".2g"})
+    shown = table.assign(
+        answer=table["said"].str[:LONGEST_SENTENCE],
+        verdict=table["passed"].map({True: "", False: "FAILS"}),
+        allowed=table["allowed"].where(table["truth"] != ""),
+    )[["case", "answer", "verdict", "residual", "error", "allowed", "truth"]]
+    forms = {"residual": ".1g", "error": ".2g", "allowed": ".2g"}
+    echo_table("hard cases", shown, left=3, forms=forms)
     failed = int((~table["passed"]).sum())
     say(f"{len(table) - failed} of {len(table)} hold" + (f", {failed} do not" if failed else ""))
     return int(failed > 0)

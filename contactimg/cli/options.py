@@ -28,9 +28,9 @@ Stated = dict[str, dict[str, Any]]
 
 
 def command(
-    *options: click.Parameter, group: click.Group | None = None, said: str = ""
+    *options: click.Parameter, group: click.Group | None = None
 ) -> Callable[[Callable[..., Any]], click.Command]:
-    """Make a command of a function; ``said`` is what the help of its group says of it.
+    """Make a command of a function.
 
     Each parameter becomes an option, a positional parameter an argument. The signature gives name, type and
     default; beside the type stand, in ``Annotated``, bounds (a click type), the flag where it is not the
@@ -65,7 +65,6 @@ def command(
             callback=call,
             params=sorted([*own, *options, *EVERYWHERE], key=lambda param: isinstance(param, click.Option)),
             help=text,
-            short_help=said or None,
         )
         if group is not None:
             group.add_command(made)
@@ -76,10 +75,10 @@ def command(
 
 def _parameter(parameter: inspect.Parameter, meaning: str) -> click.Parameter:
     """The option or the argument for one parameter of a command."""
-    plain, *notes = _parts(parameter.annotation)
+    plain, *notes = _kinds(parameter.annotation)
     many = get_origin(plain) is tuple
     if many:
-        plain, *more = _parts(get_args(plain)[0])
+        plain, *more = _kinds(get_args(plain)[0])
         notes += more
     words = get_args(plain) if get_origin(plain) is Literal else ()
     bounds = next((note for note in notes if isinstance(note, click.ParamType)), None)
@@ -100,14 +99,14 @@ def _parameter(parameter: inspect.Parameter, meaning: str) -> click.Parameter:
     return click.Option([*names, parameter.name], multiple=many, help=help_text, **settings)
 
 
-def _parts(annotation: Any) -> tuple[Any, ...]:
-    """The plain type of an annotation, None apart, and what is noted beside it."""
+def _kinds(annotation: Any) -> list[Any]:
+    """The types that an annotation allows, each with what is noted beside it."""
     if get_origin(annotation) is Annotated:
         inner, *notes = get_args(annotation)
-        return (*_parts(inner), *notes)
+        return [*_kinds(inner), *notes]
     if get_origin(annotation) in (UnionType, Union):
-        return _parts(get_args(annotation)[0])
-    return (annotation,)
+        return [kind for part in get_args(annotation) for kind in _kinds(part)]
+    return [annotation]
 
 
 def option(name: str, annotation: Any, default: Any = None) -> click.Parameter:
@@ -289,7 +288,7 @@ class SceneOption(click.Option):
         if default is None and field.default is not None and not field.is_required():
             default = f"the scene's, else {field.default}"
         kinds = _kinds(field.annotation)
-        words = [word for word in kinds if isinstance(word, str)]
+        words = [word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)]
         super().__init__(
             [flag, flag.removeprefix("--").replace("-", "_")],
             type=number if float in kinds else click.Choice(words) if words else str,
@@ -312,15 +311,6 @@ def number(value: str) -> float | str:
         return float(value)
     except ValueError:
         return value
-
-
-def _kinds(annotation: Any) -> list[Any]:
-    """The plain types and the words that an annotation allows."""
-    if get_origin(annotation) is None:
-        return [annotation]
-    if get_origin(annotation) is Literal:
-        return list(get_args(annotation))
-    return [kind for part in get_args(annotation) for kind in _kinds(part)]
 
 
 FRAMES = (

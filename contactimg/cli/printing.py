@@ -143,7 +143,7 @@ def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
     """Print the scores, one line per frame and model."""
     counts, ratios = ("measured", "predicted", "matched"), ("precision", "recall", "f1")
     shown = scores.rename(columns=lambda name: name.removeprefix("n_"))[["frame", "model", *counts, *ratios]]
-    echo_table(title, shown.to_dict("records"), left=2, forms=dict.fromkeys(ratios, ".3f"))
+    echo_table(title, shown, left=2, forms=dict.fromkeys(ratios, ".3f"))
 
 
 def echo_results(results: "pd.DataFrame", *, title: str) -> None:
@@ -219,7 +219,7 @@ def echo_timings(timings: Timings) -> None:
 
 def echo_table(
     title: str,
-    rows: Sequence[Cells],
+    rows: "pd.DataFrame | Sequence[Cells]",
     *,
     left: int,
     forms: Mapping[str, str] = MappingProxyType({}),
@@ -236,20 +236,17 @@ def echo_table(
     from rich.console import Console
     from rich.table import Table
 
-    cells = [
-        {head: "" if pd.isna(value) else format(value, forms.get(head, "")) for head, value in row.items()}
-        for row in rows
-    ]
+    cells = pd.DataFrame(rows, dtype=object)
+    for head in map(str, cells):
+        cells[head] = ["" if pd.isna(one) else format(one, forms.get(head, "")) for one in cells[head]]
     table = Table(
         title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
     )
-    heads = list(cells[0]) if cells else []
-    filled = [head for head in heads if any(row[head] for row in cells)]
-    for head in filled:
-        is_text = heads.index(head) < left
-        table.add_column(head, justify="left" if is_text else "right", overflow="fold")
-    for row in cells:
-        table.add_row(*(row[head] for head in filled))
+    for place, head in enumerate(map(str, cells)):
+        if cells[head].any():
+            table.add_column(head, justify="left" if place < left else "right", overflow="fold")
+    for row in cells.loc[:, cells.any()].itertuples(index=False):
+        table.add_row(*row)
     console = Console(highlight=False, markup=False, stderr=stderr)
     if not console.is_terminal:
         console.width = max(console.width, WIDTH_OF_FILES)

@@ -103,8 +103,7 @@ def process(
             title = f"{folder}, method {described.measure.method}"
             echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
             law, film = str(facts.get("law") or ""), _film_sentence(frames, facts.get("film", {}))
-            found = series.apex is not None and series.apex.known != STATED
-            apex = series.apex.sentence() if found and series.apex is not None else ""
+            apex = series.apex.sentence() if series.apex and series.apex.known != STATED else ""
             say(acts and f"calibration {calibration}: {acts}", apex, law, film)
         doubted = warn_of(doubts_about_run(series.scene, frames, series.shown), folder)
         statuses = set(frames["status"])
@@ -215,9 +214,7 @@ def check(
         out.record["sentence"] = result.sentence
         forms = {"low_px": ".2f", "high_px": ".2f", "drawn": "", "completeness": ".0%", "bias_px": "+.3f"}
         forms |= {"rms_px": ".3f", "within_1_std": ".0%", "within_2_std": ".0%"}
-        echo_table(
-            f"{folder}, contacts drawn", result.classes[[*forms]].to_dict("records"), left=0, forms=forms
-        )
+        echo_table(f"{folder}, contacts drawn", result.classes[[*forms]], left=0, forms=forms)
         say(result.sentence)
         say(*(f"{row.frame}: not checked, {row.message}" for row in result.failed.itertuples()))
     return 1 if len(result.failed) else 0

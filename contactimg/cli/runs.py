@@ -247,7 +247,7 @@ def import_rois(
     source = files.read_run(run)
     time = datetime.now(UTC).isoformat(timespec="seconds")
     edits = pipeline.edits_from_regions(source, Path(file), frame=frame, author=author, time=time)
-    target = Path(output or files.edits_file(source.scene, source.folder))
+    target = Path(output or files.edits_file(source.scene))
     if len(edits):
         files.EditsFile(target).insert(edits)
     counts = edits["action"].value_counts()

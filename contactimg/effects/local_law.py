@@ -4,7 +4,6 @@ The same switches as for a prediction, ``sphere_profile`` and ``adhesion``, and 
 radii are measured, so that each change is known without solving anything.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,89 +77,73 @@ class LawPlan:
         return f"left out{why}: {EFFECT_WORDS[effect]} ({100 * self.left_out[effect]:.2g} % of the forces)"
 
 
-@dataclass(frozen=True)
-class LawEvidence:
-    """The law of the forces that the contacts of some frames ask for.
+def law_evidence(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> pd.DataFrame:
+    """What decides on the law of the local forces, one row a frame.
 
     Parameters
     ----------
-    changes : dict
-        Effect -> relative change of the forces by it, in the worst frame.
-    largest_radius : float, m
-        Of a contact; 0 without any.
+    scene : Scene
+    contacts : DataFrame
+        With ``frame`` and ``radius_m``.
+    sphere_radius : ndarray, m
+        Composite radius of each contact's asperity; NaN where it is not known.
+
+    Returns
+    -------
+    DataFrame
+        ``sphere_profile, adhesion``: relative change of the forces, ``sum |change| / sum |force|`` over the
+        contacts with a force; ``radius_m``: the largest one.
     """
-
-    changes: dict[str, float]
-    largest_radius: float
-
-    @classmethod
-    def of(cls, scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> "LawEvidence":
-        """The evidence of frames with ``frame`` and ``radius_m`` of each contact.
-
-        ``sphere_radius`` (m) is the composite radius of each contact's asperity; NaN where it is not known.
-        """
-        elastic = scene.need("elastic", "local forces")
-        a, modulus = contacts["radius_m"].to_numpy(float), elastic.contact_modulus
-        parabola = pressing_force(a, sphere_radius, contact_modulus=modulus)
-        sphere = pressing_force(a, sphere_radius, contact_modulus=modulus, law="sphere")
-        pull = adhesive_pull(a, contact_modulus=modulus, work_of_adhesion=elastic.work_of_adhesion)
-        complete = sphere - (0.0 if scene.effects.adhesion == "off" else pull)
-        groups = [np.asarray(rows) for rows in contacts.groupby("frame").indices.values()]
-        changes = {
-            "sphere_profile": _largest_change(sphere - parabola, complete, groups),
-            "adhesion": _largest_change(pull, complete, groups),
-        }
-        return cls(changes, float(np.max(a, initial=0.0, where=np.isfinite(a))))
-
-    def __or__(self, other: "LawEvidence") -> "LawEvidence":
-        """The evidence of the frames of both."""
-        changes = {name: max(change, other.changes[name]) for name, change in self.changes.items()}
-        return LawEvidence(changes, max(self.largest_radius, other.largest_radius))
-
-
-def decide_law(scene: Scene, evidence: LawEvidence) -> LawPlan:
-    """Decide on the law of the local forces: one for all frames, that which the worst of them calls for."""
     elastic = scene.need("elastic", "local forces")
+    a, modulus = contacts["radius_m"].to_numpy(float), elastic.contact_modulus
+    parabola = pressing_force(a, sphere_radius, contact_modulus=modulus)
+    sphere = pressing_force(a, sphere_radius, contact_modulus=modulus, law="sphere")
+    pull = adhesive_pull(a, contact_modulus=modulus, work_of_adhesion=elastic.work_of_adhesion)
+    complete = sphere - (0.0 if scene.effects.adhesion == "off" else pull)
+    forces = np.abs(np.column_stack([sphere - parabola, pull, complete]))
+    forces[~np.isfinite(complete)] = 0.0
+    table = pd.DataFrame(forces, columns=["sphere_profile", "adhesion", "complete"])
+    frames = table.groupby(contacts["frame"].to_numpy()).sum()
+    changes = frames.div(frames.pop("complete"), axis="index").replace(np.inf, 0.0).fillna(0.0)
+    return changes.assign(radius_m=contacts.groupby("frame")["radius_m"].max())
+
+
+def decide_law(scene: Scene, evidence: pd.DataFrame) -> LawPlan:
+    """Decide on the law of the local forces: one for all frames, that which the worst of them calls for.
+
+    ``evidence`` is that of all frames, from `law_evidence`.
+    """
+    elastic, worst = scene.need("elastic", "local forces"), evidence.max().fillna(0.0).to_dict()
     estimates = [
-        EffectEstimate(name, change, "from the measured radii", changes={"force": change, "profile": change})
-        for name, change in evidence.changes.items()
+        EffectEstimate(
+            name, worst[name], "from the measured radii", {"force": worst[name], "profile": worst[name]}
+        )
+        for name in EFFECT_WORDS
     ]
     tolerance = scene.tolerance
     decisions, messages = decide(
         estimates, scene.effects, tolerance=tolerance.relative, output=tolerance.output
     )
     switches = {d.effect: "on" if d.on and (d.change > 0 or d.switch == "on") else "off" for d in decisions}
-    effects = scene.effects.model_copy(update=switches)
     left_out = {d.effect: d.change for d in decisions if switches[d.effect] == "off" and d.change > 0}
     switched_off = tuple(d.effect for d in decisions if d.switch == "off" and d.effect in left_out)
     others = [text for text in messages if not text.startswith(switched_off)]
-    support = _support_messages(evidence.largest_radius, elastic, tolerance.relative)
-    return LawPlan(scene.model_copy(update={"effects": effects}), left_out, switched_off, (*others, *support))
+    if too_thin := _support_message(worst["radius_m"], elastic, tolerance.relative):
+        others.append(too_thin)
+    return LawPlan(scene.with_effects(switches), left_out, switched_off, tuple(others))
 
 
-def _largest_change(change: Values, complete: Values, groups: Sequence[NDArray[np.intp]]) -> float:
-    """Largest of ``sum |change| / sum |complete|`` over the frames, of contacts with a force."""
-    ratios = [0.0]
-    for rows in groups:
-        known = rows[np.isfinite(complete[rows]) & np.isfinite(change[rows])]
-        total = float(np.abs(complete[known]).sum())
-        if total > 0:
-            ratios.append(float(np.abs(change[known]).sum()) / total)
-    return max(ratios)
-
-
-def _support_messages(radius: float, elastic: Elastic, tolerance: float) -> tuple[str, ...]:
-    """A sentence if the layer is so thin that its support acts on a single contact."""
+def _support_message(radius: float, elastic: Elastic, tolerance: float) -> str:
+    """A sentence if the layer is so thin that its support acts on a single contact; else empty."""
     if elastic.thickness is None:
-        return ()
+        return ""
     ratio = radius / elastic.thickness
     pressing, _ = layer_factors(min(ratio, LARGEST_RATIO), poisson_ratio=elastic.poisson_ratio)
     error = float(1 - 1 / pressing)
     if error <= tolerance:
-        return ()
-    sentence = (
+        return ""
+    return (
         f"contact radii reach {ratio:.2g} of the layer's thickness: the support under a contact itself is "
         f"not in the law, and forces are low by {'more than' if ratio > LARGEST_RATIO else 'up to'} "
         f"{100 * error:.2g} %"
     )
-    return (sentence,)

@@ -36,7 +36,7 @@ from contactimg.models.interacting import solve_interacting
 from contactimg.models.solution import InteractingSolution
 from contactimg.models.surroundings import MeanField
 from contactimg.models.validity import close_pairs
-from contactimg.scene import Scene
+from contactimg.scene import Effects, Scene
 
 Values = NDArray[np.float64]
 Level = Literal["none", "asymptotic", "full"]
@@ -73,17 +73,23 @@ and saddle, by the neighbours, weighted by the forces. Measured: the largest of 
 that nearly touch, against solutions of the whole contact problem (`benchmarks/models_truth.py`)."""
 
 
-def coupling_level(*, coupling: bool, full_coupling: bool) -> Level:
-    """Level of coupling of the interacting model that two switches amount to.
+def coupling_level(effects: Effects) -> Level:
+    """Level of coupling of the interacting model that the switches of a scene amount to.
 
     Examples
     --------
-    >>> coupling_level(coupling=True, full_coupling=False)
+    >>> coupling_level(Effects(coupling="on", full_coupling="off"))
     'asymptotic'
     """
-    if not coupling:
+    if effects.coupling == "off":
         return "none"
-    return "full" if full_coupling else "asymptotic"
+    return "full" if effects.full_coupling == "on" else "asymptotic"
+
+
+def refuse_touching(solution: InteractingSolution, load: float) -> None:
+    """Raise `ModelRangeError` if most of the planes between the asperities touch."""
+    if solution.base_gap.beyond_models:
+        raise ModelRangeError(f"at {load:g} N {solution.base_gap.sentence}; lower the load")
 
 
 def solve_scene(
@@ -185,10 +191,7 @@ class Comparison:
         try:
             self.base = self.solve(self.on)
         except ConvergenceError:
-            if self.alone.base_gap.beyond_models:
-                raise ModelRangeError(
-                    f"at {load:g} N {self.alone.base_gap.sentence}; lower the load"
-                ) from None
+            refuse_touching(self.alone, load)
             refuse_engulfed(self.alone)
             raise
         # adhesive contacts hold at negative penetrations too
@@ -203,8 +206,8 @@ class Comparison:
         if key in self.solved:
             return self.solved[key]
         switches = {name: "on" if name in effects else "off" for name in MECHANICAL_EFFECTS}
-        scene = self.scene.model_copy(update={"effects": self.scene.effects.model_copy(update=switches)})
-        level = coupling_level(coupling="coupling" in effects, full_coupling="full_coupling" in effects)
+        scene = self.scene.with_effects(switches)
+        level = coupling_level(scene.effects)
         load = self.load if "adhesion" in effects else max(self.load, 0.0)
         solution = solve_scene(scene, self.table, load=load, coupling=level, start=start)
         return self.solved.setdefault(key, solution)
@@ -257,10 +260,8 @@ class Comparison:
         """Change of each output if these effects are left out, each a number of times."""
         names = {*left_out} | ({"full_coupling"} if "coupling" in left_out else set())
         steps = [step for name, step in self.steps.items() if name in names]
-        if not steps:
-            return dict.fromkeys(WRITTEN, 0.0)
         found = dict.fromkeys(WRITTEN, 0.0)
-        for beyond in {0.0, stretch - 1}:  # contacts may form or vanish at either end
+        for beyond in {0.0, stretch - 1} if steps else ():  # contacts may form or vanish at either end
             complete = self.complete + beyond * np.sum(steps, axis=0)
             without = complete - stretch * np.sum(steps, axis=0)
             changes = self._changes(without, complete, may_form=stretch > 1)
@@ -383,16 +384,16 @@ class MechanicalEstimates:
     limits : tuple of str
         One sentence for each range of validity that some contacts exceed, and each effect that could not be
         solved.
-    base : InteractingSolution or None
-        Contacts coupled by point forces; None without contacts.
+    base : InteractingSolution
+        Contacts coupled by point forces.
     compared : tuple of Comparison
     model_error : ModelError
         Of the complete model.
     """
 
     estimates: tuple[EffectEstimate, ...]
+    base: InteractingSolution
     limits: tuple[str, ...] = ()
-    base: InteractingSolution | None = None
     compared: tuple[Comparison, ...] = ()
     model_error: ModelError = field(default_factory=ModelError)
 
@@ -451,23 +452,24 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
     whole = Comparison(scene, asperities, load)
     if not whole.base.touching.size:
         nothing = f"at {load:g} N there is no contact"
-        return MechanicalEstimates(tuple(EffectEstimate(name, 0.0, nothing) for name in MECHANICAL_EFFECTS))
-    limits = _limits(whole, load)
+        estimates = [EffectEstimate(name, 0.0, nothing) for name in MECHANICAL_EFFECTS]
+        return MechanicalEstimates(tuple(estimates), whole.base)
+    refuse_touching(whole.base, load)
+    limits = whole.base.validity.messages()
     near = whole if whole.base.touching.size <= PART_CONTACTS else whole.part(PART_CONTACTS)
     for name in MECHANICAL_EFFECTS:
         (whole if name in ("coupling", "layer") else near).compare(name)
     compared = (whole,) if near is whole else (whole, near)
-    found = MechanicalEstimates((), compared=compared)
+    found, reasons = MechanicalEstimates((), whole.base, compared=compared), near.reasons | whole.reasons
     requested = requested_outputs(scene.tolerance.output)
     estimates = []
     for name in MECHANICAL_EFFECTS:
         changes = found.together([name])
-        source = whole if name in whole.reasons else near
         change = max(changes[output] for output in requested)
-        estimates.append(EffectEstimate(name, change, source.reasons[name], changes))
-        if source.reasons[name].startswith(UNSOLVED):
-            limits.append(f"{name} is not compared: {source.reasons[name]}")
-    return MechanicalEstimates(tuple(estimates), tuple(limits), whole.base, compared, _model_error(near))
+        estimates.append(EffectEstimate(name, change, reasons[name], changes))
+        if reasons[name].startswith(UNSOLVED):
+            limits.append(f"{name} is not compared: {reasons[name]}")
+    return MechanicalEstimates(tuple(estimates), whole.base, tuple(limits), compared, _model_error(near))
 
 
 def refuse_engulfed(alone: InteractingSolution) -> None:
@@ -480,14 +482,6 @@ def refuse_engulfed(alone: InteractingSolution) -> None:
             f"asperities: rows {first} and {second} would overlap so far that several solutions exist; "
             "lower the load or merge them"
         )
-
-
-def _limits(whole: Comparison, load: float) -> list[str]:
-    """Sentences on the ranges of validity that are exceeded; an error if most of the base planes touch."""
-    gap = whole.base.base_gap
-    if gap.beyond_models:
-        raise ModelRangeError(f"at {load:g} N {gap.sentence}; lower the load")
-    return whole.base.validity.messages()
 
 
 def _model_error(near: Comparison) -> ModelError:

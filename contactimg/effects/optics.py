@@ -13,9 +13,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.effects.output_change import OUTPUTS, POWER, EffectEstimate
+from contactimg.imaging.fit.film_choice import film_makes_contrast
 from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
+from contactimg.imaging.profile.film_rim import FilmRim
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.optics.film import Light, thick_transmission, transmission
 from contactimg.optics.render_settings import PARAMETER, lamp, read_render_settings
 from contactimg.optics.sensor import digitise
 from contactimg.render import render_contacts, render_reference
@@ -54,9 +55,6 @@ FEWEST_CONTACTS = 40
 
 MARGIN_PX = 30.0
 """Background around the contacts of the part. Chosen: four blocks of the estimate of the background."""
-
-FILM_CONTRAST_FACTOR = 2.0
-"""The film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
 
 SHARP_BLUR_PX = 1e-3
 """Blur of a frame that is known to have none: small against the width of the pixel. Chosen: any value well
@@ -97,19 +95,8 @@ def measuring(
     )
 
 
-def film_strength(light: Light) -> float:
-    """Contrast of a contact against a thick air film, ``T(0)/T(inf) - 1``.
-
-    Examples
-    --------
-    >>> film_strength(Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9)))
-    0.0728
-    """
-    return float(transmission(0.0, light=light)) / thick_transmission(light) - 1
-
-
 def film_makes_the_contrast(simulate: Simulate) -> bool:
-    """Whether the contrast of a scene is that of an air film, within `FILM_CONTRAST_FACTOR`.
+    """Whether the contrast of a scene is that of an air film, within a factor.
 
     Otherwise it has another cause (for example caps that deflect the light), and the film does not shape the
     edge.
@@ -121,8 +108,12 @@ def film_makes_the_contrast(simulate: Simulate) -> bool:
     >>> film_makes_the_contrast(Simulate(background_levels=80.0, contrast_levels=100.0))
     False
     """
-    ratio = simulate.contrast_levels / simulate.background_levels / film_strength(lamp(simulate))
-    return 1 / FILM_CONTRAST_FACTOR <= ratio <= FILM_CONTRAST_FACTOR
+    return film_makes_contrast(_any_rim(simulate), simulate.contrast_levels / simulate.background_levels)
+
+
+def _any_rim(simulate: Simulate) -> FilmRim:
+    """A rim under the light of a scene, of which only the contrast counts."""
+    return FilmRim(lamp(simulate), sphere_radius=1.0, pixel_size=1.0)
 
 
 def busiest_quarter(places: Values, shown: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -207,9 +198,7 @@ class Camera:
         """Grey levels of frame and reference before the sensor."""
         key = shown - SENSOR
         if key not in self.lights:
-            switches = {name: "on" if name in key else "off" for name in OPTICS}
-            effects = self.scene.effects.model_copy(update=switches)
-            scene = self.scene.model_copy(update={"effects": effects})
+            scene = self.scene.with_effects({name: "on" if name in key else "off" for name in OPTICS})
             frame = render_contacts(
                 self.contacts,
                 scene,
@@ -283,7 +272,7 @@ class Camera:
 def _film_reason(camera: Camera) -> str:
     """The contrast of the scene and that of the film; ends with why the film cannot act."""
     simulate = camera.simulate
-    contrast, strength = simulate.contrast_levels / simulate.background_levels, film_strength(lamp(simulate))
+    contrast, strength = simulate.contrast_levels / simulate.background_levels, _any_rim(simulate).contrast
     stated = f"contrast {100 * contrast:.3g} % of the background, the film's {100 * strength:.2g} %"
     if not np.isfinite(camera.sphere_radius).all():
         return f"{stated}, {NO_FILM} the radii of curvature are not known"

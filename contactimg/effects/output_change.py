@@ -112,18 +112,12 @@ def _profile_change(annulus: NDArray[np.intp], without: Answer, complete: Answer
     if not annulus.size:
         return 0.0
     area = 2.0 * np.arange(int(annulus.max()) + 1) + 1  # in units of that of the innermost
-
-    def pressure(answer: Answer) -> Values:
-        return np.bincount(annulus, answer.force) / area
-
-    def count(answer: Answer) -> Values:
-        return np.bincount(annulus, (answer.radius > 0).astype(float)).astype(float)
-
-    p, n = pressure(complete), count(complete)
-    return max(
-        _ratio(float(np.abs(p - pressure(without)).max()), float(np.abs(p).max())),
-        _ratio(float(np.abs(n - count(without)).sum()), float(n.sum())),
+    (p, n), (other_p, other_n) = (
+        (np.bincount(annulus, answer.force) / area, np.bincount(annulus, answer.radius > 0))
+        for answer in (complete, without)
     )
+    pressure = _ratio(float(np.abs(p - other_p).max()), float(np.abs(p).max()))
+    return max(pressure, _ratio(float(np.abs(n - other_n).sum()), float(n.sum())))
 
 
 def relative_change(output: str, *, without: Contacts, complete: Contacts) -> float:

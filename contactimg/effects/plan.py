@@ -23,7 +23,7 @@ from contactimg.effects.optics import estimate_optics
 from contactimg.effects.output_change import EffectEstimate, change_sentence, requested_outputs
 from contactimg.effects.unmodelled import unmodelled_effects
 from contactimg.scene import Effects, Scene
-from contactimg.tables import CONTACTS, EFFECTS
+from contactimg.tables import EFFECTS
 from contactimg.timings import stage
 
 REQUIRES = {"full_coupling": "coupling", "layer": "coupling"}
@@ -97,19 +97,23 @@ class Plan:
 
     def is_on(self, effect: str) -> bool:
         """Whether an effect is computed; False for an effect that is not in the plan."""
-        return any(decision.on for decision in self.decisions if decision.effect == effect)
+        return self._switches.get(effect) == "on"
 
     @property
     def coupling(self) -> Level:
         """Level of coupling for the interacting model."""
-        return coupling_level(coupling=self.is_on("coupling"), full_coupling=self.is_on("full_coupling"))
+        return coupling_level(Effects().model_copy(update=self._switches))
+
+    @property
+    def _switches(self) -> dict[str, str]:
+        """Effect -> "on" or "off"."""
+        return {decision.effect: "on" if decision.on else "off" for decision in self.decisions}
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """Mechanical effects that could act and are left out."""
-        return tuple(
-            d.effect for d in self.decisions if d.effect in MECHANICAL_EFFECTS and not d.on and d.change > 0
-        )
+        mechanical = [d for d in self.decisions if d.effect in MECHANICAL_EFFECTS]
+        return tuple(d.effect for d in mechanical if not d.on and d.change > 0)
 
     def sentence(self) -> str:
         """A sentence that names what is left out and by how much that changes each output."""
@@ -123,8 +127,7 @@ class Plan:
     def apply(self, scene: Scene) -> Scene:
         """The scene with the decisions of the plan as its switches, "on" or "off"."""
         names = scene.effects.switches()
-        switches = {d.effect: "on" if d.on else "off" for d in self.decisions if d.effect in names}
-        return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
+        return scene.with_effects({name: self._switches[name] for name in names if name in self._switches})
 
     @property
     def record(self) -> list[dict[str, Any]]:
@@ -142,18 +145,14 @@ class Plan:
             "model_errors_from": self.model_error.source,
         }
 
-    def _rows(self) -> Iterable[tuple[str, EffectEstimate]]:
-        """Each effect with what is decided on it."""
-        yield from (("on" if d.on else "off", d) for d in self.decisions)
-        yield from ((NOT_MODELLED, estimate) for estimate in self.unmodelled)
-
     def table(self) -> pd.DataFrame:
         """One row per effect: the schema `contactimg.tables.EFFECTS`."""
         rows = [
             {name: value for name, value in asdict(d).items() if name in EFFECTS.columns}
             | {f"change_{output}": value for output, value in d.changes.items()}
-            | {"load_N": self.load, "tolerance": self.relative, "decision": decision}
-            for decision, d in self._rows()
+            | {"load_N": self.load, "tolerance": self.relative}
+            | {"decision": self._switches.get(d.effect, NOT_MODELLED)}
+            for d in (*self.decisions, *self.unmodelled)
         ]
         return EFFECTS.conform(pd.DataFrame(rows, columns=list(EFFECTS.columns)))
 
@@ -279,15 +278,9 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     ('asymptotic', False)
     """
     mechanics = estimate_mechanics(scene, asperities, load=load)
-    optics: tuple[EffectEstimate, ...] = ()
-    if scene.simulate is not None:
-        optics = estimate_optics(
-            scene, CONTACTS.empty() if mechanics.base is None else mechanics.base.contacts()
-        )
-    estimates = (*mechanics.estimates, *optics)
     tolerance = scene.tolerance
     decisions, messages = decide(
-        estimates,
+        (*mechanics.estimates, *estimate_optics(scene, mechanics.base.contacts())),
         scene.effects,
         tolerance=tolerance.relative,
         output=tolerance.output,

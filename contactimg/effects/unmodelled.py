@@ -20,15 +20,13 @@ SLOPE_FACTORS = {"area": 1.0, "force": 0.12}
 lens: 0.6 and 0.076 % on RA+ with slopes up to 0.08, from solutions of the whole problem (docs/models.md)."""
 
 
-def unmodelled_effects(
-    solution: InteractingSolution | None, *, law: str, output: str
-) -> tuple[EffectEstimate, ...]:
+def unmodelled_effects(solution: InteractingSolution, *, law: str, output: str) -> tuple[EffectEstimate, ...]:
     """Estimates of the effects that every solution leaves out.
 
     Parameters
     ----------
-    solution : InteractingSolution or None
-        There is no estimate without.
+    solution : InteractingSolution
+        There is no estimate without contacts.
     law : {"hertz", "sphere"}
         That of the solution which is planned.
     output : str
@@ -40,7 +38,7 @@ def unmodelled_effects(
         ``finite_strain``: of area, radii and Hertz forces at the forces of the solution, and of the forces at
         its radii; ``cap_slope``: of area and forces.
     """
-    if solution is None or not solution.touching.size:
+    if not solution.touching.size:
         return ()
     rows, (x0, y0) = solution.touching, solution.conditions.apex
     a, R, weight = solution.radius[rows], solution.composite_radius[rows], np.abs(solution.force[rows])
@@ -57,23 +55,13 @@ def unmodelled_effects(
     distance = np.hypot(solution.x[rows] - x0, solution.y[rows] - y0)
     slope = float(distance.max() / solution.conditions.indenter_radius)
     tilted = {name: factor * slope**2 for name, factor in SLOPE_FACTORS.items()}
-    named = {
-        "finite_strain": (
-            f"a/R up to {a[widest] / R[widest]:.2f}: rubber bears {load[widest]:.3f} of the law's force",
-            strain,
-        ),
-        "cap_slope": (f"slopes of the lens up to {slope:.2g} under the contacts", tilted),
-    }
-    wanted = requested_outputs(output)
-    return tuple(
-        EffectEstimate(
-            name,
-            max((v for key, v in changes.items() if key in wanted), default=0.0),
-            reason,
-            changes=changes,
-        )
-        for name, (reason, changes) in named.items()
-    )
+    at = f"a/R up to {a[widest] / R[widest]:.2f}: rubber bears {load[widest]:.3f} of the law's force"
+    under = f"slopes of the lens up to {slope:.2g} under the contacts"
+    found = []
+    for name, reason, changes in (("finite_strain", at, strain), ("cap_slope", under, tilted)):
+        change = max(changes.get(wanted, 0.0) for wanted in requested_outputs(output))
+        found.append(EffectEstimate(name, change, reason, changes))
+    return tuple(found)
 
 
 def strain_factor(ratio: Values, law: str) -> Values:

@@ -7,7 +7,6 @@ from .corrections import MASK as MASK
 from .corrections import EditsFile as EditsFile
 from .corrections import edit_points as edit_points
 from .corrections import read_edits as read_edits
-from .decoders import METRES as METRES
 from .decoders import stated_pixel_size as stated_pixel_size
 from .decoders import write_frame as write_frame
 from .experiment import SCENE_FILE as SCENE_FILE
@@ -23,7 +22,6 @@ from .experiment import recognise_folder as recognise_folder
 from .experiment import set_scene_keys as set_scene_keys
 from .experiment import write_scene as write_scene
 from .figures import figure_bytes as figure_bytes
-from .figures import write_figure as write_figure
 from .figures import write_figures as write_figures
 from .figures import write_palette_image as write_palette_image
 from .height_maps import read_height_map as read_height_map
@@ -46,6 +44,7 @@ from .sources import FrameSeries as FrameSeries
 from .sources import FrameSource as FrameSource
 from .sources import list_frames as list_frames
 from .sources import read_frames as read_frames
+from .tables import METRES as METRES
 from .tables import AmbiguousLoadsError as AmbiguousLoadsError
 from .tables import TableFormat as TableFormat
 from .tables import TableWriter as TableWriter

@@ -1,18 +1,38 @@
-"""Write files completely or not at all."""
+"""Write files completely or not at all, and say which file an error is about."""
 
 import json
-import math
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
+from dataclasses import fields, is_dataclass
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from pydantic import BaseModel
 
 from contactimg.errors import InputError
 from contactimg.timings import stage
+
+
+@contextmanager
+def explaining(path: str | Path, what: str) -> Iterator[None]:
+    """Turn an error of the system into an `InputError`: the file cannot be read (``what``), and why."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be {what} ({error.strerror or error})") from None
+
+
+@contextmanager
+def naming(path: str | Path) -> Iterator[None]:
+    """Begin the message of an `InputError` with the file that it is about."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 @contextmanager
@@ -45,22 +65,18 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     part = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.part")
-    try:
+    with explaining(path, "written"):
         try:
             yield part
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
 def read_bytes(path: str | Path) -> bytes:
     """The content of a file, or an `InputError` with the system's reason."""
-    try:
+    with explaining(path, "read"):
         return Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
 
 
 @stage("writing")
@@ -92,21 +108,30 @@ def write_json(data: Mapping[str, Any], path: str | Path) -> None:
     path : str or Path
         The file, written completely or not at all.
     """
+    finite = json.loads(json.dumps(data, default=plain), parse_constant=lambda _: None)
     with replacing(path) as part, part.open("w", encoding="ascii", newline="\n") as file:
-        json.dump(_plain(data), file, indent=2)
+        json.dump(finite, file, indent=2)
         file.write("\n")
 
 
-def _plain(value: Any) -> Any:
-    """The value with JSON types only."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, Sequence | set) and not isinstance(value, str | bytes):
-        return [_plain(item) for item in value]
+def plain(value: Any) -> Any:
+    """A value that JSON does not have, made of values that it has: the ``default`` of `json.dumps`."""
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, Path):
+        return value.tolist()
+    if isinstance(value, BaseModel):
+        return [type(value).__name__, value.model_dump()]
+    if is_dataclass(value) and not isinstance(value, type):
+        return [type(value).__name__, {field.name: getattr(value, field.name) for field in fields(value)}]
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, PurePath):
         return value.as_posix()
-    if isinstance(value, float) and not math.isfinite(value):
+    if isinstance(value, set | frozenset):
+        return sorted(value, key=repr)
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, pd.DataFrame):
+        return value.to_dict("list")
+    if value is pd.NA:
         return None
-    return value
+    raise TypeError(f"a {type(value).__name__} cannot be written as JSON")

@@ -5,7 +5,6 @@ frames and reference alike. Masked pixels of a frame become NaN, which every mea
 """
 
 import hashlib
-import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,8 +18,8 @@ from numpy.typing import NDArray
 
 from contactimg.errors import FrameError, InputError
 from contactimg.files.atomic import flush_to_disk, read_bytes, write_text
-from contactimg.files.sources import FrameSource, list_frames
-from contactimg.files.tables import read_table, read_text_table, text_of_rows
+from contactimg.files.sources import FrameSource
+from contactimg.files.tables import read_table, read_text_table
 from contactimg.frame import Frame
 from contactimg.tables import EDITS
 from contactimg.tables.outlines import Outline
@@ -143,21 +142,17 @@ def find_areas(masks: Mapping[str, Source], folder: Path, names: Sequence[str]) 
     if unknown:
         some = ", ".join(names[:_NAMES_SHOWN])
         raise InputError(f"[images] mask: there is no frame {unknown[0]!r}; the first frames are {some}")
-    return tuple(area for frame, mask in masks.items() for area in _areas(frame, mask, folder))
-
-
-def _areas(frame: str, mask: Source, folder: Path) -> list[MaskedArea]:
-    """The areas of one mask; a file is read once, so that a mistake is found before any frame is measured."""
-    if not isinstance(mask, str):
-        return [MaskedArea(frame, points=tuple((x, y) for x, y in corners)) for corners in mask]
-    path = folder / mask
-    if not path.is_file():
-        raise InputError(f"{path}: the scene names this mask, but there is no such file")
-    if path.suffix.lower() in ROI_SUFFIXES:
-        _mask(path)
-    else:
-        list_frames(path)
-    return [MaskedArea(frame, path)]
+    areas = []
+    for frame, mask in masks.items():
+        if isinstance(mask, str):
+            path = folder / mask
+            if not path.is_file():
+                raise InputError(f"{path}: the scene names this mask, but there is no such file")
+            _mask(path)  # a mistake is found before any frame is measured
+            areas.append(MaskedArea(frame, path))
+        else:
+            areas += [MaskedArea(frame, points=tuple((x, y) for x, y in corners)) for corners in mask]
+    return tuple(areas)
 
 
 @lru_cache(maxsize=16)
@@ -411,8 +406,7 @@ class EditsFile:
         """
         rows = EDITS.conform(rows)
         check_edits(rows, self.path.name)
-        text = io.StringIO(text_of_rows(rows, EDITS), newline="")
-        new = pd.read_csv(text, names=[*EDITS.columns], dtype="str", keep_default_na=False)
+        new = rows.astype(object).where(rows.notna(), "").astype("str")
         separator, cells = self._cells()
         place = len(cells) if place is None else place
         self._write(separator, pd.concat([cells[:place], new, cells[place:]]).fillna(""))

@@ -27,6 +27,7 @@ from PIL import Image, UnidentifiedImageError
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
+from contactimg.files.tables import METRES
 from contactimg.frame import Frame
 from contactimg.timings import stage
 
@@ -36,26 +37,6 @@ stops headers that lie and decompression bombs; the environment variable `MAX_PI
 
 MAX_PIXELS_VARIABLE = "CONTACTIMG_MAX_PIXELS"
 """Environment variable with the largest number of pixels of an image."""
-
-
-def max_pixels() -> int:
-    """The largest number of pixels of an image.
-
-    Raises
-    ------
-    InputError
-        If the environment variable holds no positive whole number.
-    """
-    stated = os.environ.get(MAX_PIXELS_VARIABLE)
-    if stated is None:
-        return MAX_PIXELS
-    try:
-        number = float(stated)
-    except ValueError:
-        number = 0.0
-    if not (number >= 1 and number.is_integer()):
-        raise InputError(f"{MAX_PIXELS_VARIABLE} must be a whole number of pixels, got {stated!r}")
-    return int(number)
 
 
 def check_size(columns: int, rows: int, samples: int = 1) -> None:
@@ -72,9 +53,13 @@ def check_size(columns: int, rows: int, samples: int = 1) -> None:
     ------
     ValueError
         With the size and how to raise the limit.
+    InputError
+        If the environment variable holds no positive whole number.
     """
-    pixels, most = int(columns) * int(rows) * max(1, int(samples) // 4), max_pixels()
-    if pixels > most:
+    most = os.environ.get(MAX_PIXELS_VARIABLE, str(MAX_PIXELS))
+    if not most.isdecimal() or int(most) == 0:
+        raise InputError(f"{MAX_PIXELS_VARIABLE} must be a whole number of pixels, got {most!r}")
+    if int(columns) * int(rows) * max(1, int(samples) // 4) > int(most):
         raise ValueError(
             f"its header says {int(columns)} x {int(rows)} pixels, more than {most}; "
             f"if that is right, set {MAX_PIXELS_VARIABLE}"
@@ -86,19 +71,6 @@ LUMA = np.array([0.299, 0.587, 0.114])
 
 Their sum is 1, so grey stored as colour is kept.
 """
-
-# stored dtype -> smallest dtype of a Frame that holds every value exactly
-_EXACT = {
-    "uint8": "uint8",
-    "uint16": "uint16",
-    "float32": "float32",
-    "float64": "float64",
-    "int8": "float32",
-    "int16": "float32",
-    "float16": "float32",
-    "int32": "float64",
-    "uint32": "float64",
-}
 
 
 class Pixels(NamedTuple):
@@ -132,9 +104,10 @@ def to_grey(array: NDArray) -> NDArray:
     >>> to_grey(np.full((1, 2, 3), 200, np.uint8))
     array([[200., 200.]], dtype=float32)
     """
-    if str(array.dtype) not in _EXACT:
+    types = [kind for kind in (np.uint8, np.uint16, np.float32, np.float64) if np.can_cast(array.dtype, kind)]
+    if not types or array.dtype in (np.bool_, np.int64, np.uint64):  # which are not exact, or no grey levels
         raise ValueError(f"pixels of type {array.dtype} are not supported")
-    exact = np.dtype(_EXACT[str(array.dtype)])
+    exact = np.dtype(types[0])
     if array.ndim == 2:
         return np.ascontiguousarray(array, dtype=exact)
     if array.ndim != 3 or array.shape[2] != 3:
@@ -144,9 +117,6 @@ def to_grey(array: NDArray) -> NDArray:
 
 
 # --- stills, Norpix sequences, videos
-
-_PNG = b"\x89PNG\r\n\x1a\n"
-_PNG_SIZE = struct.Struct(">LL")  # at byte 16, in the chunk that every PNG begins with
 
 # magic, name, version, header size, description, nine fields of the images, frame rate, eight to compression
 _HEADER = struct.Struct("<L24sll512s9Ld8L")
@@ -161,26 +131,20 @@ Image.MAX_IMAGE_PIXELS = None  # `check_size` has the limit
 def read_still(path: Path, _index: int) -> Pixels:
     """Pixels as stored (an orientation tag is not applied), without transparency."""
     data = path.read_bytes()
-    if data.startswith(_PNG):  # grey or red-green-blue, 8 or 16 bits; palettes are expanded
-        check_size(*_PNG_SIZE.unpack(data[16:24].ljust(8, b"\0")))
-        array = imagecodecs.png_decode(data)
-        if array.ndim > 2:
-            array = array[..., 0] if array.shape[2] <= 2 else array[..., :3]
-    else:
-        array = _decode_other(data)
-    return Pixels(array, float(np.iinfo(array.dtype).max))
-
-
-def _decode_other(data: bytes) -> NDArray:
-    """Grey or red-green-blue of a JPEG or BMP, 8 bits."""
     try:
-        with Image.open(io.BytesIO(data), formats=("JPEG", "BMP")) as image:
+        with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "BMP")) as image:
             check_size(*image.size)
-            if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
+            if image.format == "PNG":  # Pillow would cut 16 bits of red, green and blue to 8
+                array = imagecodecs.png_decode(data)
+            elif image.mode in ("1", "L", "P", "RGB", "RGBA"):
+                array = np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGB"))
+            else:
                 raise ValueError(f"colours of type {image.mode} are not supported")
-            return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGB"))
     except UnidentifiedImageError:
         raise ValueError("the content is not that of a PNG, JPEG or BMP image") from None
+    if array.ndim > 2:
+        array = array[..., 0] if array.shape[2] <= 2 else array[..., :3]
+    return Pixels(array, float(np.iinfo(array.dtype).max))
 
 
 def list_norpix(path: Path) -> range:
@@ -421,8 +385,7 @@ def _interpret(page: tifffile.TiffPage, array: NDArray) -> Pixels:
     """Grey or red-green-blue, according to the photometric tag of the page."""
     if array.ndim > 2 and "S" not in page.axes:
         raise ValueError(f"an image with axes {page.axes} is not a plane of pixels")
-    bits = _bits(page)
-    full_scale = float(2**bits - 1) if array.dtype.kind in "bu" else None
+    full_scale = float(2 ** int(np.max(page.bitspersample)) - 1) if array.dtype.kind in "bu" else None
     if page.photometric == _PHOTOMETRIC.PALETTE:
         return Pixels(_apply_palette(cast("NDArray", page.colormap), array), 255.0)
     array = _strip_alpha(page, array)
@@ -454,11 +417,6 @@ def _strip_alpha(page: tifffile.TiffPage, array: NDArray) -> NDArray:
     return array[..., 0] if grey else array[..., :3]
 
 
-def _bits(page: tifffile.TiffPage) -> int:
-    """Bits per sample; the tag may list one number per channel."""
-    return int(np.max(page.bitspersample))
-
-
 def _apply_palette(colormap: NDArray, array: NDArray) -> NDArray:
     """Red-green-blue, 0 to 255, of palette indices; writers scale 8-bit colours by 257, 256 or 1."""
     wide = 257.0 if (colormap & 0xFF).any() else 256.0
@@ -472,8 +430,8 @@ def _sensor_scale(page: tifffile.TiffPage, full_scale: float | None) -> float | 
     if full_scale is None or tag is None:
         return full_scale
     stated = int(np.max(tag.value))
-    plausible = {2**bits - 1 for bits in range(8, _bits(page))}
-    return float(stated) if stated in plausible else full_scale
+    of_a_camera = 255 <= stated < full_scale and stated & (stated + 1) == 0  # all bits are 1
+    return float(stated) if of_a_camera else full_scale
 
 
 @stage("writing")
@@ -508,20 +466,6 @@ def write_frame(frame: Frame, path: Path) -> None:
 
 
 # --- the pixel size that a header states
-
-METRES = {
-    "m": 1.0,
-    "mm": 1e-3,
-    "millimeter": 1e-3,
-    "um": 1e-6,
-    "µm": 1e-6,  # micro sign
-    "μm": 1e-6,  # Greek mu
-    "\\u00b5m": 1e-6,  # how ImageJ escapes the micro sign
-    "micron": 1e-6,
-    "microns": 1e-6,
-    "micrometer": 1e-6,
-    "nm": 1e-9,
-}
 
 
 def stated_pixel_size(path: str | Path) -> float | None:

@@ -6,10 +6,10 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +44,7 @@ _NAMES_SHOWN = 3  # in a message
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """The files of one experiment, found and checked; no image has been read yet.
+    """The files of one experiment, found and checked; no frame has been read yet.
 
     Attributes
     ----------
@@ -87,10 +87,8 @@ class Experiment:
 
     @cached_property
     def _loads(self) -> dict[str, float]:
-        """Frame -> load, N; the first where a frame is listed twice. Empty if no load is known."""
-        known = self.loads["load_N"].notna().any()
-        rows = self.loads.drop_duplicates("frame") if known else self.loads.iloc[:0]
-        return dict(zip(rows["frame"], rows["load_N"].to_numpy(float).tolist(), strict=True))
+        """Frame -> load, N."""
+        return dict(zip(self.loads["frame"], self.loads["load_N"].tolist(), strict=True))
 
 
 @stage("reading")
@@ -185,7 +183,7 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     entries = [given] if isinstance(given, str) else given or []
     references = tuple(dict.fromkeys(one for entry in entries for one in _list_reference(entry, scene)))
     frames = _find_frames(scene, list(references))
-    named = edits_file(scene, scene.folder)
+    named = edits_file(scene)
     edited = named if scene.images.edits is not None or named.is_file() else None
     tables = [_loads_file(scene), _asperities_file(scene), edited]
     edits = EDITS.empty() if edited is None else read_edits(edited)
@@ -267,17 +265,13 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSourc
     used = set(_find_corrections(scene, frames).files)
     kinds = {one.name: kind_of(one.path) for one in frames if one.path not in used | chosen}
     frames = [frame for frame in frames if frame.path not in used and not kinds.get(frame.name)]
-    dropped = [name for name, kind in kinds.items() if kind == "reference"]
-    extra = [name for name, kind in kinds.items() if kind not in ("", "reference")]
+    others = {kind: [name for name in kinds if kinds[name] == kind] for kind in set(kinds.values()) - {""}}
     if not frames:
-        besides = _some([reference.name for reference in references] or dropped)
+        besides = _some([reference.name for reference in references] or others.get("reference", []))
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
-    for names, cure in (
-        (dropped, "name it as the reference, or list it in [images] frames"),
-        (extra, "to use it, name it in [images] as dark, flat or mask"),
-    ):
-        if names:
-            logger.warning("%s: %s is not measured as a frame; %s", folder, _some(names), cure)
+    for kind, names in sorted(others.items()):
+        cure = f"name it as the {kind}, or list it in [images] frames"
+        logger.warning("%s: %s is not measured as a frame; %s", folder, _some(names), cure)
     return frames
 
 
@@ -289,10 +283,8 @@ def _loads_file(scene: Scene) -> Path | None:
     return path if path.is_file() else None
 
 
-def edits_file(scene: Scene | None, folder: str | Path) -> Path:
-    """The table of corrections that a scene names, or edits.csv beside it; of a folder without a scene."""
-    if scene is None:
-        return Path(folder) / EDITS_FILE
+def edits_file(scene: Scene) -> Path:
+    """The table of corrections that a scene names, or edits.csv beside it."""
     return Path(scene.folder) / (scene.images.edits or EDITS_FILE)
 
 
@@ -470,11 +462,8 @@ class FolderFiles:
             "flat": _one_or_glob(self.images["flat"]),
             "mask": mask[0] if len(mask) == 1 else None,
         }
-        sections: dict[str, dict[str, Any]] = {"images": images, "asperities": {"file": self.asperities}}
-        given = {
-            name: {key: value for key, value in keys.items() if value} for name, keys in sections.items()
-        }
-        return {name: keys for name, keys in given.items() if keys}
+        sections = {"images": {key: value for key, value in images.items() if value}}
+        return sections | ({"asperities": {"file": self.asperities}} if self.asperities else {})
 
 
 def recognise_folder(folder: str | Path) -> FolderFiles:
@@ -499,24 +488,24 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
     if not frames:
         raise InputError(f"{folder}: there is no frame besides {listed[0].name}; add the frames")
     frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
-    asperities, loads = "", pd.DataFrame()
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
     tables = [path for path in files if path.suffix.lower() in TABLES and path.name not in OURS]
-    for path in sorted(tables, key=lambda path: path.name != "loads.csv")[:TRIED_TABLES]:
-        with suppress(InputError):
-            if not asperities:
-                read_asperities(path)
-                asperities = path.name
-                continue
-        with suppress(InputError):
-            if loads.empty:
-                loads = read_loads(path, pulled=True)
-                loads.attrs["file"] = path.name
-    file, columns = (str(loads.attrs.get(name, "")) for name in ("file", "columns"))
-    unloaded = bool(file and (loads["load_N"] == 0).any())
+    tables = sorted(tables, key=lambda path: path.name != _LOADS_FILE)[:TRIED_TABLES]
+    asperities, _ = _first_table(tables, read_asperities)
+    others = [path for path in tables if path.name != asperities]
+    file, loads = _first_table(others, partial(read_loads, pulled=True))
+    columns, unloaded = str(loads.attrs.get("columns", "")), bool((loads["load_N"] == 0).any())
     used = {one.path.name for one in frames}.union(*images.values()) | {file, asperities} | OURS
     ignored = [path.name for path in files if path.name not in used and not path.name.startswith(".")]
     return FolderFiles(frames, images, file, asperities, columns, unloaded, ignored)
+
+
+def _first_table(files: list[Path], read: Callable[[Path], pd.DataFrame]) -> tuple[str, pd.DataFrame]:
+    """Name and rows of the first file that is such a table; without any, no name and no load."""
+    for path in files:
+        with suppress(InputError):
+            return path.name, read(path)
+    return "", LOADS.empty()
 
 
 def kind_of(path: Path) -> str:

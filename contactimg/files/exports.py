@@ -73,12 +73,10 @@ def region_of(outline: Outline, *, name: str, colour: str = "") -> Region:
     >>> region_of(Outline(3, 10.0, 20.0, 5.0, 4.0, 0.5), name="a").points[0]
     (14.387912809451864, 22.397127693021016)
     """
-    region = None
-    if outline.lines or (outline.semi_major != outline.semi_minor and outline.angle != 0.0):
-        region = polygon_region(name, outline.polygon[:-1])
-    if region is None:
-        region = Region(name, outline.x, outline.y, outline.semi_major, outline.semi_minor)
-    return replace(region, colour=colour)
+    tilted = outline.semi_major != outline.semi_minor and outline.angle != 0.0
+    polygon = polygon_region(name, outline.polygon[:-1]) if outline.lines or tilted else None
+    oval = Region(name, outline.x, outline.y, outline.semi_major, outline.semi_minor)
+    return replace(polygon or oval, colour=colour)
 
 
 def read_regions(path: str | Path) -> list[Region]:
@@ -190,9 +188,8 @@ def write_overlay_tiff(
     """
     image = image if image.dtype in (np.uint8, np.uint16) else np.asarray(image, np.float32)
     metadata: dict[str, Any] = {"Overlays": [imagej_roi(region).tobytes() for region in regions]}
+    metadata |= {} if pixel_size is None else {"unit": "um"}
     resolution = None if pixel_size is None else (1e-6 / pixel_size, 1e-6 / pixel_size)
-    if resolution is not None:
-        metadata["unit"] = "um"
     with replacing(path) as part:
         tifffile.imwrite(part, image, imagej=True, metadata=metadata, resolution=resolution)
 

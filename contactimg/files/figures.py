@@ -26,8 +26,9 @@ CAPTION_KEYS = {"pdf": "Subject"}
 """Metadata of the formats."""
 
 
+@stage("pictures")
 def write_figures(ax: "Axes", folder: str | Path, name: str, *, caption: str = "") -> None:
-    """Write the figure that holds these axes as PNG, SVG and PDF.
+    """Write the figure that holds these axes as PNG, SVG and PDF, each completely or not at all.
 
     Parameters
     ----------
@@ -42,41 +43,19 @@ def write_figures(ax: "Axes", folder: str | Path, name: str, *, caption: str = "
     Raises
     ------
     InputError
-        As `write_figure`.
-    """
-    for ending in FIGURE_FORMATS:
-        write_figure(ax, Path(folder, f"{name}.{ending}"), caption=caption)
-
-
-@stage("pictures")
-def write_figure(ax: "Axes", path: str | Path, *, caption: str = "") -> None:
-    """Write the figure that holds these axes as PNG, SVG or PDF (by the extension), completely or not at all.
-
-    Parameters
-    ----------
-    ax : Axes
-    path : str or Path
-        The file; its folder must exist.
-    caption : str
-        Goes into the file.
-
-    Raises
-    ------
-    InputError
-        If the axes belong to no figure, or the file cannot be written.
+        If the axes belong to no figure, or a file cannot be written.
 
     Notes
     -----
     Without the time of writing and random names, so that the same figure has the same bytes.
     """
-    path = Path(path)
-    data = figure_bytes(ax, path.suffix.removeprefix("."), caption=caption)
-    with replacing(path) as part:
-        part.write_bytes(data)
+    for ending in FIGURE_FORMATS:
+        with replacing(Path(folder, f"{name}.{ending}")) as part:
+            part.write_bytes(figure_bytes(ax, ending, caption=caption))
 
 
 def figure_bytes(ax: "Axes", kind: str, *, caption: str = "") -> bytes:
-    """The figure that holds these axes as a file of a format of `FIGURE_FORMATS`; see `write_figure`."""
+    """The figure that holds these axes as a file of a format of `FIGURE_FORMATS`; see `write_figures`."""
     import matplotlib as mpl  # noqa: PLC0415 - takes half a second, and most runs draw no axes
 
     figure = ax.get_figure(root=True)

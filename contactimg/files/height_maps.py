@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
+from contactimg.files.atomic import naming
 from contactimg.files.decoders import check_size, list_tiff, read_tiff, stated_pixel_size
 from contactimg.summits import HeightMap
 
@@ -47,10 +48,8 @@ def read_height_map(
     pixel = pixel_size or stated_pixel_size(path)
     if pixel is None:
         raise InputError(f"{path}: does not say its pixel size; state it with --pixel-size-um")
-    try:
+    with naming(path):
         return HeightMap(np.where(np.isfinite(heights), heights, np.nan) * height_unit, (pixel, pixel))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def _plain_matrix(path: Path) -> Values:

@@ -11,26 +11,23 @@ import re
 import secrets
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import fields, is_dataclass
+from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path, PurePath
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import numpy as np
-import pandas as pd
 from filelock import FileLock, Timeout
 from platformdirs import user_state_path
-from pydantic import BaseModel
 
 from contactimg import __version__
 from contactimg.engine.calls import in_parallel
 from contactimg.engine.cluster import source_digest
 from contactimg.engine.processes import signals_held
 from contactimg.errors import InputError
-from contactimg.files.atomic import flush_to_disk, replacing, write_json
+from contactimg.files.atomic import explaining, flush_to_disk, plain, replacing, write_json
 from contactimg.scene import Scene
 from contactimg.timings import stage
 
@@ -234,42 +231,39 @@ class OutputFolder:
         self.folder = self.path / STAGING_FOLDER
         self.record = dict(record)
         self._main_files, self._keeps = {Path(name) for name in main_files}, set(keeps)
-        self._created: list[Path] = []
+        self._undo = ExitStack()
         self._lock = FileLock(self.path / LOCK_FILE, timeout=0)
 
     def __enter__(self) -> Self:
-        self._created = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            self._lock.acquire()
-        except Timeout:
-            raise InputError(
-                f"{self.path}: another run is writing there; wait for it or choose another output folder"
-            ) from None
-        except OSError as error:
-            self._remove_created()
-            raise InputError(
-                f"{self.path}: cannot be written ({error.strerror or error}); choose another output folder"
-            ) from None
-        try:
+        created = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
+        with ExitStack() as undo:
+            undo.callback(_remove_empty, created)
+            try:
+                self.path.mkdir(parents=True, exist_ok=True)
+                self._lock.acquire()
+            except Timeout:
+                raise InputError(
+                    f"{self.path}: another run is writing there; wait for it or choose another output folder"
+                ) from None
+            except OSError as error:
+                reason = error.strerror or error
+                raise InputError(
+                    f"{self.path}: cannot be written ({reason}); choose another output folder"
+                ) from None
+            undo.callback(self._release)
             _complete_commit(self.path)
             self._check_contents()
             shutil.rmtree(self.folder, ignore_errors=True)  # left by a run that was killed
             self.folder.mkdir()
-        except BaseException:
-            self._release()
-            raise
+            self._undo = undo.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with signals_held():
-            try:
-                if kind is None:
-                    self._commit()
-            finally:
-                self._release()
+        with signals_held(), self._undo:
+            if kind is None:
+                self._commit()
 
     def part_store(self) -> "PartStore":
         """Results that an earlier run of the same command left when it was ended; inside the block.
@@ -348,19 +342,18 @@ class OutputFolder:
                     raise InputError(f"{place}: is a file, where the run needs a folder; move it away")
 
     def _release(self) -> None:
-        """Remove the hidden files and the folders that are still empty, and release the lock."""
+        """Remove the hidden files, and release the lock."""
         shutil.rmtree(self.folder, ignore_errors=True)
-        with suppress(OSError):  # it holds parts, or was never made
-            (self.path / PARTS_FOLDER).rmdir()
+        _remove_empty([self.path / PARTS_FOLDER])
         _drop_lock_file(self.path)
         self._lock.release()
-        self._remove_created()
 
-    def _remove_created(self) -> None:
-        """Remove the folders that this run created, as far as they are empty."""
-        for folder in self._created:
-            with suppress(OSError):
-                folder.rmdir()
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Remove folders as far as they are there and empty."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def _complete_commit(folder: Path) -> None:
@@ -381,9 +374,7 @@ def _complete_commit(folder: Path) -> None:
             _place(folder, name, foreign=name not in earlier)
         for name in sorted(earlier - new):
             (folder / name).unlink(missing_ok=True)
-            with suppress(OSError):  # a folder that is not empty, or the output folder
-                for parent in name.parents[:-1]:
-                    (folder / parent).rmdir()
+            _remove_empty(folder / parent for parent in name.parents[:-1])
         (pending / PROVENANCE_FILE).replace(folder / PROVENANCE_FILE)
     if pending.exists():
         shutil.rmtree(pending)
@@ -495,33 +486,14 @@ def fingerprint(value: object) -> str:
     >>> fingerprint({"a": (1, np.float64(0.1))}) == fingerprint({"a": [1, 0.1]})
     True
     """
-    return hashlib.sha256(json.dumps(value, default=_plain, sort_keys=True).encode()).hexdigest()
 
+    def digested(part: object) -> object:
+        if isinstance(part, np.ndarray):
+            digest = hashlib.sha256(np.ascontiguousarray(part).tobytes()).hexdigest()
+            return [part.dtype.str, part.shape, digest]
+        return plain(part)
 
-def _plain(value: Any) -> Any:
-    """A value that JSON does not have, made of values that it has."""
-    if isinstance(value, np.ndarray):
-        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
-        return [value.dtype.str, value.shape, digest]
-    if isinstance(value, BaseModel):
-        return [type(value).__name__, value.model_dump()]
-    if is_dataclass(value) and not isinstance(value, type):
-        return [type(value).__name__, {field.name: getattr(value, field.name) for field in fields(value)}]
-    if isinstance(value, bytes):
-        return value.hex()
-    if isinstance(value, PurePath):
-        return value.as_posix()
-    if isinstance(value, set | frozenset):
-        return sorted(value, key=repr)
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, pd.DataFrame):
-        return value.to_dict("list")
-    if value is pd.NA:
-        return None
-    raise TypeError(f"a {type(value).__name__} has no fingerprint")
+    return hashlib.sha256(json.dumps(value, default=digested, sort_keys=True).encode()).hexdigest()
 
 
 def _key_of_user() -> str:
@@ -599,10 +571,8 @@ class PartStore:
         shown : str
             What a person is shown of the loop; then it is logged if a run that was ended has left some.
         """
-        try:
+        with explaining(self.folder, "written"):
             self.folder.mkdir(exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{self.folder}: cannot be written ({error.strerror or error})") from None
         done = sum(name is not None and (self.folder / name).is_file() for name in names)
         if shown and done and self.resumes:
             logger.warning(
@@ -630,13 +600,10 @@ def _kept(function: Callable[..., Any], folder: str, name: str | None, *job: Any
     result = function(*job)
     if path is None or getattr(result, "is_failure", False):
         return result
-    parts = result.parts() if hasattr(result, "parts") else (result,)
     with replacing(path) as part:
-        with part.open("wb") as file:
-            for item in parts:
-                pickle.dump(item, file, protocol=pickle.HIGHEST_PROTOCOL)
+        part.write_bytes(pickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL))
         flush_to_disk(part)
-    return _kept_in(path, parts[0])
+    return _kept_in(path, result)
 
 
 def _kept_in(path: Path, result: Any) -> Any:
@@ -644,8 +611,8 @@ def _kept_in(path: Path, result: Any) -> Any:
     return result.kept_in(path) if hasattr(result, "kept_in") else result
 
 
-def read_part(path: str | Path, number: int = 0) -> Any:
-    """An item of a part file: 0 the result, 1 the tables that it left there.
+def read_part(path: str | Path) -> Any:
+    """The result in a part file, with its tables.
 
     Raises
     ------
@@ -653,9 +620,6 @@ def read_part(path: str | Path, number: int = 0) -> Any:
         If the file is damaged.
     """
     try:
-        with Path(path).open("rb") as file:
-            for _ in range(number):
-                pickle.load(file)  # noqa: S301 - written by `_kept`
-            return pickle.load(file)  # noqa: S301
+        return pickle.loads(Path(path).read_bytes())  # noqa: S301 - written by `_kept`
     except (OSError, EOFError, pickle.UnpicklingError, ValueError, AttributeError, ImportError) as error:
         raise InputError(f"{path}: is damaged ({type(error).__name__})") from None

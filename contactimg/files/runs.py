@@ -43,22 +43,6 @@ Size = Annotated[CountFrom1, Field(le=10**6)]
 Text = Annotated[str, Field(strict=True)]
 
 
-def changed_tables(record: Mapping[str, Any], folder: Path) -> list[str]:
-    """Names of the tables of a run that were changed since it wrote them; none if its hashes are not known.
-
-    Parameters
-    ----------
-    record : mapping
-        Of the run, from its provenance.json.
-    folder : Path
-        The output folder of the run.
-    """
-    hashes = record.get("sha256")
-    if not isinstance(hashes, dict):
-        return []
-    return [name for name in RUN_TABLES if name in hashes and hashes[name] != sha256_of(folder / name)]
-
-
 def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
     """Whether a result was made from other tables than those that a run holds now.
 
@@ -96,6 +80,14 @@ class PoseRecord(_Part):
     n_points: Count
     n_matched: Count
     residual_m: NonNegative | None
+
+    @property
+    def fit(self) -> PoseFit:
+        """The pose, and how well it explains the contacts."""
+        turn = radians(self.rotation_deg)
+        pose = Pose((self.rows, self.columns), self.pixel_size_m, self.centre_m, turn, self.mirrored)
+        residual = nan if self.residual_m is None else self.residual_m
+        return PoseFit(pose, self.fitted, self.n_points, self.n_matched, residual)
 
 
 class ApexRecord(_Part):
@@ -144,25 +136,13 @@ class RunRecord(_Part):
     configuration: _Configuration
     inputs: list[_InputFile] = []
     outputs: list[Text] = []
+    sha256: dict[str, Text] = {}
     pose: PoseRecord | None = None
     apex: ApexRecord | None = None
 
 
-def check_record(record: Mapping[str, Any], file: Path) -> dict[str, Any]:
-    """The record of a run, with every key that the commands read.
-
-    Parameters
-    ----------
-    record : mapping
-        From `contactimg.files.read_records`.
-    file : Path
-        The provenance.json, for the message.
-
-    Raises
-    ------
-    InputError
-        If a key is missing or has another type; the message names it.
-    """
+def _checked(record: Mapping[str, Any], file: Path) -> RunRecord:
+    """The record of a run; an `InputError` names a key that is missing or has another type."""
     try:
         checked = RunRecord.model_validate(dict(record))
     except ValidationError as error:
@@ -172,7 +152,7 @@ def check_record(record: Mapping[str, Any], file: Path) -> dict[str, Any]:
     used = checked.configuration.options.calibration
     if used is not None:
         check_calibration(used.record, f"{file}: the calibration of the run")
-    return {"created": checked.created, "inputs": [], **record}
+    return checked
 
 
 def pose_record(fit: PoseFit) -> dict[str, Any]:
@@ -198,19 +178,6 @@ def apex_record(apex: Apex) -> dict[str, Any]:
     if apex.radius is not None:
         found["indenter_radius_m"] = {"value": apex.radius, "std": apex.radius_std}
     return found
-
-
-def _pose_of(record: Mapping[str, Any]) -> PoseFit:
-    """The pose of the camera that the provenance states."""
-    pose = Pose(
-        shape=(record["rows"], record["columns"]),
-        pixel_size=record["pixel_size_m"],
-        centre=(record["centre_m"][0], record["centre_m"][1]),
-        rotation=radians(record["rotation_deg"]),
-        mirrored=record["mirrored"],
-    )
-    residual = nan if record["residual_m"] is None else record["residual_m"]
-    return PoseFit(pose, record["fitted"], record["n_points"], record["n_matched"], residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,11 +323,12 @@ def _read_run(folder: Path) -> Run:
         raise InputError(
             f"{folder}: was written by a newer contactimg (schema {version}, this one reads {SCHEMA_VERSION})"
         )
-    record = check_record(record, folder / PROVENANCE_FILE)
+    checked = _checked(record, folder / PROVENANCE_FILE)
     contacts = read_run_table(folder, CONTACTS, infinite=True)
     frames = read_run_table(folder, FRAMES, infinite=True)
     _check_tables(folder, contacts, frames)
-    changed = changed_tables(record, folder)
+    known = checked.sha256
+    changed = [name for name in RUN_TABLES if name in known and known[name] != sha256_of(folder / name)]
     if changed:
         frames = sums_of_contacts(contacts, frames)
         logger.warning(
@@ -368,15 +336,15 @@ def _read_run(folder: Path) -> Run:
             folder,
             " and ".join(changed),
         )
-    stated = record["configuration"]
-    place, relative = str(stated.get("scene_folder", ".")), stated.get("scene_folder_relative")
+    stated = checked.configuration
+    place, relative = stated.scene_folder, stated.scene_folder_relative
     if relative is not None and not Path(place).is_dir():  # moved together with the output folder
         place = os.path.normpath(folder / relative)
-    scene = scene_from_dict(stated.get("scene") or {}, name=str(folder / PROVENANCE_FILE), folder=place)
-    apex = record.get("apex")
-    scene = scene if apex is None else scene.with_apex(tuple(apex["apex_m"]))
-    pose = None if record.get("pose") is None else _pose_of(record["pose"])
-    return Run(scene, contacts, frames, pose, folder=folder, provenance=record, changed=tuple(changed))
+    scene = scene_from_dict(stated.scene or {}, name=str(folder / PROVENANCE_FILE), folder=place)
+    scene = scene if checked.apex is None else scene.with_apex(checked.apex.apex_m)
+    pose = None if checked.pose is None else checked.pose.fit
+    provenance = {"created": checked.created, "inputs": []} | record
+    return Run(scene, contacts, frames, pose, folder=folder, provenance=provenance, changed=tuple(changed))
 
 
 def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) -> None:
@@ -485,12 +453,8 @@ def _is_number(value: object) -> bool:
 
 def shares_frames(record: Mapping[str, Any], inputs: list[dict[str, Any]]) -> bool:
     """Whether a calibration used one of the frames among these inputs (as `provenance` lists them)."""
-    digests = [
-        {
-            entry.get("sha256")
-            for entry in listed
-            if not str(entry.get("path", "")).endswith((".csv", ".toml"))
-        }
+    images = [
+        {one.get("sha256") for one in listed if Path(one.get("path", "")).suffix not in (".csv", ".toml")}
         for listed in (record.get("frames", []), inputs)
     ]
-    return bool((digests[0] & digests[1]) - {None})
+    return bool(set.intersection(*images) - {None})

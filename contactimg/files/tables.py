@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import read_bytes, replacing
+from contactimg.files.atomic import explaining, naming, read_bytes, replacing
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, Flag, Schema, flag_names
 from contactimg.timings import stage
@@ -31,7 +31,11 @@ PER_NEWTON = {"N": 1.0, "mN": 1e3, "uN": 1e6, "µN": 1e6, "μN": 1e6}
 PER_NEWTON |= {"kg": 1 / STANDARD_GRAVITY, "g": 1e3 / STANDARD_GRAVITY, "mg": 1e6 / STANDARD_GRAVITY}
 """Unit of a load or of a weight -> how many of it are one newton."""
 
-_PER_METRE = {"mm": 1e3, "um": 1e6, "µm": 1e6, "μm": 1e6, "nm": 1e9}
+METRES = {"m": 1.0, "mm": 1e-3, "millimeter": 1e-3, "nm": 1e-9}
+METRES |= dict.fromkeys(("um", "micron", "microns", "micrometer", "µm", "μm", "\\u00b5m"), 1e-6)
+"""Unit of a length -> its size in m; um also with the micro sign, a Greek letter, or as ImageJ has it."""
+
+_PER_METRE = {unit: round(1 / size) for unit, size in METRES.items()}
 _UNITS = {  # ending in another unit -> ending in the schema, how many make one of it
     **{f"_{unit}": ("_N", count) for unit, count in PER_NEWTON.items()},
     **{f"_{unit}": ("_m", count) for unit, count in _PER_METRE.items()},
@@ -302,10 +306,8 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
     table = read_table(path, ASPERITIES, required=ASPERITIES.first)
     if table.empty:
         raise InputError(f"{path}: the table has no row; it needs at least one asperity")
-    try:
+    with naming(path):
         check_asperities(table)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
     high = table.index[table["height_m"].abs() > MAX_ASPERITY_HEIGHT]
     if len(high):
         raise InputError(
@@ -529,19 +531,14 @@ class TableWriter:
         self.schema, self.empty, self._format = schema, True, table_format
         self.path = folder / f"{schema.name}.{table_format}"
         self._file: Any = None
-        try:
+        with explaining(self.path, "written"):
             if table_format == "csv":
                 self._file = self.path.open("w", encoding="utf-8", errors="surrogateescape", newline="")
                 self._file.write(",".join(schema.columns) + "\n")
             else:
                 self._arrow, parquet = _pyarrow()
-                kinds = {"str": self._arrow.string(), "float64": self._arrow.float64()}
-                whole = self._arrow.int64()
-                columns = [(name, kinds.get(kind, whole)) for name, (kind, _) in schema.columns.items()]
-                self._columns = self._arrow.schema(columns)
+                self._columns = self._arrow.Schema.from_pandas(schema.empty(), preserve_index=False)
                 self._file = parquet.ParquetWriter(self.path, self._columns)
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be written ({error.strerror or error})") from None
 
     def __enter__(self) -> Self:
         return self
@@ -607,19 +604,14 @@ def read_run_table(
         return read_table(path, schema, infinite=infinite)
     arrow, parquet = _pyarrow()
     try:
-        with path.open("rb") as file:
-            table = parquet.read_table(file).to_pandas()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+        table = parquet.read_table(io.BytesIO(read_bytes(path))).to_pandas()
     except arrow.ArrowException as error:
         raise InputError(f"{path}: is not a Parquet file ({str(error)[:100]}); repeat the run") from None
     for name in schema.first:
         if name not in table:
             raise InputError(f"{path}: column {name} is missing; repeat the run")
-    try:
+    with naming(path):
         found = schema.conform(table[[name for name in schema.columns if name in table]])
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
     numbers = found.select_dtypes("float64")
     beyond = numbers.columns[np.isinf(numbers.to_numpy()).any(axis=0)]
     if len(beyond) and not infinite:

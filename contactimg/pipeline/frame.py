@@ -5,7 +5,7 @@ import warnings
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import pandas as pd
@@ -150,7 +150,7 @@ class MeasuredFrame:
         Its row of the frames table.
     shape : (int, int) or None
         Rows and columns; None for a frame that failed.
-    where : FrameTables, str or None
+    where : FrameTables or str
         Its tables, or the part file that holds them.
     own_optics : SharedOptics or None
         Contrast (grey levels) and blur that the frame alone shows; None where it shows nothing.
@@ -162,7 +162,7 @@ class MeasuredFrame:
 
     row: dict[str, Any]
     shape: tuple[int, int] | None
-    where: FrameTables | str | None
+    where: FrameTables | str
     own_optics: SharedOptics | None = None
     level: float = 0.0
     film: FilmVerdict | None = None
@@ -175,10 +175,8 @@ class MeasuredFrame:
     @property
     def tables(self) -> FrameTables:
         """Its tables, read from the part file each time if they are there."""
-        if isinstance(self.where, FrameTables):
-            return self.where
-        tables: FrameTables = read_part(str(self.where), 1)
-        return tables
+        where = self.where if isinstance(self.where, FrameTables) else read_part(self.where).where
+        return cast("FrameTables", where)
 
     @property
     def contacts(self) -> pd.DataFrame:
@@ -198,10 +196,6 @@ class MeasuredFrame:
         """Return the frame with remarks added to its message, if there are any."""
         message = "; ".join(str(text) for text in (self.row["message"], *remarks) if text)
         return replace(self, row=self.row | {"message": message})
-
-    def parts(self) -> tuple["MeasuredFrame", FrameTables]:
-        """Return the frame without its tables, and the tables; most steps of a series need the first only."""
-        return replace(self, where=None), self.tables
 
     def kept_in(self, path: Path) -> "MeasuredFrame":
         """Return the frame with its tables left in a part file."""

@@ -4,8 +4,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, reduce
-from operator import or_
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.analysis.annuli import FieldOfView
-from contactimg.effects.local_law import LawEvidence, LawPlan, decide_law
+from contactimg.effects.local_law import LawPlan, decide_law, law_evidence
 from contactimg.engine.calls import in_parallel
 from contactimg.files import (
     OutputFolder,
@@ -286,9 +285,9 @@ def local_law(run: Run, sites: pd.DataFrame | None) -> LawPlan | None:
     return None if run.scene.elastic is None else decide_law(run.scene, _law_evidence(run, sites))
 
 
-def _law_evidence(run: Run, sites: pd.DataFrame | None) -> LawEvidence:
-    """The law of the local forces that the contacts of a run ask for."""
-    return LawEvidence.of(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
+def _law_evidence(run: Run, sites: pd.DataFrame | None) -> pd.DataFrame:
+    """What the contacts of a run say on the law of the local forces."""
+    return law_evidence(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
 
 
 def _unbalanced(frames: pd.DataFrame, young_modulus: float) -> dict[str, str]:
@@ -391,7 +390,7 @@ class MeasuredSeries:
         if self.decided is not None or self.scene.elastic is None or self.pose is None:
             return self.decided
         evidence = self._share(lambda block: _law_evidence(block._located, block.sites))
-        return decide_law(self.scene, reduce(or_, evidence))
+        return decide_law(self.scene, pd.concat(evidence))
 
     def _share(
         self, call: Callable[["MeasuredSeries"], Result], law: LawPlan | None = None

@@ -102,7 +102,7 @@ def _part_names(
     """The name of each job's part in the store."""
     call = measure if isinstance(measure, partial) else partial(measure)
     # of the edits only those that concern a frame are part of its name: in its job and its corrections
-    edits = edits_file(experiment.scene, experiment.scene.folder)
+    edits = edits_file(experiment.scene)
     references = [_without_folder(source) for source in experiment.references]
     common = store.common(
         [f"{call.func.__module__}:{call.func.__qualname__}", call.args, call.keywords, references],

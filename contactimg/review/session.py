@@ -152,7 +152,7 @@ class Session:
         if run.command != "process":
             raise InputError(f"{folder}: holds no run of `contactimg process`, so there is nothing to review")
         self.folder, self.scene, self.command = folder, run.scene, str(run.provenance["command"])
-        self.edits = EditsFile(edits_file(run.scene, folder))
+        self.edits = EditsFile(edits_file(run.scene))
         if self.edits.path.is_symlink():
             raise InputError(
                 f"{self.edits.path}: is a link, which is not followed; put the table itself there"

@@ -64,11 +64,7 @@ class Schema:
 
     def empty(self) -> pd.DataFrame:
         """A table with every column and no row."""
-        return self._empty.copy()
-
-    @cached_property
-    def _empty(self) -> pd.DataFrame:
-        return pd.DataFrame({name: pd.Series(dtype=dtype) for name, (dtype, _) in self.columns.items()})
+        return self.conform({})
 
     def conform(self, table: pd.DataFrame | Mapping[str, object]) -> pd.DataFrame:
         """The same rows with exactly this schema's columns, in order; a column not given is empty.

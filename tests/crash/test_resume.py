@@ -139,7 +139,7 @@ def test_what_a_result_depends_on_decides_its_name(one, other):
 
 
 def test_what_has_no_fingerprint_is_an_error_of_the_program():
-    with pytest.raises(TypeError, match="a object has no fingerprint"):
+    with pytest.raises(TypeError, match="a object cannot be written as JSON"):
         fingerprint([object()])
 
 

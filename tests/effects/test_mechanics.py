@@ -11,10 +11,15 @@ import pytest
 from effect_scenes import SA_LENS, SCENES, caps, hexagon, mechanical_scene, pattern, possible_effects
 
 from contactimg import ConvergenceError, InputError, ModelRangeError
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, PART_CONTACTS, estimate_mechanics
+from contactimg.effects.mechanics import (
+    MECHANICAL_EFFECTS,
+    PART_CONTACTS,
+    coupling_level,
+    estimate_mechanics,
+    solve_scene,
+)
 from contactimg.effects.output_change import OUTPUTS, WRITTEN, relative_change
 from contactimg.effects.plan import make_plan
-from contactimg.prediction import scene_level, solve_scene
 from contactimg.scene import scene_from_dict
 
 FACTOR = 3
@@ -26,7 +31,7 @@ STRICT = 2e-3
 
 def answer(scene, table, load):
     """Forces and radii of all asperities with the scene's switches."""
-    solution = solve_scene(scene, table, load=load, coupling=scene_level(scene, "auto"))
+    solution = solve_scene(scene, table, load=load, coupling=coupling_level(scene.effects))
     return solution.force, solution.radius
 
 

@@ -9,7 +9,7 @@ from effect_scenes import SA_LENS, mechanical_scene, pattern, possible_effects
 from spectral_truth import MODULUS, stored_cases
 
 from contactimg.cli import main
-from contactimg.effects.local_law import LawEvidence, decide_law
+from contactimg.effects.local_law import decide_law, law_evidence
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.effects.output_change import WRITTEN, Answer, output_changes
 from contactimg.effects.plan import make_plan
@@ -232,7 +232,7 @@ def test_the_law_of_measured_contacts_follows_their_radii(radius, elastic, law):
     from contactimg.effects.local_law import law_name
 
     scene, contacts = measured([radius] * 3, elastic={"young_modulus_Pa": 3e6, **elastic})
-    plan = decide_law(scene, LawEvidence.of(scene, contacts, np.full(3, 1e-4)))
+    plan = decide_law(scene, law_evidence(scene, contacts, np.full(3, 1e-4)))
     assert law_name(plan.scene) == law
     assert plan.sentence().startswith(f"local forces by the law {law}")
     forces = local_forces(plan.scene, contacts, None)[0]
@@ -241,7 +241,7 @@ def test_the_law_of_measured_contacts_follows_their_radii(radius, elastic, law):
 
 def test_a_law_that_is_ordered_states_what_it_leaves_out():
     scene, contacts = measured([4e-5], effects={"model": "paper"})
-    plan = decide_law(scene, LawEvidence.of(scene, contacts, np.full(1, 1e-4)))
+    plan = decide_law(scene, law_evidence(scene, contacts, np.full(1, 1e-4)))
     # the sphere's load over Hertz's at a/R = 0.4: 3 [(1 + s^2) atanh(s) - s]/(4 s^3) = 1.0715
     assert plan.left_out["sphere_profile"] == pytest.approx(1 - 1 / 1.07148, rel=1e-4)
     assert (
@@ -253,7 +253,7 @@ def test_a_law_that_is_ordered_states_what_it_leaves_out():
 def test_a_layer_as_thin_as_the_contacts_is_told():
     def messages(thickness):
         scene, contacts = measured([4e-5], elastic={"young_modulus_Pa": 3e6, "thickness_m": thickness})
-        return decide_law(scene, LawEvidence.of(scene, contacts, np.full(1, 1e-4))).messages
+        return decide_law(scene, law_evidence(scene, contacts, np.full(1, 1e-4))).messages
 
     # H of layer_contact at a/t = 0.4 is 1.0437, and 1 - 1/H what the law of the half-space lacks
     assert "contact radii reach 0.4 of the layer's thickness" in messages(1e-4)[0]
