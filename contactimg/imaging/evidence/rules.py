@@ -238,6 +238,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "x": looked.x,
         "y": looked.y,
         "odd": rows >= 0,
+        "brightness": contrast / (problem.contrast if joint is None else joint.contrast),
         "ellipse": ellipse,
         "touching": count_touching(disks, blur),
         "cut": cut,

@@ -37,6 +37,9 @@ FEWEST_DARK, DARK_AREA = 2, 0.02
 hand: dust that has moved makes 0.007-0.025."""
 UNSURROUNDED_SHARE = 0.5
 """Share of contacts without background around them above which the frame shows too little. By hand."""
+FAINT = 0.25
+"""Brightness over that of the frame's contacts below which several spots are doubted. By hand: light that two
+surfaces of glass reflect makes 0.002, of four or coated mirrors up to 0.2."""
 LEAST_SIDE_PX = 8
 """Rows and columns that a frame needs. Theory: a contact of one pixel and two blur widths on either side."""
 UNEVENNESS = 0.02
@@ -111,8 +114,9 @@ class FrameEvidence:
         return len(self.contacts["x_px"])
 
     def flagged(self, flag: Flag) -> int:
-        """Number of contacts with a flag."""
-        return int(np.count_nonzero(np.asarray(self.contacts["flags"], np.int64) & int(flag)))
+        """Number of contacts with a flag, or with all of several."""
+        flags = np.asarray(self.contacts["flags"], np.int64)
+        return int(np.count_nonzero(flags & int(flag) == int(flag)))
 
     def spoiled(self, flag: Flag) -> int:
         """Number of such contacts where they are so many, or all, that they spoil the frame; else 0."""
@@ -238,11 +242,25 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
         )
         yield Status.UNRESOLVED, text
+    if len(seen.evidence):
+        faint = int(np.count_nonzero(seen.evidence["brightness"] < FAINT))
+        if faint >= FEWEST_CONTACTS and faint > DOUBTED_SHARE * seen.count:
+            text = (
+                f"{faint} of {seen.count} contacts have less than {FAINT:g} of the brightness of the others: "
+                "reflections and dirt look like that"
+            )
+            yield Status.FALSE_CANDIDATES, text
     foreground, small = seen.foreground, seen.flagged(Flag.TOO_SMALL)
     if foreground.frame_pair.reference is None and FEWEST_CONTACTS <= small > DOUBTED_SHARE * seen.count:
         text = (
             f"{small} of {seen.count} contacts are no wider than the blur: without a reference specks of "
             "dirt look the same"
+        )
+        yield Status.FALSE_CANDIDATES, text
+    faint = seen.flagged(Flag.TOO_SMALL | Flag.LOW_SIGNAL)
+    if faint >= FEWEST_CONTACTS and faint > SPOILED_SHARE * seen.count:
+        text = (
+            f"{faint} of {seen.count} contacts are no wider than the blur and hardly stand out of the noise"
         )
         yield Status.FALSE_CANDIDATES, text
     dark = dark_spots(
