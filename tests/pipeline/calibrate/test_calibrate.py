@@ -289,8 +289,8 @@ def test_process_with_the_calibration(threshold_result, tmp_path):
     assert frames["threshold"].unique() == pytest.approx([record["threshold"]["value"]], rel=1e-12)
     slope = (frames["force_sum_N"] @ frames["load_N"]) / (frames["load_N"] @ frames["load_N"])
     # between two thresholds 0.025 apart the slope is taken as linear: 0.025^2/8 of its curvature, about 3.
-    # The calibration finds the pose at one half, `process` at the threshold: their pixel sizes differ by 1.6e-4
-    # here, and forces go as its cube. A count changes by steps of a pixel, forces going as A^(3/2)
+    # The calibration finds the pose at one half, `process` at the threshold: their pixel sizes differ by
+    # 1.6e-4 here, and forces go as its cube. A count changes by steps of a pixel, forces going as A^(3/2)
     pixels = frames["area_m2"].max() / read_scene(folder).source["camera"]["pixel_size_m"] ** 2
     assert slope == pytest.approx(1.0, abs=3e-4 + 5e-4 + 1.5 / pixels)
     provenance = json.loads((tmp_path / "run" / "provenance.json").read_text())
