@@ -30,9 +30,8 @@ FLICKER_PART = 0.1
 PIERCED = 1.3
 # Blocks in a region that lie beyond it as seen from the background: contacts on it. By hand: one may be dirt.
 FEWEST_BEYOND = 2
-FEWEST_ISLANDS = (
-    3  # that a flat region surrounds: contacts on it. By hand: specks of dirt in a contact are fewer
-)
+# Islands that a flat region surrounds: contacts on it. By hand: specks of dirt in a contact are fewer.
+FEWEST_ISLANDS = 3
 FEWEST_BLOCKS = 60  # of a region. By hand: a contact that fills so many has a radius of 35 px
 MOST_REGIONS = 8  # regions that are followed, the largest; a bound of the work
 # Share of the blocks above which flat ones that are no background, or a region at the border of a frame
