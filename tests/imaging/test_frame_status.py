@@ -78,6 +78,14 @@ def test_a_reference_of_another_place_is_named(truth, change, status):
     assert result.message
 
 
+def test_a_reference_that_leaves_a_margin_bare_is_said(truth):
+    frame, reference = pair(truth)
+    near, far = (measure_image(frame, np.roll(reference, by, axis=0)) for by in (2, 16))
+    assert near.status == Status.OK
+    assert far.status == Status.UNRESOLVED
+    assert "leaves 4.4 % of the frame bare" in far.message
+
+
 @pytest.mark.parametrize("method", ["disk", "threshold"])
 def test_contacts_that_only_the_reference_shows_are_not_ok(truth, method):
     """Bright contacts in a reference are dust, or dark contacts of an empty frame."""

@@ -27,8 +27,8 @@ which others may be false or missing. By hand."""
 LIGHT_CHANGE = 1.5
 """Ratio of the background to the reference, or its inverse, above which the light has changed. By hand."""
 HIDDEN_SHARE = 0.02
-"""Share of the frame under hairs and scratches above which contacts may be missing. By hand: one of twenty
-contacts of a usual frame."""
+"""Share of the frame under hairs and scratches, or not covered by the reference, above which contacts may be
+missing. By hand: one of twenty contacts of a usual frame."""
 DARK_SHARE = 0.004
 """Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it
 make 0.013."""
@@ -153,6 +153,15 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         yield Status.NO_CONTACT, _why_no_contact(seen.foreground)
     if difference.registration_failed:
         yield Status.NOT_REGISTERED, ""
+    if (moved := difference.alignment) is not None and moved.known:
+        rows, columns = seen.foreground.image.shape
+        bare = abs(moved.x_px) / columns + abs(moved.y_px) / rows
+        if bare > HIDDEN_SHARE:
+            text = (
+                f"the reference lies {np.hypot(moved.x_px, moved.y_px):.3g} px away and leaves "
+                f"{100 * bare:.2g} % of the frame bare: contacts there were left out"
+            )
+            yield Status.UNRESOLVED, text
     if min(seen.foreground.image.shape) < LEAST_SIDE_PX and seen.count:
         rows, columns = seen.foreground.image.shape
         text = (
