@@ -311,7 +311,12 @@ def gather_annuli(
             # the whole table of contacts would cost more than the solution
             bare = {"x_m": one.x, "y_m": one.y, "radius_m": one.radius, "force_N": one.force}
             contacts = pd.DataFrame({column: values[one.touching] for column, values in bare.items()})
-            pattern = _one_pattern(annulus_moments(contacts, centre=centre, edges=edges))
+            found = annulus_moments(contacts, centre=centre, edges=edges)
+            pattern = found[list(MOMENTS)].assign(
+                patterns=1.0,
+                occupied=(found["n"] > 0).astype(float),
+                own_radius=found["a"] / found["n"].clip(lower=1.0),
+            )
             so_far = sums.setdefault(key, {})
             so_far[name] = so_far[name] + pattern if name in so_far else pattern
     if not sums:
@@ -321,10 +326,3 @@ def gather_annuli(
         key: {name: pd.DataFrame(ends).join(table) for name, table in tables.items()}
         for key, tables in sums.items()
     }
-
-
-def _one_pattern(moments: pd.DataFrame) -> pd.DataFrame:
-    n, a = moments["n"].to_numpy(float), moments["a"].to_numpy(float)
-    return moments.drop(columns=["inner", "outer", "sector"]).assign(
-        patterns=1.0, occupied=(n > 0).astype(float), own_radius=a / np.maximum(n, 1.0)
-    )
