@@ -106,15 +106,11 @@ class FieldOfView:
 
     def _crossings(self, centre: tuple[float, float], angle: Values) -> tuple[Values, Values]:
         """Distances (m) from a point at which rays enter and leave the image."""
-        here = np.array(self._pixels(*centre), np.float64)
-        along = self._pixels(centre[0] + np.cos(angle), centre[1] + np.sin(angle))
-        rows, columns = self.pose.shape
-        enter, leave = np.zeros(angle.size), np.full(angle.size, np.inf)
-        for start, end, size in zip(here, along, (columns, rows), strict=True):
-            speed = np.where(end == start, np.finfo(float).tiny, end - start)
-            sides = np.sort([(-0.5 - start) / speed, (size - 0.5 - start) / speed], axis=0)
-            enter, leave = np.maximum(enter, sides[0]), np.minimum(leave, sides[1])
-        return enter, leave
+        here = np.array(self._pixels(*centre), np.float64)[:, None, None]
+        along = np.array(self._pixels(centre[0] + np.cos(angle), centre[1] + np.sin(angle)))[..., None] - here
+        ends = np.array([[-0.5, size - 0.5] for size in self.pose.shape[::-1]])[:, None, :]
+        sides = np.sort((ends - here) / np.where(along == 0, np.finfo(float).tiny, along), axis=-1)
+        return np.maximum(sides[..., 0].max(axis=0), 0.0), sides[..., 1].min(axis=0)
 
     def _pixels(self, x: ArrayLike, y: ArrayLike) -> tuple[Values, Values]:
         """Where sample points are seen in the frame."""

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,6 +24,7 @@ from contactimg.plots.overlay import (
     Layer,
     Picture,
     View,
+    black_and_white,
     crop_to,
     draw_overlay,
     join_pictures,
@@ -34,10 +36,8 @@ from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
-QUANTILES = (0.005, 0.998)
-"""Of the grey levels, shown black and white."""
-SAMPLED_FRAMES, SAMPLE_SIDE = 8, 500
-"""Frames, and pixels of each along a side, that the stretch is taken from. Chosen: a fraction of a second."""
+SAMPLED_FRAMES = 8
+"""Frames that the stretch is taken from. Chosen: a fraction of a second."""
 GAP_PX = 2.0
 """Distance of the ring from the contact. Chosen: leaves the rim free up to a blur of 1.4 px."""
 DIMMED = 0.5
@@ -109,18 +109,10 @@ def series_stretch(sources: Sequence[FrameSource]) -> tuple[float, float]:
     step = max(1, len(sources) // SAMPLED_FRAMES)
     levels = []
     for source in sources[::step]:
-        try:
-            image = source.read().image
-        except FrameError:
-            continue
-        strides = [max(1, size // SAMPLE_SIDE) for size in image.shape]
-        sample = image[:: strides[0], :: strides[1]].astype(float)
-        sample = sample[np.isfinite(sample)]
-        if sample.size:
-            levels.append(np.quantile(sample, QUANTILES))
-    if not levels:
-        return 0.0, 255.0
-    low, high = float(np.min(levels, axis=0)[0]), float(np.max(levels, axis=0)[1])
+        with suppress(FrameError):
+            levels.append(black_and_white(source.read().image))
+    known = [one for one in levels if one]
+    low, high = min((one[0] for one in known), default=0.0), max((one[1] for one in known), default=255.0)
     return low, high if high > low else low + 1.0
 
 
