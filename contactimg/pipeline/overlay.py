@@ -19,7 +19,6 @@ from contactimg.matching import match_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.pictures import (
     PREDICTED,
-    disk_in_pixels,
     draw_frames,
     draw_predicted,
     series_stretch,
@@ -197,7 +196,13 @@ def draw_comparison(
     def jobs() -> Iterator[tuple[Any, ...]]:
         for frame, models in predicted.items():
             shift, view = frame_shift(run.frames, frame), view_of(frame, experiment, stretch, pose.pixel_size)
-            circle = disk_in_pixels(hertz_circle(run.scene, float(loads[frame])), pose, shift)
+            found, circle = hertz_circle(run.scene, float(loads[frame])), list[Outline]()
+            if found is not None:
+                (x, y), radius = (
+                    np.add(pose.to_pixels(*found[:2]), shift).tolist(),
+                    found[2] / pose.pixel_size,
+                )
+                circle = [Outline(0, x, y, radius, radius)]
             seen, lines = _in_view(tables[frame].contacts, pose.shape), tables[frame].outlines
             marked = {model: mark_contacts(seen, one.contacts, lines, **how) for model, one in models.items()}
             draw = partial(draw_predicted, marked=marked, hertz_circle=circle, view=view)

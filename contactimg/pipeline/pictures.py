@@ -29,7 +29,6 @@ from contactimg.plots.overlay import (
     draw_overlay,
     join_pictures,
 )
-from contactimg.pose import Pose
 from contactimg.tables import Status
 from contactimg.tables.outlines import REJECTED_COLOUR, Outline, contact_outlines, kinds_of_contacts
 from contactimg.timings import stage
@@ -73,13 +72,14 @@ def draw_overlays(
     folder.mkdir()
     pixel_size = None if series.pose is None else series.pose.pose.pixel_size
     failed = {part.row["frame"] for part in series.parts if part.row["status"] == Status.FAILED}
-    sources = [source for source in experiment.frames if source.name not in failed]
-    stretch = series_stretch(sources)
-    measured = (one for block in series.blocks() for one in block.by_frame() if one[0] not in failed)
-    views = (view_of(source.name, experiment, stretch, pixel_size) for source in sources)
+    sources = {source.name: source for source in experiment.frames if source.name not in failed}
+    stretch = series_stretch(list(sources.values()))
+    view = partial(view_of, experiment=experiment, stretch=stretch, pixel_size=pixel_size)
     jobs = (
-        (source, partial(draw_measured, shown=shown, view=view))
-        for source, (_, shown), view in zip(sources, measured, views, strict=True)
+        (sources[name], partial(draw_measured, shown=shown, view=view(name)))
+        for block in series.blocks()
+        for name, shown in block.by_frame()
+        if name in sources
     )
     draw_frames(jobs, folder, count=len(sources), workers=workers)
 
@@ -223,14 +223,3 @@ def _busiest(points: Values, size: NDArray[Any]) -> Values:
     tree = KDTree(2 * points / size)
     held = tree.query_ball_point(tree.data, 1.0, p=np.inf, return_length=True)
     return np.asarray(points[np.argmax(held)] - size / 2, np.float64)
-
-
-def disk_in_pixels(
-    circle: tuple[float, float, float] | None, pose: Pose, shift_px: tuple[float, float]
-) -> list[Outline]:
-    """The disk (px) of a circle ``(x, y, radius)`` in sample coordinates; nothing of None."""
-    if circle is None:
-        return []
-    x, y = pose.to_pixels(np.array(circle[:1]), np.array(circle[1:2]))
-    radius = circle[2] / pose.pixel_size
-    return [Outline(0, float(x[0]) + shift_px[0], float(y[0]) + shift_px[1], radius, radius)]

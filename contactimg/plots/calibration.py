@@ -102,12 +102,7 @@ def _plot_branches(points: pd.DataFrame, column: str, ax: Axes) -> None:
 
 
 def plot_slopes(
-    thresholds: Values,
-    slopes: Values,
-    stds: Values,
-    *,
-    found: float,
-    ax: Axes | None = None,
+    thresholds: Values, slopes: Values, stds: Values, *, found: float, ax: Axes | None = None
 ) -> Axes:
     """Plot the slope of the sum of the forces against the load, for each threshold.
 

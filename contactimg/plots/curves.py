@@ -138,17 +138,10 @@ def plot_topography(table: pd.DataFrame, topography: Topography, *, ax: Axes | N
     Axes
     """
     ax = new_axes() if ax is None else ax
-    ax.errorbar(
-        table["radius_m"] * 1e6,
-        table["height_m"] * 1e6,
-        xerr=bar_lengths(table["radius_std_m"], 1e6),
-        yerr=bar_lengths(table["height_std_m"], 1e6),
-        fmt="o",
-        markersize=MARKER_SIZE,
-        elinewidth=0.9,
-        color="black",
-        label=f"{topography.n_points} asperities",
-    )
+    x_std, y_std = (bar_lengths(table[name], 1e6) for name in ("radius_std_m", "height_std_m"))
+    marks: dict[str, Any] = {"fmt": "o", "markersize": MARKER_SIZE, "elinewidth": 0.9, "color": "black"}
+    marks["label"] = f"{topography.n_points} asperities"
+    ax.errorbar(table["radius_m"] * 1e6, table["height_m"] * 1e6, xerr=x_std, yerr=y_std, **marks)
     if topography.one_angle:
         radius = np.array([0.0, table["radius_m"].max()])
         angle = topography.contact_angle

@@ -29,7 +29,6 @@ from contactimg.pipeline.analyse.places import (
     Place,
     Tables,
     annuli_of,
-    can_be_predicted,
     differences,
     grouped,
     joined,
@@ -157,7 +156,10 @@ def analyse_places(
     notes = [note for place in places for note in _left_out(place)]
     friction, density = _friction_table(places), _density(places[0])
     seen = {own: grouped(places, tolerance=options.load_tolerance)}
-    if options.models and not can_be_predicted(places):
+    known = (
+        place.scene.indenter and place.scene.elastic and place.asperities is not None for place in places
+    )
+    if options.models and not all(known):
         notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
     elif options.models:
         for model in COMPARED_MODELS:
@@ -350,15 +352,10 @@ def _average_load(
     return LoadAverage(name, load, moments, joined(profiles, PROFILE), normalised, ring_area)
 
 
-POINT_COLUMNS = {
-    "r": "r_m",
-    "n": "n_contacts",
-    "pressure": "pressure_Pa",
-    "pressure_std": "pressure_std_Pa",
-    "density": "density_per_m2",
-    "density_std": "density_std_per_m2",
-    "mean_radius": "mean_radius_m",
-    "mean_radius_std": "mean_radius_std_m",
+POINT_COLUMNS = {"r": "r_m", "n": "n_contacts"} | {
+    f"{name}{std}": f"{name}{std}_{unit}"
+    for name, unit in (("pressure", "Pa"), ("density", "per_m2"), ("mean_radius", "m"))
+    for std in ("", "_std")
 }
 """Columns of `contactimg.analysis.contacts_against_pressure.pressure_points` -> those of the table."""
 

@@ -106,8 +106,13 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
         If the folder holds no complete run, or the run has no lengths in metres.
     """
     run = read_run(folder)
-    scene = run.scene
-    pose = _pose(run)
+    scene, pose = run.scene, None if run.pose is None else run.pose.pose
+    if (run.frames["status"] == Status.NO_POSE).any():
+        logger.warning(
+            "%s: contacts fall on no asperity, so the apex is where the scene states it; profiles and local "
+            "pressures depend on that",
+            run.folder,
+        )
     used = run.provenance["configuration"].get("options", {}).get("calibration") or {}
     centre = _centre(run, pose, centre_px or _centre_in(used.get("record", {})))
     asperities = _optional(lambda: scene_asperities(scene), run.folder, "no asperities")
@@ -152,19 +157,6 @@ def _centre_in(record: Mapping[str, Any]) -> Point | None:
     if not {"centre_x", "centre_y"} <= set(record):
         return None
     return float(record["centre_x"]["value"]), float(record["centre_y"]["value"])
-
-
-def _pose(run: Run) -> Pose | None:
-    """The camera's pose, if the run has one."""
-    if run.pose is None:
-        return None
-    if (run.frames["status"] == Status.NO_POSE).any():
-        logger.warning(
-            "%s: contacts fall on no asperity, so the apex is where the scene states it; profiles and local "
-            "pressures depend on that",
-            run.folder,
-        )
-    return run.pose.pose
 
 
 def _centre(run: Run, pose: Pose | None, centre_px: Point | None) -> Point:
@@ -300,14 +292,6 @@ def joined(tables: Sequence[pd.DataFrame], schema: Schema) -> pd.DataFrame:
     return schema.conform(pd.concat([table for table in tables if len(table)] or [schema.empty()]))
 
 
-def can_be_predicted(places: Sequence[Place]) -> bool:
-    """Whether all places are known well enough for a model of their contacts."""
-    return all(
-        place.asperities is not None and place.scene.indenter is not None and place.scene.elastic is not None
-        for place in places
-    )
-
-
 def predict_places(
     places: Sequence[Place], frames: pd.DataFrame, model: str, *, workers: int | None = None
 ) -> tuple[Tables, list[str]]:
@@ -316,7 +300,7 @@ def predict_places(
     Parameters
     ----------
     places : sequence of Place
-        Which `can_be_predicted`.
+        With lens, rubber and asperities.
     frames : DataFrame
         Their frames with a load, from `grouped`.
     model : {"coupled", "uncoupled"}

@@ -288,21 +288,19 @@ def run_modulus(
         **_common_errors(experiment, relative),
     )
     settle(doubts_about_forces(slope=found.slope.value, young_modulus=measured.value), "the calibration")
-    fixed = {"young_modulus_measured": measured.record("Pa")}
-    fixed |= {} if threshold is None else {"threshold": threshold.record("1")}
+    kept = {} if threshold is None else {"threshold": threshold.record("1")}
     record: dict[str, Any] = {
         "kind": "modulus",
         "method": "disk" if threshold is None else "threshold",
         "young_modulus": found.young_modulus.record("Pa"),
         "slope": found.slope.record("1"),
-        "fixed": fixed,
+        "fixed": {"young_modulus_measured": measured.record("Pa")} | kept,
         "fitted": ["young_modulus"],
         "compatible": found.compatible,
         "distance_std": found.distance,
         "notes": _notes(series) + cell_notes(experiment.scene) + ([found.message] if found.message else []),
         "line": 1.0,
-    }
-    record |= {} if threshold is None else {"threshold": threshold.record("1")}
+    } | kept
     tuned = forces * found.young_modulus.value / measured.value
     fitted = [f"E = {number_with_interval(found.young_modulus, factor=1e-6)} MPa"]
     return _result(record, series, tuned, {"forces": plot_forces(load, tuned, fitted=fitted)})
