@@ -66,11 +66,7 @@ def sampling_std(contacts: pd.DataFrame) -> float:
 
 
 def frame_areas(
-    frames: pd.DataFrame,
-    contacts: pd.DataFrame,
-    *,
-    place: str,
-    centre: tuple[float, float] | None = None,
+    frames: pd.DataFrame, contacts: pd.DataFrame, *, place: str, centre: tuple[float, float] | None = None
 ) -> pd.DataFrame:
     """Loads, areas and contact sums of the frames of one place, for A(P).
 
@@ -155,11 +151,7 @@ def group_loads(loads: Sequence[float] | Values, *, tolerance: float) -> NDArray
 
 
 def area_by_load(
-    areas: pd.DataFrame,
-    groups: NDArray[np.intp],
-    *,
-    model: str,
-    asperity_density: float = np.nan,
+    areas: pd.DataFrame, groups: NDArray[np.intp], *, model: str, asperity_density: float = np.nan
 ) -> pd.DataFrame:
     """Average the frames of each load: frames of a place first, then places.
 
