@@ -148,20 +148,14 @@ def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -
     return Apex(scene.indenter.apex) if stated else shown
 
 
-def shown_apex(
-    contacts: pd.DataFrame,
-    frames: pd.DataFrame,
-    scene: Scene,
-    pose: Pose | None,
-    asperities: pd.DataFrame | None,
-) -> Apex | None:
-    """The apex that the contacts of one frame show, the frame that shows it best; None if none does.
+def shown_apex(run: Run, pose: Pose | None, asperities: pd.DataFrame | None) -> Apex | None:
+    """The apex that the contacts of one frame of a run show, the frame that shows it best; None if none does.
 
     Without asperities it is the centre of the contacts.
     """
-    if pose is None or scene.indenter is None:
+    if pose is None or run.scene.indenter is None:
         return None
-    lens = scene.indenter.radius
+    contacts, frames, lens = run.contacts, run.frames, run.scene.indenter.radius
     lost = frames.loc[frames["status"] == Status.NO_POSE, "frame"]
     used = ~contacts["frame"].isin(lost) & (contacts["asperity"].notna() if asperities is not None else True)
     found = []
@@ -253,14 +247,10 @@ def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run
 
 
 @stage("forces")
-def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None = None) -> Run:
-    """The run with local forces where the elastic body and the asperity's radius are known, and with sums.
-
-    Without a ``law`` the contacts of this run decide on it.
-    """
+def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None) -> Run:
+    """The run with local forces where the elastic body and the asperity's radius are known, and with sums."""
     length_std = 0.0 if run.pose is None else run.pose.length_relative_std
     camera = run.scene.need("camera", "forces") if run.pose is None else run.pose.pose
-    law = law or local_law(run, sites)
     contacts, frames = fill_forces(
         run.scene if law is None else law.scene,
         run.contacts,
@@ -358,7 +348,7 @@ class MeasuredSeries:
         places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
         several = replace(self, parts=[self.parts[k] for k in places], loads=self.loads[places])
         located = with_pose(several._in_pixels, self.sites, pose)
-        shown = shown_apex(located.contacts, located.frames, self.scene, pose.pose, asperities)
+        shown = shown_apex(located, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
         posed = replace(self, pose=pose, apex=apex, shown=shown)
         if apex is not None and apex.known != STATED and asperities is not None:

@@ -25,6 +25,7 @@ from contactimg.analysis.radial_profiles import (
     ring_profile,
 )
 from contactimg.errors import ConvergenceError, InputError
+from contactimg.files import Run
 from contactimg.pipeline.analyse.places import (
     Place,
     Tables,
@@ -235,7 +236,7 @@ def _doubt_match(place: Place, contacts: pd.DataFrame, frames: pd.DataFrame, min
         for table in (place.contacts, contacts[contacts["place"] == place.name])
     )
     matched = len(ours.dropna().merge(theirs))
-    shown = shown_apex(place.contacts, place.frames, place.scene, place.pose, place.asperities)
+    shown = shown_apex(Run(place.scene, place.contacts, place.frames), place.pose, place.asperities)
     doubts = doubts_about_match(
         place.scene,
         measured=len(ours),
@@ -392,6 +393,7 @@ def _areas(
 ) -> tuple[pd.DataFrame, dict[str, PowerLaw]]:
     """Areas of each load, and exponents of A(P), measured and of every model."""
     density, tables, laws = _density(places[0]), list[pd.DataFrame](), dict[str, PowerLaw]()
+    stated = {name: getattr(options, name) for name in ("load_relative_std", "load_std", "confidence")}
     for model, (contacts, frames) in seen.items():
         parts = [
             frame_areas(
@@ -407,13 +409,7 @@ def _areas(
         spread = np.hypot(options.load_relative_std * table["load_N"], options.load_std)
         tables.append(table.assign(load_std_N=spread / np.sqrt(table["n_frames"].astype(float))))
         cell = LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS
-        fit = partial(
-            fit_area_law,
-            load_relative_std=options.load_relative_std,
-            load_std=options.load_std,
-            load_cell=cell,
-            confidence=options.confidence,
-        )
+        fit = partial(fit_area_law, load_cell=cell, **stated)
         chosen = areas[areas["load"].between(*options.load_range)]
         law = _fit_or_note(notes, f"A(P), {model}", fit, chosen)
         laws |= {} if law is None else {model: law}
@@ -471,14 +467,9 @@ def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[
     stress = _fit_or_note(notes, "friction", fit, friction)
     if stress is None or len(stress) < 2:
         return None
-    if (stress["stress_std_Pa"].isna()).any():  # one frame and no stated error: no weights
-        stress = stress.assign(stress_std_Pa=0.0)
-    return fit_power_law(
-        stress["velocity_m_s"],
-        stress["stress_Pa"],
-        y_std=stress["stress_std_Pa"],
-        confidence=options.confidence,
-    )
+    x, y, y_std = (stress[name] for name in ("velocity_m_s", "stress_Pa", "stress_std_Pa"))
+    # of one frame without a stated error nothing is known: no weights
+    return fit_power_law(x, y, y_std=0.0 if y_std.isna().any() else y_std, confidence=options.confidence)
 
 
 # --- numbers, tables and figures
@@ -517,11 +508,8 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
             add(fit, f"{name}_below", broken.low_exponent, "1", "below p*")
             note = "p*, where the two laws meet; interval from the bootstrap"
             add(fit, f"{quantity}_break_pressure", broken.break_x, "Pa", note)
-    stress, speed, n_places = (
-        analysis.shear_stress,
-        analysis.velocity_law,
-        analysis.friction["place"].nunique(),
-    )
+    stress, speed = analysis.shear_stress, analysis.velocity_law
+    n_places = analysis.friction["place"].nunique()
     if stress is not None:
         fit = _fit("measured", stress, "m2", n_places)
         note = "tau0 of Q = tau0 A, least squares through the origin, errors in A and Q"
