@@ -38,8 +38,7 @@ def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
     ax = new_axes() if ax is None else ax
     for model, part in normalised.groupby("model", sort=False):
         known = part[part["pressure_over_hertz"].notna()]
-        r = known["r_over_hertz_radius"].to_numpy()
-        p = known["pressure_over_hertz"].to_numpy()
+        r, p = known[["r_over_hertz_radius", "pressure_over_hertz"]].to_numpy(float).T
         if model == "hertz":
             r = np.linspace(0.0, 1.0, 200)
             p = np.sqrt(1 - r**2)

@@ -175,8 +175,7 @@ def plot_friction(
 
 def motion_of(friction: pd.DataFrame) -> pd.Series:
     """Say how each frame moves: "sliding", "static" at velocity 0, "friction" where that is not known."""
-    unknown = pd.Series(np.nan, index=friction.index)
-    velocity = friction.get("velocity_m_s", unknown)
+    velocity = friction.reindex(columns=["velocity_m_s"])["velocity_m_s"]
     named = np.where(velocity.isna(), "friction", np.where(velocity == 0, "static", "sliding"))
     return pd.Series(named, index=friction.index)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import distribution
+from itertools import chain
 
 import cv2
 import numpy as np
@@ -326,11 +327,8 @@ def _strip(canvas: _Canvas, layers: Sequence[Layer], view: View) -> Indices:
 
 
 def _fitting(text: str, font: ImageFont.FreeTypeFont, width: float) -> str:
-    if font.getlength(text) <= width:
-        return text
-    while text and font.getlength(text + "…") > width:
-        text = text[:-1]
-    return text + "…"
+    shorter = (f"{text[:length]}…" for length in range(len(text) - 1, -1, -1))
+    return next((one for one in chain([text], shorter) if font.getlength(one) <= width), "…")
 
 
 def _scale_bar(pixel_size: float | None, width: int, zoom: int) -> tuple[int, str] | None:
