@@ -170,13 +170,8 @@ def shown_apex(run: Run, pose: Pose | None, asperities: pd.DataFrame | None) -> 
         else:
             caps = asperities.iloc[part["asperity"].to_numpy(int)]
             radius = caps["radius_m"].to_numpy(float)
-            apex = find_apex(
-                caps[["x_m", "y_m"]],
-                caps["height_m"],
-                radius / (1 + radius / lens),
-                part["radius_m"],
-                in_view=in_view,
-            )
+            places, composite = caps[["x_m", "y_m"]], radius / (1 + radius / lens)
+            apex = find_apex(places, caps["height_m"], composite, part["radius_m"], in_view=in_view)
         if apex is not None:
             found.append(apex)
     return min(found, key=lambda apex: np.hypot(*apex.std), default=None)
@@ -249,16 +244,11 @@ def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run
 @stage("forces")
 def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None) -> Run:
     """The run with local forces where the elastic body and the asperity's radius are known, and with sums."""
-    length_std = 0.0 if run.pose is None else run.pose.length_relative_std
     camera = run.scene.need("camera", "forces") if run.pose is None else run.pose.pose
-    contacts, frames = fill_forces(
-        run.scene if law is None else law.scene,
-        run.contacts,
-        run.frames,
-        sites,
-        pixel_size=camera.pixel_size,
-        length_relative_std=length_std,
-    )
+    length_std = 0.0 if run.pose is None else run.pose.length_relative_std
+    lengths = {"pixel_size": camera.pixel_size, "length_relative_std": length_std}
+    scene = run.scene if law is None else law.scene
+    contacts, frames = fill_forces(scene, run.contacts, run.frames, sites, **lengths)
     notes = {
         name: f"{count - found} contacts have no asperity and so no force; the sum leaves them out"
         for name, found, count in _known(contacts, "force_N").itertuples()

@@ -120,10 +120,7 @@ def compare_run(
             if model == "coupled":
                 matches.append(pairs)
     table = SCORES.conform(pd.DataFrame(scores)) if scores else SCORES.empty()
-    pairs, reasons = (
-        MATCHES.conform(pd.concat(matches)),
-        {name: "; ".join(why) for name, why in left_out.items()},
-    )
+    reasons = {name: "; ".join(why) for name, why in left_out.items()}
     return Comparison(MATCHES.conform(pd.concat(matches)), table, predicted, reasons, min_radius_px)
 
 
@@ -198,11 +195,8 @@ def draw_comparison(
             shift, view = frame_shift(run.frames, frame), view_of(frame, experiment, stretch, pose.pixel_size)
             found, circle = hertz_circle(run.scene, float(loads[frame])), list[Outline]()
             if found is not None:
-                (x, y), radius = (
-                    np.add(pose.to_pixels(*found[:2]), shift).tolist(),
-                    found[2] / pose.pixel_size,
-                )
-                circle = [Outline(0, x, y, radius, radius)]
+                (x, y), radius = np.add(pose.to_pixels(*found[:2]), shift), found[2] / pose.pixel_size
+                circle = [Outline(0, float(x), float(y), radius, radius)]
             seen, lines = _in_view(tables[frame].contacts, pose.shape), tables[frame].outlines
             marked = {model: mark_contacts(seen, one.contacts, lines, **how) for model, one in models.items()}
             draw = partial(draw_predicted, marked=marked, hertz_circle=circle, view=view)

@@ -227,24 +227,16 @@ def _doubt_match(place: Place, contacts: pd.DataFrame, frames: pd.DataFrame, min
     """Stop where fewer than half of the contacts of a place are on the asperities of the predicted ones."""
     if place.pose is None or place.asperities is None:
         return
-    smallest, predicted = (
-        min_radius_px * place.pose.pixel_size,
-        frames["frame"][frames["place"] == place.name],
-    )
+    smallest = min_radius_px * place.pose.pixel_size
+    predicted = frames.loc[frames["place"] == place.name, "frame"]
     ours, theirs = (
         table.loc[(table["radius_m"] >= smallest) & table["frame"].isin(predicted), ["frame", "asperity"]]
         for table in (place.contacts, contacts[contacts["place"] == place.name])
     )
-    matched = len(ours.dropna().merge(theirs))
+    counts = {"measured": len(ours), "predicted": len(theirs), "matched": len(ours.dropna().merge(theirs))}
     shown = shown_apex(Run(place.scene, place.contacts, place.frames), place.pose, place.asperities)
-    doubts = doubts_about_match(
-        place.scene,
-        measured=len(ours),
-        predicted=len(theirs),
-        matched=matched,
-        shown=shown,
-        spacing=mean_spacing(place.asperities),
-    )
+    spacing = mean_spacing(place.asperities)
+    doubts = doubts_about_match(place.scene, **counts, shown=shown, spacing=spacing)
     settle(doubts, place.name)
 
 

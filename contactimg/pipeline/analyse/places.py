@@ -272,14 +272,9 @@ def annuli_of(
     """Sums over annuli of the contacts from radius ``least`` (px) on, averaged over frames of a place."""
     smallest = -np.inf if place.pose is None else least * place.pose.pixel_size
     shown = contacts[(contacts["place"] == place.name) & (contacts["radius_m"] >= smallest)]
+    how: dict[str, Any] = {"centre": place.centre, "edges": edges, "sectors": SECTORS}
     tables = [
-        annulus_moments(
-            shown[shown["frame"] == frame],
-            centre=place.centre,
-            edges=edges,
-            field=place.field(frame),
-            sectors=SECTORS,
-        )
+        annulus_moments(shown[shown["frame"] == frame], field=place.field(frame), **how)
         for frame in frames["frame"][frames["place"] == place.name]
     ]
     mean, columns = tables[0].copy(), list(MOMENTS)

@@ -280,13 +280,8 @@ def run_modulus(
         forces = series.forces[1]
         low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
         relative = threshold.std * abs(high - low) / 0.04 / max(load_slope(forces, load).value, 1e-12)
-    found = calibrate_modulus(
-        forces,
-        load,
-        young_modulus=measured.value,
-        young_modulus_std=measured.std,
-        **_common_errors(experiment, relative),
-    )
+    stated = {"young_modulus": measured.value, "young_modulus_std": measured.std}
+    found = calibrate_modulus(forces, load, **stated, **_common_errors(experiment, relative))
     settle(doubts_about_forces(slope=found.slope.value, young_modulus=measured.value), "the calibration")
     kept = {} if threshold is None else {"threshold": threshold.record("1")}
     record: dict[str, Any] = {
@@ -326,31 +321,27 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None) -> Calibr
             f"no plateau proper: the area falls by {found.relative_fall:.0%} between {found.threshold_low:g} "
             f"and {found.threshold_high:g}, more than marginally (20 %)"
         )
-    names = ["threshold_low", "threshold_high", "threshold"]
+    fitted = ["threshold_low", "threshold_high", "threshold"]
     step = float(np.diff(series.thresholds).max()) / 12**0.5  # its ends are known to a step of the thresholds
-    record = {name: CoverageEstimate.of_normal(getattr(found, name), step).record("1") for name in names} | {
+    record = {name: CoverageEstimate.of_normal(getattr(found, name), step).record("1") for name in fitted} | {
         "kind": "plateau",
         "method": "threshold",
         "definition": "thresholds about the slowest fall of the total area A between which "
         "|d ln A/d threshold| is at most 1.5 times its smallest value",
         "fixed": {},
-        "fitted": names,
+        "fitted": fitted,
         "quality": {"relative_fall": found.relative_fall, "marginal": found.marginal},
         "notes": notes,
     }
     table = series.frames.assign(area_m2=found.area, area_std_m2=found.area_std)
     rate = np.interp(series.thresholds, found.thresholds, found.fall_rates, left=np.nan, right=np.nan)
     curve = {"threshold": series.thresholds, "area_m2": series.areas.sum(axis=1), "fall_rate": rate}
-    figure = plot_plateau(
-        series.thresholds,
-        series.areas,
-        low=found.threshold_low,
-        high=found.threshold_high,
-        names=[
-            str(frame) if np.isnan(load) else f"P = {plain_number(1e3 * load)} mN"
-            for frame, load in zip(table["frame"], table["load_N"], strict=True)
-        ],
-    )
+    names = [
+        str(frame) if np.isnan(load) else f"P = {plain_number(1e3 * load)} mN"
+        for frame, load in zip(table["frame"], table["load_N"], strict=True)
+    ]
+    ends: dict[str, Any] = {"low": found.threshold_low, "high": found.threshold_high}
+    figure = plot_plateau(series.thresholds, series.areas, **ends, names=names)
     columns = [name for name in FORCE_SUMS.columns if name in table]
     tables = {"curve": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas": (FORCE_SUMS, table[columns])}
     return Calibrated(record, tables, {"plateau": figure}, failed=len(series.failed) > 0)
