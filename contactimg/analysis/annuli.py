@@ -106,15 +106,11 @@ class FieldOfView:
 
     def _crossings(self, centre: tuple[float, float], angle: Values) -> tuple[Values, Values]:
         """Distances (m) from a point at which rays enter and leave the image."""
-        here = np.array(self._pixels(*centre), np.float64)
-        along = self._pixels(centre[0] + np.cos(angle), centre[1] + np.sin(angle))
-        rows, columns = self.pose.shape
-        enter, leave = np.zeros(angle.size), np.full(angle.size, np.inf)
-        for start, end, size in zip(here, along, (columns, rows), strict=True):
-            speed = np.where(end == start, np.finfo(float).tiny, end - start)
-            sides = np.sort([(-0.5 - start) / speed, (size - 0.5 - start) / speed], axis=0)
-            enter, leave = np.maximum(enter, sides[0]), np.minimum(leave, sides[1])
-        return enter, leave
+        here = np.array(self._pixels(*centre), np.float64)[:, None, None]
+        along = np.array(self._pixels(centre[0] + np.cos(angle), centre[1] + np.sin(angle)))[..., None] - here
+        ends = np.array([[-0.5, size - 0.5] for size in self.pose.shape[::-1]])[:, None, :]
+        sides = np.sort((ends - here) / np.where(along == 0, np.finfo(float).tiny, along), axis=-1)
+        return np.maximum(sides[..., 0].max(axis=0), 0.0), sides[..., 1].min(axis=0)
 
     def _pixels(self, x: ArrayLike, y: ArrayLike) -> tuple[Values, Values]:
         """Where sample points are seen in the frame."""
@@ -311,7 +307,12 @@ def gather_annuli(
             # the whole table of contacts would cost more than the solution
             bare = {"x_m": one.x, "y_m": one.y, "radius_m": one.radius, "force_N": one.force}
             contacts = pd.DataFrame({column: values[one.touching] for column, values in bare.items()})
-            pattern = _one_pattern(annulus_moments(contacts, centre=centre, edges=edges))
+            found = annulus_moments(contacts, centre=centre, edges=edges)
+            pattern = found[list(MOMENTS)].assign(
+                patterns=1.0,
+                occupied=(found["n"] > 0).astype(float),
+                own_radius=found["a"] / found["n"].clip(lower=1.0),
+            )
             so_far = sums.setdefault(key, {})
             so_far[name] = so_far[name] + pattern if name in so_far else pattern
     if not sums:
@@ -321,10 +322,3 @@ def gather_annuli(
         key: {name: pd.DataFrame(ends).join(table) for name, table in tables.items()}
         for key, tables in sums.items()
     }
-
-
-def _one_pattern(moments: pd.DataFrame) -> pd.DataFrame:
-    n, a = moments["n"].to_numpy(float), moments["a"].to_numpy(float)
-    return moments.drop(columns=["inner", "outer", "sector"]).assign(
-        patterns=1.0, occupied=(n > 0).astype(float), own_radius=a / np.maximum(n, 1.0)
-    )

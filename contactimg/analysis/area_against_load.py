@@ -66,11 +66,7 @@ def sampling_std(contacts: pd.DataFrame) -> float:
 
 
 def frame_areas(
-    frames: pd.DataFrame,
-    contacts: pd.DataFrame,
-    *,
-    place: str,
-    centre: tuple[float, float] | None = None,
+    frames: pd.DataFrame, contacts: pd.DataFrame, *, place: str, centre: tuple[float, float] | None = None
 ) -> pd.DataFrame:
     """Loads, areas and contact sums of the frames of one place, for A(P).
 
@@ -155,11 +151,7 @@ def group_loads(loads: Sequence[float] | Values, *, tolerance: float) -> NDArray
 
 
 def area_by_load(
-    areas: pd.DataFrame,
-    groups: NDArray[np.intp],
-    *,
-    model: str,
-    asperity_density: float = np.nan,
+    areas: pd.DataFrame, groups: NDArray[np.intp], *, model: str, asperity_density: float = np.nan
 ) -> pd.DataFrame:
     """Average the frames of each load: frames of a place first, then places.
 
@@ -180,35 +172,29 @@ def area_by_load(
         Columns of `contactimg.tables.AREA`, one row a load. The uncertainty of the area is the standard error
         between places from four places on; below that measurement and `sampling_std` of the frames.
     """
-    spacing = 1 / np.sqrt(asperity_density)
-    rows = []
-    for _, part in areas.groupby(np.asarray(groups)):
-        places = part.groupby("place")[["load", "area"]].mean()
-        n = len(places)
-        measured = np.sqrt(np.mean(part["area_std"] ** 2) / len(part))
-        sampled = np.sqrt(np.mean(part["sampling_std"] ** 2) / n)
-        scatter = float(places["area"].std(ddof=1)) if n > 1 else np.nan
-        contacts, ratios = part["n"].sum(), part["n_ratio"].sum()
-        radius = part["radius"].sum() / contacts if contacts else np.nan
-        rows.append(
-            {
-                "model": model,
-                "load_N": places["load"].mean(),
-                "n_frames": len(part),
-                "n_places": n,
-                "area_m2": places["area"].mean(),
-                "area_std_m2": scatter / np.sqrt(n)
-                if n >= MIN_PLACES_FOR_SCATTER
-                else np.hypot(measured, sampled),
-                "area_scatter_m2": scatter,
-                "n_contacts": part["n"].mean(),
-                "mean_radius_m": radius,
-                "spacing_over_radius": spacing / radius,
-                "radius_ratio_mean": part["ratio"].sum() / ratios if ratios else np.nan,
-                "radius_ratio_max": part["ratio_max"].max(),
-            }
-        )
-    return AREA.conform(pd.DataFrame(rows)) if rows else AREA.empty()
+    if areas.empty:
+        return AREA.empty()
+    squares = areas.assign(area_std=areas["area_std"] ** 2, sampling_std=areas["sampling_std"] ** 2)
+    frames, places = squares.groupby(groups), areas.groupby([groups, "place"])[["load", "area"]].mean()
+    of_places = places.groupby(level=0)
+    n, mean, scatter = of_places.size(), of_places.mean(), of_places["area"].std()
+    stated = np.sqrt(frames["area_std"].mean() / frames.size() + frames["sampling_std"].mean() / n)
+    sums = frames[["n", "radius", "n_ratio", "ratio"]].sum()
+    radius = sums["radius"] / sums["n"]
+    columns = {
+        "load_N": mean["load"],
+        "n_frames": frames.size(),
+        "n_places": n,
+        "area_m2": mean["area"],
+        "area_std_m2": (scatter / np.sqrt(n)).where(n >= MIN_PLACES_FOR_SCATTER, stated),
+        "area_scatter_m2": scatter,
+        "n_contacts": frames["n"].mean(),
+        "mean_radius_m": radius,
+        "spacing_over_radius": 1 / np.sqrt(asperity_density) / radius,
+        "radius_ratio_mean": sums["ratio"] / sums["n_ratio"],
+        "radius_ratio_max": frames["ratio_max"].max(),
+    }
+    return AREA.conform(pd.DataFrame(columns).assign(model=model))
 
 
 def fit_area_law(

@@ -16,13 +16,7 @@ from scipy import special
 from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, density_beside
 from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights
 from contactimg.analysis.linear_fit import Basis, line, solve_moments, two_lines
-from contactimg.analysis.power_laws import (
-    BrokenLaw,
-    PowerLaw,
-    break_places,
-    broken_law,
-    power_law,
-)
+from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, break_places, broken_law, power_law
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]

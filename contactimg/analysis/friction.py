@@ -86,13 +86,8 @@ def fit_shear_stress(
         raise InputError(
             "a shear stress needs a frame with friction_N and contacts; add the loads' friction_N"
         )
-    area = good["area_m2"].to_numpy(float)
-    points = Points(
-        area,
-        np.abs(good["friction_N"].to_numpy(float)),
-        x_std=np.nan_to_num(good["area_std_m2"].to_numpy(float), nan=0.0),
-        y_std=friction_std,
-    )
+    area, force, area_std = (good[name].to_numpy(float) for name in ("area_m2", "friction_N", "area_std_m2"))
+    points = Points(area, np.abs(force), x_std=np.nan_to_num(area_std, nan=0.0), y_std=friction_std)
     fit = fit_proportional(points)
     freedom = _effective_freedom(fit, points)
     std = float(np.sqrt(fit.covariance[0, 0]))

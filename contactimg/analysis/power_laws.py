@@ -8,12 +8,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, special
 
-from contactimg.analysis.estimates import (
-    Estimate,
-    bootstrap_estimate,
-    bootstrap_weights,
-    student_estimate,
-)
+from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights, student_estimate
 from contactimg.analysis.linear_fit import LinearFit, Points, fit_line, fit_linear, two_lines
 from contactimg.errors import ConvergenceError, InputError
 

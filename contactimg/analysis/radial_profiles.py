@@ -1,6 +1,6 @@
 """Profiles: pressure, density and radius of the contacts against the distance from the centre."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -119,17 +119,14 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
     low, high = weighted_count_interval(load, student**2 * variance, heaviest)
     std = np.hypot(np.sqrt(variance), _empty_limit(sums))
     loads = {"pressure_Pa": load, "pressure_std_Pa": std, "pressure_low_Pa": low, "pressure_high_Pa": high}
-    return PROFILE.conform(
-        {
-            "frame": [frame] * len(sums),
-            "model": [model] * len(sums),
-            "r_m": (sums["inner"] + sums["outer"]) / 2,
-            "density_per_m2": sums["n"] / area,
-            "mean_radius_m": sums["a"] / _nonzero(sums["n"]),
-            "area_fraction": np.pi * sums["aa"] / area,
-        }
-        | {name: np.where(unknown, np.nan, values / area) for name, values in loads.items()}
-    )
+    columns = {
+        "r_m": (sums["inner"] + sums["outer"]) / 2,
+        "density_per_m2": sums["n"] / area,
+        "mean_radius_m": sums["a"] / _nonzero(sums["n"]),
+        "area_fraction": np.pi * sums["aa"] / area,
+    }
+    pressures = {name: np.where(unknown, np.nan, values / area) for name, values in loads.items()}
+    return PROFILE.conform(pd.DataFrame(columns | pressures).assign(frame=frame, model=model))
 
 
 def _nonzero(values: pd.Series) -> Values:
@@ -271,15 +268,14 @@ def hertz_profile(
     within = load * (1 - np.maximum(1 - (edges / a) ** 2, 0.0) ** 1.5)
     covered = np.pi * np.diff(np.minimum(edges, a) ** 2)
     area = np.pi * np.diff(edges**2)
-    return PROFILE.conform(
-        {
-            "frame": [frame] * len(area),
-            "model": ["hertz"] * len(area),
-            "r_m": (edges[1:] + edges[:-1]) / 2,
-            "pressure_Pa": np.diff(within) / area,
-            "area_fraction": covered / area,
-        }
-    )
+    columns = {"pressure_Pa": np.diff(within) / area, "area_fraction": covered / area}
+    return _on_annuli(edges, frame, "hertz", columns)
+
+
+def _on_annuli(edges: Values, frame: str, model: str, columns: Mapping[str, Values]) -> pd.DataFrame:
+    """The profile table of a model with these columns."""
+    table = pd.DataFrame({"r_m": (edges[1:] + edges[:-1]) / 2, **columns})
+    return PROFILE.conform(table.assign(frame=frame, model=model))
 
 
 def ring_profile(rings: pd.DataFrame, edges: ArrayLike, *, frame: str) -> pd.DataFrame:
@@ -312,17 +308,10 @@ def ring_profile(rings: pd.DataFrame, edges: ArrayLike, *, frame: str) -> pd.Dat
         return np.diff(_within(r, f, edges)) / area
 
     eta = mean(density)
-    return PROFILE.conform(
-        {
-            "frame": [frame] * len(area),
-            "model": [str(rings["model"].iloc[0])] * len(area),
-            "r_m": (edges[1:] + edges[:-1]) / 2,
-            "pressure_Pa": mean(rings["pressure_Pa"].to_numpy(float)),
-            "density_per_m2": eta,
-            "mean_radius_m": mean(density * radius) / np.where(eta > 0, eta, np.nan),
-            "area_fraction": mean(rings["area_fraction"].to_numpy(float)),
-        }
-    )
+    columns = {name: mean(rings[name].to_numpy(float)) for name in ("pressure_Pa", "area_fraction")}
+    mean_radius = mean(density * radius) / np.where(eta > 0, eta, np.nan)
+    columns |= {"density_per_m2": eta, "mean_radius_m": mean_radius}
+    return _on_annuli(edges, frame, str(rings["model"].iloc[0]), columns)
 
 
 def _within(r: Values, f: Values, radii: Values) -> Values:
@@ -360,17 +349,12 @@ def normalise_profile(
     R, E = sphere_radius, contact_modulus
     a = float(hertz.radius(load, sphere_radius=R, contact_modulus=E))
     p0 = float(hertz.peak_pressure(load, sphere_radius=R, contact_modulus=E))
-    return NORMALISED.conform(
-        {
-            "frame": profile["frame"],
-            "model": profile["model"],
-            "load_N": [load] * len(profile),
-            "hertz_radius_m": [a] * len(profile),
-            "hertz_pressure_Pa": [p0] * len(profile),
-            "r_over_hertz_radius": profile["r_m"] / a,
-            "pressure_over_hertz": profile["pressure_Pa"] / p0,
-            "pressure_std_over_hertz": profile["pressure_std_Pa"] / p0,
-            "pressure_low_over_hertz": profile["pressure_low_Pa"] / p0,
-            "pressure_high_over_hertz": profile["pressure_high_Pa"] / p0,
-        }
+    kinds = ("pressure", "pressure_std", "pressure_low", "pressure_high")
+    table = profile[["frame", "model"]].assign(
+        load_N=load,
+        hertz_radius_m=a,
+        hertz_pressure_Pa=p0,
+        r_over_hertz_radius=profile["r_m"] / a,
+        **{f"{name}_over_hertz": profile[f"{name}_Pa"] / p0 for name in kinds},
     )
+    return NORMALISED.conform(table)

@@ -53,7 +53,7 @@ def overlay(
     with shared.results_in(output, run, measured.scene, inputs, main_files=main_files, then="analyse") as out:
         comparison = pipeline.compare_run(measured, asperities, min_radius_px=min_radius_px, workers=workers)
         counts = comparison.scores[comparison.scores["model"] == "coupled"]
-        shown = pipeline.shown_apex(measured.contacts, measured.frames, measured.scene, pose, asperities)
+        shown = pipeline.shown_apex(measured, pose, asperities)
         numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
         spacing = mean_spacing(asperities)
         settle(doubts_about_match(measured.scene, **numbers, shown=shown, spacing=spacing), run)

@@ -288,17 +288,12 @@ def pool_background(
         remark = f"{fault or 'the reference does not show the surface of the frames'}: not used"
     differs = "differs from the other frames: left out of the pooled background"
     said = ([remark, differs * (k in shown and k not in views)] for k in range(len(parts)))
-    corrected = zip(views.values(), corrections, strict=True)
-    return Pool(
-        pooled,
-        brightness,
-        tuple(replace(own, correction=correction) for own, correction in corrected),
-        options,
-        anchored.source,
-        tuple("; ".join(filter(None, texts)) for texts in said),
-        bool(fault) or wish == "pooled",
-        agreement.spots_of(0, sign=anchored.sign) if has_reference else 0,
-    )
+    remarks = tuple("; ".join(filter(None, texts)) for texts in said)
+    placed = zip(views.values(), corrections, strict=True)
+    corrected = tuple(replace(own, correction=correction) for own, correction in placed)
+    spots = agreement.spots_of(0, sign=anchored.sign) if has_reference else 0
+    needed = bool(fault) or wish == "pooled"
+    return Pool(pooled, brightness, corrected, options, anchored.source, remarks, needed, spots)
 
 
 @dataclass(frozen=True, eq=False)

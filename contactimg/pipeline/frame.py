@@ -289,19 +289,11 @@ def measure_scene_frame(
     """
     scene, film = options.scene, options.film
     measurement = measure_prepared(frame, reference, scene, film=film, optics=optics, edits=edits)
-    tables = FrameTables(
-        contacts_table(measurement, frame.name),
-        REJECTED.conform(measurement.rejected.assign(frame=frame.name)),
-        outlines_table(measurement, frame.name),
-    )
-    return MeasuredFrame(
-        frame_row(measurement, frame.name),
-        frame.shape,
-        tables,
-        measurement.own_optics if len(measurement.disks) else None,
-        measurement.level,
-        measurement.film,
-    )
+    rejected = REJECTED.conform(measurement.rejected.assign(frame=frame.name))
+    outlines = outlines_table(measurement, frame.name)
+    tables = FrameTables(contacts_table(measurement, frame.name), rejected, outlines)
+    row, own = frame_row(measurement, frame.name), measurement.own_optics if len(measurement.disks) else None
+    return MeasuredFrame(row, frame.shape, tables, own, measurement.level, measurement.film)
 
 
 def measure_prepared(

@@ -147,20 +147,14 @@ def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -
     return Apex(scene.indenter.apex) if stated else shown
 
 
-def shown_apex(
-    contacts: pd.DataFrame,
-    frames: pd.DataFrame,
-    scene: Scene,
-    pose: Pose | None,
-    asperities: pd.DataFrame | None,
-) -> Apex | None:
-    """The apex that the contacts of one frame show, the frame that shows it best; None if none does.
+def shown_apex(run: Run, pose: Pose | None, asperities: pd.DataFrame | None) -> Apex | None:
+    """The apex that the contacts of one frame of a run show, the frame that shows it best; None if none does.
 
     Without asperities it is the centre of the contacts.
     """
-    if pose is None or scene.indenter is None:
+    if pose is None or run.scene.indenter is None:
         return None
-    lens = scene.indenter.radius
+    contacts, frames, lens = run.contacts, run.frames, run.scene.indenter.radius
     lost = frames.loc[frames["status"] == Status.NO_POSE, "frame"]
     used = ~contacts["frame"].isin(lost) & (contacts["asperity"].notna() if asperities is not None else True)
     found = []
@@ -175,13 +169,8 @@ def shown_apex(
         else:
             caps = asperities.iloc[part["asperity"].to_numpy(int)]
             radius = caps["radius_m"].to_numpy(float)
-            apex = find_apex(
-                caps[["x_m", "y_m"]],
-                caps["height_m"],
-                radius / (1 + radius / lens),
-                part["radius_m"],
-                in_view=in_view,
-            )
+            places, composite = caps[["x_m", "y_m"]], radius / (1 + radius / lens)
+            apex = find_apex(places, caps["height_m"], composite, part["radius_m"], in_view=in_view)
         if apex is not None:
             found.append(apex)
     return min(found, key=lambda apex: np.hypot(*apex.std), default=None)
@@ -215,7 +204,7 @@ def locate_frames(
     return located.assign(asperity=pd.arrays.IntegerArray(asperity, asperity < 0))
 
 
-def _noted(frames: pd.DataFrame, notes: Mapping[str, str], status: Status | None = None) -> pd.DataFrame:
+def _noted(frames: pd.DataFrame, notes: Mapping[Any, str], status: Status | None = None) -> pd.DataFrame:
     """The frames with notes added to the messages of those named; with a status, these are no longer ok."""
     messages = [
         "; ".join(filter(None, [message, notes.get(name, "")]))
@@ -225,52 +214,43 @@ def _noted(frames: pd.DataFrame, notes: Mapping[str, str], status: Status | None
     return frames.assign(message=messages, status=frames["status"].mask(changed, status))
 
 
-def _known(contacts: pd.DataFrame, column: str) -> Iterator[tuple[str, int, int]]:
-    """The number of contacts of each frame that have a value in a column, and that of all."""
-    table = contacts[column].notna().groupby(contacts["frame"]).agg(["sum", "size"])
-    return ((str(name), int(found), int(count)) for name, found, count in table.itertuples())
+def _known(contacts: pd.DataFrame, column: str) -> pd.DataFrame:
+    """Number of contacts of each frame that have a value in a column, ``known``, and of ``all``."""
+    return pd.DataFrame(contacts[column].notna().groupby(contacts["frame"]).agg(known="sum", all="size"))
 
 
 @stage("pose")
-def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit) -> Run:
-    """The run with sample coordinates and asperities under a pose."""
+def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run:
+    """The run with sample coordinates and asperities under a pose; as it is without one."""
+    if pose is None:
+        return run
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
     frames = run.frames
     located = CONTACTS.conform(locate_frames(run.contacts, frames, pose.pose, targets))
     if targets is not None:
-        few, lost = dict[str, str](), dict[str, str]()
-        for name, found, count in _known(located, "asperity"):
-            if found < MATCHED_FRACTION * count:
-                few[name] = (
-                    f"only {found} of {count} contacts fall on an asperity: check the asperity table, "
-                    "[camera] pixel_size_m and centre_m, and [indenter] apex_m"
-                )
-            if found < SIGNIFICANT_FRACTION * count and count >= FEWEST_CONTACTS:
-                lost[name] = ""
-        frames = _noted(_noted(frames, few), lost, Status.NO_POSE)
+        counts = _known(located, "asperity")
+        few = counts[counts["known"] < MATCHED_FRACTION * counts["all"]]
+        lost = few[(few["known"] < SIGNIFICANT_FRACTION * few["all"]) & (few["all"] >= FEWEST_CONTACTS)]
+        notes = {
+            name: f"only {found} of {count} contacts fall on an asperity: check the asperity table, [camera] "
+            "pixel_size_m and centre_m, and [indenter] apex_m"
+            for name, found, count in few.itertuples()
+        }
+        frames = _noted(_noted(frames, notes), dict.fromkeys(lost.index, ""), Status.NO_POSE)
     return replace(run, contacts=located, frames=frames, pose=pose)
 
 
 @stage("forces")
-def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None = None) -> Run:
-    """The run with local forces where the elastic body and the asperity's radius are known, and with sums.
-
-    Without a ``law`` the contacts of this run decide on it.
-    """
-    length_std = 0.0 if run.pose is None else run.pose.length_relative_std
+def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None) -> Run:
+    """The run with local forces where the elastic body and the asperity's radius are known, and with sums."""
     camera = run.scene.need("camera", "forces") if run.pose is None else run.pose.pose
-    law = law or local_law(run, sites)
-    contacts, frames = fill_forces(
-        run.scene if law is None else law.scene,
-        run.contacts,
-        run.frames,
-        sites,
-        pixel_size=camera.pixel_size,
-        length_relative_std=length_std,
-    )
+    length_std = 0.0 if run.pose is None else run.pose.length_relative_std
+    lengths = {"pixel_size": camera.pixel_size, "length_relative_std": length_std}
+    scene = run.scene if law is None else law.scene
+    contacts, frames = fill_forces(scene, run.contacts, run.frames, sites, **lengths)
     notes = {
         name: f"{count - found} contacts have no asperity and so no force; the sum leaves them out"
-        for name, found, count in _known(contacts, "force_N")
+        for name, found, count in _known(contacts, "force_N").itertuples()
         if 0 < found < count
     }
     frames = _noted(frames, notes)
@@ -292,18 +272,16 @@ def _law_evidence(run: Run, sites: pd.DataFrame | None) -> pd.DataFrame:
 
 def _unbalanced(frames: pd.DataFrame, young_modulus: float) -> dict[str, str]:
     """Name of a frame whose forces do not balance the load -> what to check."""
-    notes = {}
-    columns = ["frame", "force_sum_N", "force_sum_std_N", "load_N"]
-    for name, total, std, load in frames[columns].itertuples(index=False):
-        if load > 0 and total > 0 and abs(total - load) > SIGNIFICANT_STDS * std:
-            ratio = total / load
-            if max(ratio, 1 / ratio) > FORCES_OFF_LOAD:
-                notes[str(name)] = (
-                    f"the local forces add up to {ratio:.3g} times the load: check the load and its zero, "
-                    f"[elastic] young_modulus_Pa = {young_modulus:g}, [camera] pixel_size_m and the radii of "
-                    "the asperities"
-                )
-    return notes
+    total, load = frames["force_sum_N"], frames["load_N"]
+    ratio = (total / load)[(total > 0) & (load > 0)]
+    apart = (total - load).abs() > SIGNIFICANT_STDS * frames["force_sum_std_N"]
+    off = ratio[apart[ratio.index] & (np.maximum(ratio, 1 / ratio) > FORCES_OFF_LOAD)]
+    return {
+        name: f"the local forces add up to {times:.3g} times the load: check the load and its zero, "
+        f"[elastic] young_modulus_Pa = {young_modulus:g}, [camera] pixel_size_m and the radii of the "
+        "asperities"
+        for name, times in zip(frames["frame"][off.index], off, strict=True)
+    }
 
 
 # --- the series
@@ -359,7 +337,7 @@ class MeasuredSeries:
         places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
         several = replace(self, parts=[self.parts[k] for k in places], loads=self.loads[places])
         located = with_pose(several._in_pixels, self.sites, pose)
-        shown = shown_apex(located.contacts, located.frames, self.scene, pose.pose, asperities)
+        shown = shown_apex(located, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
         posed = replace(self, pose=pose, apex=apex, shown=shown)
         if apex is not None and apex.known != STATED and asperities is not None:
@@ -418,7 +396,7 @@ class MeasuredSeries:
     @cached_property
     def _located(self) -> Run:
         """The run without forces."""
-        return self._in_pixels if self.pose is None else with_pose(self._in_pixels, self.sites, self.pose)
+        return with_pose(self._in_pixels, self.sites, self.pose)
 
     @cached_property
     def _in_pixels(self) -> Run:

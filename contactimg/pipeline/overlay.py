@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import pandas as pd
 
 from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.plan import Plan
-from contactimg.errors import ContactimgError, InputError
+from contactimg.errors import InputError
 from contactimg.files import Experiment
 from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
@@ -20,7 +19,6 @@ from contactimg.matching import match_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.pictures import (
     PREDICTED,
-    disk_in_pixels,
     draw_frames,
     draw_predicted,
     series_stretch,
@@ -59,10 +57,8 @@ class Comparison:
     @property
     def plans(self) -> dict[str, Plan]:
         """Frame -> plan of the coupled model; absent where every switch is set."""
-        coupled = {
-            name: found["coupled"].plan for name, found in self.predicted.items() if "coupled" in found
-        }
-        return {name: plan for name, plan in coupled.items() if plan is not None}
+        coupled = ((frame, models.get("coupled")) for frame, models in self.predicted.items())
+        return {frame: one.plan for frame, one in coupled if one is not None and one.plan is not None}
 
 
 def compare_run(
@@ -96,7 +92,7 @@ def compare_run(
     for section in ("indenter", "elastic"):
         run.scene.need(section, "comparing with a contact model")
     frames = _comparable(run.frames)
-    matches, scores, left_out = [MATCHES.empty()], list[dict[str, Any]](), dict[str, str]()
+    matches, scores, left_out = [MATCHES.empty()], list[dict[str, Any]](), dict[str, list[str]]()
     sites = contact_sites(asperities, run.scene)
     surfaces = {model: (scene_of_model(run.scene, model), asperities) for model in COMPARED_MODELS}
     jobs = [
@@ -104,15 +100,13 @@ def compare_run(
         for frame, load in zip(frames["frame"], frames["load_N"].tolist(), strict=True)
         for model in COMPARED_MODELS
     ]
-    found = zip(jobs, predict_in_view(surfaces, jobs, workers=workers), strict=True)
-    predicted = dict[str, dict[str, Prediction]]()
-    for frame, part in groupby(found, key=lambda one: one[0][1]):
-        solved = {model: prediction for (model, *_), prediction in part}
-        reasons = [f"{name}: {why}" for name, why in solved.items() if isinstance(why, ContactimgError)]
-        if reasons:
-            left_out[frame] = "; ".join(reasons)
-        models = {name: one for name, one in solved.items() if isinstance(one, Prediction)}
-        predicted[frame] = models
+    predicted: dict[str, dict[str, Prediction]] = {frame: {} for frame in frames["frame"]}
+    for (model, frame, *_), one in zip(jobs, predict_in_view(surfaces, jobs, workers=workers), strict=True):
+        if isinstance(one, Prediction):
+            predicted[frame][model] = one
+        else:
+            left_out.setdefault(frame, []).append(f"{model}: {one}")
+    for frame, models in predicted.items():
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
         if "coupled" in models and measured["force_N"].notna().any():
             # both sides follow one law
@@ -126,8 +120,8 @@ def compare_run(
             if model == "coupled":
                 matches.append(pairs)
     table = SCORES.conform(pd.DataFrame(scores)) if scores else SCORES.empty()
-    pairs = MATCHES.conform(pd.concat(matches, ignore_index=True))
-    return Comparison(pairs, table, predicted, left_out, min_radius_px)
+    reasons = {name: "; ".join(why) for name, why in left_out.items()}
+    return Comparison(MATCHES.conform(pd.concat(matches)), table, predicted, reasons, min_radius_px)
 
 
 def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
@@ -199,7 +193,10 @@ def draw_comparison(
     def jobs() -> Iterator[tuple[Any, ...]]:
         for frame, models in predicted.items():
             shift, view = frame_shift(run.frames, frame), view_of(frame, experiment, stretch, pose.pixel_size)
-            circle = disk_in_pixels(hertz_circle(run.scene, float(loads[frame])), pose, shift)
+            found, circle = hertz_circle(run.scene, float(loads[frame])), list[Outline]()
+            if found is not None:
+                (x, y), radius = np.add(pose.to_pixels(*found[:2]), shift), found[2] / pose.pixel_size
+                circle = [Outline(0, float(x), float(y), radius, radius)]
             seen, lines = _in_view(tables[frame].contacts, pose.shape), tables[frame].outlines
             marked = {model: mark_contacts(seen, one.contacts, lines, **how) for model, one in models.items()}
             draw = partial(draw_predicted, marked=marked, hertz_circle=circle, view=view)

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,21 +24,19 @@ from contactimg.plots.overlay import (
     Layer,
     Picture,
     View,
+    black_and_white,
     crop_to,
     draw_overlay,
     join_pictures,
 )
-from contactimg.pose import Pose
 from contactimg.tables import Status
 from contactimg.tables.outlines import REJECTED_COLOUR, Outline, contact_outlines, kinds_of_contacts
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
-QUANTILES = (0.005, 0.998)
-"""Of the grey levels, shown black and white."""
-SAMPLED_FRAMES, SAMPLE_SIDE = 8, 500
-"""Frames, and pixels of each along a side, that the stretch is taken from. Chosen: a fraction of a second."""
+SAMPLED_FRAMES = 8
+"""Frames that the stretch is taken from. Chosen: a fraction of a second."""
 GAP_PX = 2.0
 """Distance of the ring from the contact. Chosen: leaves the rim free up to a blur of 1.4 px."""
 DIMMED = 0.5
@@ -73,13 +72,14 @@ def draw_overlays(
     folder.mkdir()
     pixel_size = None if series.pose is None else series.pose.pose.pixel_size
     failed = {part.row["frame"] for part in series.parts if part.row["status"] == Status.FAILED}
-    sources = [source for source in experiment.frames if source.name not in failed]
-    stretch = series_stretch(sources)
-    measured = (one for block in series.blocks() for one in block.by_frame() if one[0] not in failed)
-    views = (view_of(source.name, experiment, stretch, pixel_size) for source in sources)
+    sources = {source.name: source for source in experiment.frames if source.name not in failed}
+    stretch = series_stretch(list(sources.values()))
+    view = partial(view_of, experiment=experiment, stretch=stretch, pixel_size=pixel_size)
     jobs = (
-        (source, partial(draw_measured, shown=shown, view=view))
-        for source, (_, shown), view in zip(sources, measured, views, strict=True)
+        (sources[name], partial(draw_measured, shown=shown, view=view(name)))
+        for block in series.blocks()
+        for name, shown in block.by_frame()
+        if name in sources
     )
     draw_frames(jobs, folder, count=len(sources), workers=workers)
 
@@ -109,18 +109,10 @@ def series_stretch(sources: Sequence[FrameSource]) -> tuple[float, float]:
     step = max(1, len(sources) // SAMPLED_FRAMES)
     levels = []
     for source in sources[::step]:
-        try:
-            image = source.read().image
-        except FrameError:
-            continue
-        strides = [max(1, size // SAMPLE_SIDE) for size in image.shape]
-        sample = image[:: strides[0], :: strides[1]].astype(float)
-        sample = sample[np.isfinite(sample)]
-        if sample.size:
-            levels.append(np.quantile(sample, QUANTILES))
-    if not levels:
-        return 0.0, 255.0
-    low, high = float(np.min(levels, axis=0)[0]), float(np.max(levels, axis=0)[1])
+        with suppress(FrameError):
+            levels.append(black_and_white(source.read().image))
+    known = [one for one in levels if one]
+    low, high = min((one[0] for one in known), default=0.0), max((one[1] for one in known), default=255.0)
     return low, high if high > low else low + 1.0
 
 
@@ -231,14 +223,3 @@ def _busiest(points: Values, size: NDArray[Any]) -> Values:
     tree = KDTree(2 * points / size)
     held = tree.query_ball_point(tree.data, 1.0, p=np.inf, return_length=True)
     return np.asarray(points[np.argmax(held)] - size / 2, np.float64)
-
-
-def disk_in_pixels(
-    circle: tuple[float, float, float] | None, pose: Pose, shift_px: tuple[float, float]
-) -> list[Outline]:
-    """The disk (px) of a circle ``(x, y, radius)`` in sample coordinates; nothing of None."""
-    if circle is None:
-        return []
-    x, y = pose.to_pixels(np.array(circle[:1]), np.array(circle[1:2]))
-    radius = circle[2] / pose.pixel_size
-    return [Outline(0, float(x[0]) + shift_px[0], float(y[0]) + shift_px[1], radius, radius)]

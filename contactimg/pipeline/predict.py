@@ -12,8 +12,8 @@ from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
-from contactimg.files import write_table
 from contactimg.pipeline.inputs import largest_load, need_asperities, scene_asperities
+from contactimg.pipeline.results import write_results
 from contactimg.prediction import (
     Coupling,
     Model,
@@ -182,14 +182,14 @@ def write_predictions(
     record : dict
         For the provenance: name of the load -> the plan of its effects, and the errors expected of it.
     """
-    contacts = pd.concat([prediction.contacts for prediction in predictions], ignore_index=True)
+    contacts, frames, profiles = (
+        pd.concat([getattr(one, schema.name) for one in predictions], ignore_index=True)
+        for schema in (CONTACTS, FRAMES, PROFILE)
+    )
     if scene.camera is not None and scene.simulate is not None:
         contacts = see_contacts(contacts, scene.pose(scene.simulate.shape))
-    frames = pd.concat([prediction.frames for prediction in predictions], ignore_index=True)
-    profiles = pd.concat([prediction.profile for prediction in predictions], ignore_index=True)
-    write_table(contacts, CONTACTS, folder / "contacts.csv")
-    write_table(frames, FRAMES, folder / "frames.csv")
-    write_table(profiles, PROFILE, folder / "profile.csv")
+    tables = {"contacts": (CONTACTS, contacts), "frames": (FRAMES, frames), "profile": (PROFILE, profiles)}
+    write_results(folder, tables)
     planned = [(name, one.plan) for name, one in zip(frames["frame"], predictions, strict=True)]
     plans = {name: plan for name, plan in planned if plan is not None}
     errors = {name: plan.error_record for name, plan in plans.items()}

@@ -32,16 +32,19 @@ def new_axes(*, size: tuple[float, float] = FIGURE_INCHES) -> Axes:
     return new_figure(size).add_subplot()
 
 
-def axes_with_panel(ax: Axes | None) -> tuple[Axes, Axes | None]:
-    """The given axes alone; without any, axes on a new figure and a low panel under them, for residuals."""
+def axes_with_panel(ax: Axes | None) -> tuple[Axes, Axes, Axes]:
+    """Axes on a new figure, a low panel under them for residuals, and the lower of them, for the abscissa.
+
+    Given axes have no panel: theirs is drawn on a figure that nobody sees.
+    """
     if ax is not None:
-        return ax, None
+        return ax, new_axes(), ax
     width, height = FIGURE_INCHES
     figure = new_figure((width, height + PANEL_INCHES))
     top, below = figure.subplots(2, 1, sharex=True, height_ratios=(height - 0.6, PANEL_INCHES))
     top.tick_params(labelbottom=False)
     below.margins(y=RESIDUAL_MARGIN)
-    return top, below
+    return top, below, below
 
 
 def new_figure(size: tuple[float, float]) -> Figure:

@@ -57,17 +57,15 @@ def plot_jkr(
     -------
     Axes
     """
-    ax, below = axes_with_panel(ax)
+    ax, below, last = axes_with_panel(ax)
     label = "\n".join(["JKR fit", *fitted])
     ax.plot(curve["load_N"] * 1e3, curve["radius_m"] * 1e3, color=LAW, linewidth=1.2, label=label)
     _plot_branches(points, "radius_m", ax)
     ax.set(ylabel="contact radius a (mm)")
     ax.legend(fontsize="small")
-    if below is None:
-        ax.set_xlabel("load P (mN)")
-    else:
-        plot_jkr_residuals(points, ax=below)
-        below.set_ylabel("measured minus\nfitted load (mN)")
+    plot_jkr_residuals(points, ax=below)
+    below.set_ylabel("measured minus\nfitted load (mN)")
+    last.set_xlabel("load P (mN)")
     return ax
 
 
@@ -104,12 +102,7 @@ def _plot_branches(points: pd.DataFrame, column: str, ax: Axes) -> None:
 
 
 def plot_slopes(
-    thresholds: Values,
-    slopes: Values,
-    stds: Values,
-    *,
-    found: float,
-    ax: Axes | None = None,
+    thresholds: Values, slopes: Values, stds: Values, *, found: float, ax: Axes | None = None
 ) -> Axes:
     """Plot the slope of the sum of the forces against the load, for each threshold.
 
@@ -165,25 +158,21 @@ def plot_forces(
     -------
     Axes
     """
-    ax, below = axes_with_panel(ax)
+    ax, below, last = axes_with_panel(ax)
     load, forces = 1e3 * np.asarray(load, float), 1e3 * np.asarray(forces, float)
     ends = np.array([0.0, 1.05 * float(np.max(load, initial=0.0))])
     for panel, less in ((ax, 0.0), (below, 1.0)):  # the sum, and the sum minus the load
-        if panel is None:
-            continue
         label = "\n".join(["sum equals load", *fitted])
-        panel.plot(
-            ends, (1 - less) * ends, color="0.8", linewidth=4, label=label
-        )  # seen under the fitted line
+        wide: dict[str, Any] = {"color": "0.8", "linewidth": 4}  # seen under the fitted line
+        panel.plot(ends, (1 - less) * ends, label=label, **wide)
         if slope is not None:
             label = f"slope {number_with_interval(slope)}"
             panel.plot(ends, (slope.value - less) * ends, "--", color=LAW, linewidth=1.2, label=label)
         panel.plot(load, forces - less * load, "o", color=POINTS, markersize=MARKER_SIZE, label="measured")
     ax.set_ylabel("sum of the local forces (mN)")
     ax.legend(fontsize="small")
-    if below is not None:
-        below.set_ylabel("sum minus\nload (mN)")
-    (ax if below is None else below).set_xlabel("load P (mN)")
+    below.set_ylabel("sum minus\nload (mN)")
+    last.set_xlabel("load P (mN)")
     return ax
 
 
@@ -245,20 +234,17 @@ def plot_check(drawn: pd.DataFrame, classes: pd.DataFrame, *, ax: Axes | None = 
     -------
     Axes
     """
-    top, below = axes_with_panel(ax)
+    top, below, last = axes_with_panel(ax)
     radius = classes["radius_px"].to_numpy(float)
     top.plot(radius, classes["completeness"], "o-", color="tab:blue")
     top.axhline(0.5, color="grey", linewidth=0.8, linestyle=":")
     top.set(xscale="log", ylim=(-0.05, 1.08), ylabel="share found")
-    last = top
-    if below is not None:
-        found = drawn[drawn["found"] == 1]
-        error = (found["measured_px"] - found["radius_px"]).to_numpy(float)
-        below.plot(found["radius_px"], error, ".", color="grey", markersize=3, alpha=0.6)
-        below.errorbar(radius, classes["bias_px"], classes["rms_px"], fmt="o", color="tab:blue", capsize=2)
-        below.axhline(0.0, color="grey", linewidth=0.8)
-        below.set_ylabel("error / px")
-        last = below
+    found = drawn[drawn["found"] == 1]
+    error = (found["measured_px"] - found["radius_px"]).to_numpy(float)
+    below.plot(found["radius_px"], error, ".", color="grey", markersize=3, alpha=0.6)
+    below.errorbar(radius, classes["bias_px"], classes["rms_px"], fmt="o", color="tab:blue", capsize=2)
+    below.axhline(0.0, color="grey", linewidth=0.8)
+    below.set_ylabel("error / px")
     scale_by_decades(last, axes="x")
     last.set_xlabel("true radius / px")
     return top

@@ -38,8 +38,7 @@ def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
     ax = new_axes() if ax is None else ax
     for model, part in normalised.groupby("model", sort=False):
         known = part[part["pressure_over_hertz"].notna()]
-        r = known["r_over_hertz_radius"].to_numpy()
-        p = known["pressure_over_hertz"].to_numpy()
+        r, p = known[["r_over_hertz_radius", "pressure_over_hertz"]].to_numpy(float).T
         if model == "hertz":
             r = np.linspace(0.0, 1.0, 200)
             p = np.sqrt(1 - r**2)
@@ -138,17 +137,10 @@ def plot_topography(table: pd.DataFrame, topography: Topography, *, ax: Axes | N
     Axes
     """
     ax = new_axes() if ax is None else ax
-    ax.errorbar(
-        table["radius_m"] * 1e6,
-        table["height_m"] * 1e6,
-        xerr=bar_lengths(table["radius_std_m"], 1e6),
-        yerr=bar_lengths(table["height_std_m"], 1e6),
-        fmt="o",
-        markersize=MARKER_SIZE,
-        elinewidth=0.9,
-        color="black",
-        label=f"{topography.n_points} asperities",
-    )
+    x_std, y_std = (bar_lengths(table[name], 1e6) for name in ("radius_std_m", "height_std_m"))
+    marks: dict[str, Any] = {"fmt": "o", "markersize": MARKER_SIZE, "elinewidth": 0.9, "color": "black"}
+    marks["label"] = f"{topography.n_points} asperities"
+    ax.errorbar(table["radius_m"] * 1e6, table["height_m"] * 1e6, xerr=x_std, yerr=y_std, **marks)
     if topography.one_angle:
         radius = np.array([0.0, table["radius_m"].max()])
         angle = topography.contact_angle

@@ -9,7 +9,7 @@ from matplotlib.collections import EllipseCollection
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.plots.axes import new_axes, new_figure
-from contactimg.plots.overlay import MEASURED
+from contactimg.plots.overlay import MEASURED, black_and_white
 
 STRIP_INCHES, MOST_IN_A_ROW = 1.1, 6
 """Side of a picture of the strip, and pictures beside each other. Chosen by eye."""
@@ -31,9 +31,7 @@ def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None =
     Axes
     """
     ax = new_axes() if ax is None else ax
-    sample = np.asarray(image[:: max(1, image.shape[0] // 500), :: max(1, image.shape[1] // 500)], float)
-    sample = sample[np.isfinite(sample)]
-    low, high = np.percentile(sample, [0.5, 99.8]) if sample.size else (0.0, 1.0)
+    low, high = black_and_white(image) or (0.0, 1.0)
     rows, columns = image.shape
     extent = (left - 0.5, left + columns - 0.5, top + rows - 0.5, top - 0.5)
     ax.imshow(image, cmap="gray", vmin=low, vmax=max(high, low + 1), interpolation="nearest", extent=extent)

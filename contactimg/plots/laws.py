@@ -86,9 +86,9 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
     Axes
     """
     law = next((laws[model] for model in RUN_MODELS if model in laws), None)
-    ax, below = (new_axes(), None) if law is None and ax is None else axes_with_panel(ax)
+    ax, below, last = axes_with_panel(new_axes() if law is None and ax is None else ax)
     views: list[tuple[Axes, Shown]] = [(ax, lambda _, area: area * 1e6)]
-    if law is not None and below is not None:
+    if law is not None:
         views.append((below, lambda load, area: 100 * (area / _law_at(law, load) - 1)))
     for panel, shown in views:
         for model, part in areas[areas["area_m2"] > 0].groupby("model", sort=False):
@@ -107,12 +107,11 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
         line: dict[str, Any] = {"color": "0.5", "linewidth": 2.5, "alpha": 0.5, "zorder": 0}
         ax.plot(load * 1e3, _law_at(law, load) * 1e6, label="power law fitted to the points", **line)
         title = {"title": f"$A \\sim P^m$, $m$ with its {100 * law.confidence:g} % interval:"}
-    if below is not None:
-        below.axhline(0.0, color="0.5", linewidth=0.8)
-        below.set_ylabel("A over fit\nminus 1 (%)")
+    below.axhline(0.0, color="0.5", linewidth=0.8)
+    below.set_ylabel("A over fit\nminus 1 (%)")
     ax.set_ylabel("real contact area A (mm²)")
-    add_legend(ax, above=below is not None, **title)
-    (ax if below is None else below).set_xlabel("load P (mN)")
+    add_legend(ax, above=last is below, **title)
+    last.set_xlabel("load P (mN)")
     return scale_by_decades(ax)
 
 
@@ -142,16 +141,17 @@ def plot_friction(
     -------
     Axes
     """
-    ax, below = axes_with_panel(ax)
+    ax, below, last = axes_with_panel(ax)
     fitted, ends = stress.stress, np.array([0.0, 1.05 * float(friction["area_m2"].max())])
     label = f"$\\tau_0 A$, $\\tau_0$ = {number_with_interval(fitted, factor=1e-6)} MPa"
     lines: list[tuple[float, dict[str, Any]]] = [(fitted.value, {"color": "0.4", "label": label})]
     if smooth is not None:
         label = f"smooth contact, {number_with_std(smooth.value / 1e6, smooth.std / 1e6)} MPa"
         lines.append((smooth.value, {"color": "#0072b2", "linestyle": "--", "label": label}))
-    views: list[tuple[Axes, Shown]] = [(ax, lambda _, force: force * 1e3)]
-    if below is not None:
-        views.append((below, lambda area, force: (force - fitted.value * area) * 1e3))
+    views: tuple[tuple[Axes, Shown], ...] = (
+        (ax, lambda _, force: force * 1e3),
+        (below, lambda area, force: (force - fitted.value * area) * 1e3),
+    )
     for panel, shown in views:
         if np.isfinite([fitted.low, fitted.high]).all():
             interval = shown(ends, fitted.low * ends), shown(ends, fitted.high * ends)
@@ -167,17 +167,15 @@ def plot_friction(
                 panel.errorbar(area * 1e6, shown(area, force), **marks)
     ax.set(ylabel="friction force Q (mN)", ylim=(0, None))
     title = f"$\\tau_0$ with its {100 * stress.confidence:g} % interval (grey):"
-    add_legend(ax, above=below is not None, title=title)
-    if below is not None:
-        below.set_ylabel("$Q - \\tau_0 A$ (mN)")
-    (ax if below is None else below).set(xlabel="real contact area A (mm²)", xlim=(0, None))
+    add_legend(ax, above=last is below, title=title)
+    below.set_ylabel("$Q - \\tau_0 A$ (mN)")
+    last.set(xlabel="real contact area A (mm²)", xlim=(0, None))
     return ax
 
 
 def motion_of(friction: pd.DataFrame) -> pd.Series:
     """Say how each frame moves: "sliding", "static" at velocity 0, "friction" where that is not known."""
-    unknown = pd.Series(np.nan, index=friction.index)
-    velocity = friction.get("velocity_m_s", unknown)
+    velocity = friction.reindex(columns=["velocity_m_s"])["velocity_m_s"]
     named = np.where(velocity.isna(), "friction", np.where(velocity == 0, "static", "sliding"))
     return pd.Series(named, index=friction.index)
 
@@ -208,22 +206,18 @@ def plot_design(law: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    ax, below = axes_with_panel(ax)
+    ax, below, last = axes_with_panel(ax)
     load, wanted = law["load_N"] * 1e3, law["wanted_area_m2"]
     ax.plot(load, wanted * 1e6, color="black", linewidth=1.3, label="wanted")
-    if below is not None:
-        below.axhline(0.0, color="black", linewidth=1.3)
+    below.axhline(0.0, color="black", linewidth=1.3)
     for panel, scaled in ((ax, lambda area: area * 1e6), (below, lambda area: 100 * (area / wanted - 1))):
-        if panel is None:
-            continue
         for column, style in DESIGNED_LAWS.items():
             panel.plot(load, scaled(law[column]), linewidth=1.3, **style)
         low, high = (law["coupled_area_m2"] + sign * law["coupled_std_m2"] for sign in (-1, 1))
         band: dict[str, Any] = {"color": "#d55e00", "alpha": 0.2, "linewidth": 0}
         panel.fill_between(load, scaled(low), scaled(high), label="errors of the heights", **band)
     ax.set(ylabel="real contact area A (mm²)")
-    add_legend(ax, above=below is not None)
-    if below is not None:
-        below.set(ylabel="A over wanted\nminus 1 (%)")
-    (ax if below is None else below).set_xlabel("load P (mN)")
+    add_legend(ax, above=last is below)
+    below.set(ylabel="A over wanted\nminus 1 (%)")
+    last.set_xlabel("load P (mN)")
     return scale_by_decades(ax)

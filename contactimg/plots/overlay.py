@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import distribution
+from itertools import chain
 
 import cv2
 import numpy as np
@@ -21,6 +22,9 @@ MEASURED, COUPLED, UNCOUPLED, HERTZ = "#56b4e9", "#d55e00", "#f0e442", "#ffffff"
 """Colours of measured contacts, of the two predictions, and of the Hertz circle: of the palette of Okabe and
 Ito, chosen so that they differ in grey as well."""
 
+QUANTILES, SAMPLE_SIDE = (0.005, 0.998), 500
+"""Of the grey levels, shown black and white, and pixels along a side that they are taken from. Chosen: a
+fraction of a second."""
 GREYS = 64
 """Grey levels of a picture. Chosen: steps of 1.6 % are no coarser than the noise of most cameras, and the
 file takes half the time and space that it takes with 256."""
@@ -166,6 +170,14 @@ def draw_overlay(image: NDArray, layers: Sequence[Layer], view: View) -> Picture
         _draw_layer(canvas, layer)
     strip = _strip(canvas, [layer for layer in layers if layer.label], view)
     return Picture(np.vstack([canvas.indices, strip]), tuple(canvas.colours))
+
+
+def black_and_white(image: NDArray) -> list[float]:
+    """Grey levels between which an image is shown, two; empty if no pixel has a value."""
+    rows, columns = (max(1, size // SAMPLE_SIDE) for size in image.shape)
+    sample = image[::rows, ::columns].astype(float)
+    sample = sample[np.isfinite(sample)]
+    return np.quantile(sample, QUANTILES).tolist() if sample.size else []
 
 
 def crop_to(image: NDArray, x_px: NDArray, y_px: NDArray, *, margin_px: float) -> tuple[NDArray, int, int]:
@@ -315,11 +327,8 @@ def _strip(canvas: _Canvas, layers: Sequence[Layer], view: View) -> Indices:
 
 
 def _fitting(text: str, font: ImageFont.FreeTypeFont, width: float) -> str:
-    if font.getlength(text) <= width:
-        return text
-    while text and font.getlength(text + "…") > width:
-        text = text[:-1]
-    return text + "…"
+    shorter = (f"{text[:length]}…" for length in range(len(text) - 1, -1, -1))
+    return next((one for one in chain([text], shorter) if font.getlength(one) <= width), "…")
 
 
 def _scale_bar(pixel_size: float | None, width: int, zoom: int) -> tuple[int, str] | None:

@@ -101,12 +101,6 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
     for ax, part in zip(panels, groups, strict=True):
         handles, labels = plot_knob(part, relative=relative, ax=ax).get_legend_handles_labels()
         entries |= zip([str(label) for label in labels], handles, strict=True)
-    figure.legend(
-        entries.values(),
-        entries.keys(),
-        loc="outside lower center",
-        ncols=len(groups),
-        fontsize="small",
-        frameon=False,
-    )
+    place: dict[str, Any] = {"loc": "outside lower center", "ncols": len(groups)}
+    figure.legend(entries.values(), entries.keys(), fontsize="small", frameon=False, **place)
     return panels[0]

@@ -125,14 +125,9 @@ def find_apex(
     std = np.sqrt(variance + cut @ cut)
     if not (std < scale).all():
         return None
-    place, radius = middle + centres[-1], -(scale**2) / (2 * curvature)
-    return Apex(
-        (float(place[0]), float(place[1])),
-        (float(std[0]), float(std[1])),
-        FOUND,
-        radius,
-        radius * curvature_std / -curvature,
-    )
+    (x, y), (x_std, y_std) = (middle + centres[-1]).tolist(), std.tolist()
+    radius = -(scale**2) / (2 * curvature)
+    return Apex((x, y), (x_std, y_std), FOUND, radius, radius * curvature_std / -curvature)
 
 
 def find_centre(

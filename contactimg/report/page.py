@@ -26,7 +26,6 @@ from contactimg.files import (
     read_calibration,
     read_records,
     read_run,
-    read_run_table,
     read_table,
 )
 from contactimg.files.runs import is_out_of_date
@@ -35,7 +34,7 @@ from contactimg.plots import CAPTIONS, caption_of, plot_area
 from contactimg.plots.numbers import number_with_std, plain_number
 from contactimg.report import summary
 from contactimg.report.units import in_display_units
-from contactimg.tables import FAILED, REJECTED, RESULTS, RUN_MODELS, SCORES, VARIANTS, Flag
+from contactimg.tables import FAILED, RESULTS, RUN_MODELS, SCORES, VARIANTS, Flag
 
 logger = logging.getLogger(__name__)
 
@@ -174,7 +173,7 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
         variants=VARIANTS,
         calibrations=parts["calibrate"],
         flags=_flag_counts(run.contacts),
-        rejected=_rejected_counts(folder),
+        rejected=list(run.rejected.groupby("reason").size().items()),
         failed=run.frames[run.frames["status"] == FAILED].to_dict("records"),
         provenance=json.dumps(run.provenance, indent=2),
         version=__version__,
@@ -288,11 +287,6 @@ def _flag_counts(contacts: pd.DataFrame) -> list[tuple[str, int, float]]:
     values = contacts["flags"].to_numpy(np.int64)
     counts = {str(flag.name): int(np.count_nonzero(values & int(flag))) for flag in Flag}
     return [(name, count, count / len(values)) for name, count in counts.items() if count]
-
-
-def _rejected_counts(folder: Path) -> list[tuple[str, int]]:
-    counts = read_run_table(folder, REJECTED, optional=True).groupby("reason").size()
-    return [(str(reason), int(count)) for reason, count in counts.items()]
 
 
 def _pictures_in(folder: Path, run: Run) -> list[tuple[str, Path]]:

@@ -132,13 +132,9 @@ def _force_slope(run: Run) -> CoverageEstimate | None:
     good = run.frames[(run.frames["load_N"] > 0) & (run.frames["force_sum_N"] > 0)]
     load, cell, elastic = good["load_N"].to_numpy(float), LoadCell.stated(run.scene.load), run.scene.elastic
     relative = 0.0 if elastic.stated_modulus is None else elastic.young_modulus_std / elastic.stated_modulus
+    errors = {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
     try:
-        return load_slope(
-            good["force_sum_N"].to_numpy(float),
-            load,
-            relative_std=float(np.hypot(relative, cell.gain_std)),
-            zero_std=cell.zero_std,
-        )
+        return load_slope(good["force_sum_N"].to_numpy(float), load, **errors)
     except InputError:
         return None
 

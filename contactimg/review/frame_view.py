@@ -15,7 +15,9 @@ from contactimg.calibration.plateau import find_plateau
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
+from contactimg.imaging.fit.shapes import render_ellipse
 from contactimg.imaging.measure import ImageMeasurement, count_again
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.calibrate.thresholds import THRESHOLDS
 from contactimg.pipeline.frame import Edits, FrameOptions, measure_prepared
@@ -33,7 +35,7 @@ LARGEST_SIDE_PX = 512
 UNIT = 1000
 """The numbers that are sent to the page are thousandths of the contrast."""
 OVERSAMPLING = 4
-"""Pixels each way in which a contact is drawn before it is blurred. Accuracy: 1/8 px for free shapes."""
+"""Pixels each way in which a free shape is drawn before it is blurred. Accuracy: 1/8 px."""
 PLAIN_BLUR_PX = 1.0
 """Blur where none was determined. Chosen: that of a sharp image."""
 
@@ -200,35 +202,25 @@ def draw_contacts(
     (True, True)
     """
     margin = int(np.ceil(MARGIN_BLUR_WIDTHS * blur)) + 1  # light from outside the window
-    rows, columns = ((side + 2 * margin) * OVERSAMPLING for side in size)
-    fine = np.zeros((rows, columns), np.float32)
-    origin = np.array(corner) - margin
+    fine = np.zeros([(side + 2 * margin) * OVERSAMPLING for side in size], np.float32)
+    image, wide = np.zeros(size, np.float32), float(np.hypot(blur, PIXEL_VARIANCE**0.5))
     for shape in shapes:
-        x, y = ((np.array([shape.x, shape.y]) - origin) + 0.5) * OVERSAMPLING - 0.5
-        reach = shape.semi_major * OVERSAMPLING + 2
         if shape.lines:
-            lines = [((line - origin) + 0.5) * OVERSAMPLING - 0.5 for line in shape.lines]
-            corners, filled = [np.rint(line).astype(np.int32) for line in lines], np.zeros_like(fine)
+            moved = [(line - corner + margin + 0.5) * OVERSAMPLING - 0.5 for line in shape.lines]
+            corners, filled = [np.rint(line).astype(np.int32) for line in moved], np.zeros_like(fine)
             cv2.fillPoly(filled, corners, 1.0)
             cv2.polylines(filled, corners, True, 0.5)  # noqa: FBT003 - pixels on the line are half inside
             fine += filled
-        elif -reach < x < columns + reach and -reach < y < rows + reach:
-            left, top = max(int(x - reach), 0), max(int(y - reach), 0)
-            part = fine[top : int(y + reach) + 2, left : int(x + reach) + 2]
-            dy, dx = np.ogrid[: part.shape[0], : part.shape[1]]
-            part += _ellipse_coverage(dx + left - x, dy + top - y, shape)
+            continue
+        place, reach = np.array([shape.x, shape.y]) - corner, shape.semi_major + margin
+        if (place > -reach).all() and (place < np.array(size[::-1]) + reach).all():
+            stretch, turn = np.log(shape.semi_major / shape.semi_minor) / 2, 2 * shape.angle
+            ellipticity = stretch * np.cos(turn), stretch * np.sin(turn)
+            radius = np.sqrt(shape.semi_major * shape.semi_minor)
+            image += render_ellipse(np.array([*place, radius, *ellipticity, 1.0]), wide, (size[0], size[1]))
     blurred = cv2.GaussianBlur(fine, (0, 0), max(blur * OVERSAMPLING, 0.3))
-    image = cv2.resize(blurred, None, fx=1 / OVERSAMPLING, fy=1 / OVERSAMPLING, interpolation=cv2.INTER_AREA)
-    return np.asarray(image[margin : margin + size[0], margin : margin + size[1]], np.float32)
-
-
-def _ellipse_coverage(dx: NDArray, dy: NDArray, shape: Outline) -> NDArray:
-    """Share of fine pixels at these distances from the centre that an ellipse covers."""
-    major, minor = shape.semi_major * OVERSAMPLING, shape.semi_minor * OVERSAMPLING
-    cos, sin = np.cos(shape.angle), np.sin(shape.angle)
-    along, across = (dx * cos + dy * sin) / major, (dy * cos - dx * sin) / minor
-    level, slope = np.hypot(along, across) + 1e-9, np.hypot(along / major, across / minor) + 1e-9 / minor
-    return np.clip(0.5 + (1 - level) * level / slope, 0.0, 1.0)  # to first order the distance from the rim
+    small = cv2.resize(blurred, None, fx=1 / OVERSAMPLING, fy=1 / OVERSAMPLING, interpolation=cv2.INTER_AREA)
+    return image + np.asarray(small[margin : margin + size[0], margin : margin + size[1]], np.float32)
 
 
 def _packed(image: NDArray) -> str:

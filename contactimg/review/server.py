@@ -259,21 +259,23 @@ def answer_get(session: Session, path: str) -> Answer | None:
         return Answer.of(session.record() | fixed)
     table = re.fullmatch(r"tables/([a-z]+)\.csv", path)
     if table is not None and table[1] in TABLES:
-        return Answer(session.tables().text(table[1]), "text/csv; charset=utf-8")
+        return Answer(session.shown.text(table[1]), "text/csv; charset=utf-8")
     match = re.fullmatch(r"frames/(\d{1,7})/([a-z]+)(?:/(\d{1,9}))?\.(?:json|png)", path)
     if match is None or int(match[1]) >= len(session.sources):
         return None
     number, what, label = int(match[1]), match[2], match[3]
     if label is not None:
         return Answer.of(session.window(number, int(label))) if what == "contact" else None
-    pictures: dict[str, Callable[[int], bytes]] = {
+    makers: dict[str, Callable[[int], Any]] = {
         "image": session.picture,
         "light": session.light_picture,
+        "contacts": session.contacts,
+        "curves": session.curves,
     }
-    if what in pictures:
-        return Answer(pictures[what](number), "image/png")
-    data = {"contacts": session.contacts, "curves": session.curves}
-    return Answer.of(data[what](number)) if what in data else None
+    found = makers[what](number) if what in makers else None
+    if found is None:
+        return None
+    return Answer(found, "image/png") if isinstance(found, bytes) else Answer.of(found)
 
 
 def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer | None:

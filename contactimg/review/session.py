@@ -21,12 +21,13 @@ from contactimg.files import (
     EditsFile,
     Experiment,
     FrameSource,
+    FrameTables,
     PartStore,
+    Run,
     edits_file,
     open_experiment,
     provenance,
     read_run,
-    read_run_table,
     set_scene_keys,
 )
 from contactimg.pipeline.measured_series import write_run
@@ -35,78 +36,22 @@ from contactimg.pipeline.series import edits_by_frame, measure_parts
 from contactimg.review.frame_view import LIGHT_TOP, FrameView, picture
 from contactimg.review.jobs import Jobs
 from contactimg.scene import Scene, scene_from_dict
-from contactimg.tables import CONTACTS, EDITS, FRAMES, OUTLINES, REJECTED, Schema
+from contactimg.tables import CONTACTS, EDITS, FRAMES, OUTLINES, REJECTED
 
 KEPT_FRAMES = 4
 """Prepared frames and pictures kept in memory. Chosen: going back and forth between two or three."""
 
-TABLES: dict[str, Schema] = {schema.name: schema for schema in (CONTACTS, FRAMES, REJECTED, OUTLINES)}
+TABLES = tuple(schema.name for schema in (CONTACTS, FRAMES, REJECTED, OUTLINES))
 """Tables that the page may read from the folder of a run."""
 CONTACT_COLUMNS = (
     "label", "x_px", "y_px", "radius_px", "radius_std_px", "flags", "shape", "semi_major_px", "semi_minor_px",
     "angle_rad", "area_m2", "force_N", "force_std_N", "x_m", "y_m", "asperity",
 )  # fmt: skip
 """Columns of the contacts that the page uses."""
+SUMMARY_COLUMNS = ("status", "n_contacts", "load_N")
+"""Columns of the frames that the list of frames shows."""
 
 Edits = list[dict[Any, Any]]
-
-
-class ShownTables:
-    """Tables of a run, frame by frame.
-
-    Parameters
-    ----------
-    tables : dict
-        Name in `TABLES` -> the table.
-    folder : Path or None
-        Folder that holds the files.
-    """
-
-    def __init__(self, tables: dict[str, pd.DataFrame], folder: Path | None = None) -> None:
-        self.folder, self._frames = folder, tables["frames"]
-        self._parts = {
-            name: {str(frame): part for frame, part in table.groupby("frame", sort=False)}
-            for name, table in tables.items()
-        }
-
-    @classmethod
-    def read(cls, folder: Path, **known: pd.DataFrame) -> "ShownTables":
-        """Read a run, which need not have rejected candidates or outlines; ``frames`` may be given."""
-        read = {
-            name: read_run_table(folder, schema, infinite=True, optional=True)
-            for name, schema in TABLES.items()
-            if name not in known
-        }
-        return cls(read | known, folder)
-
-    def rows(self, name: str, frame: str) -> pd.DataFrame:
-        """The rows of a table that are about one frame."""
-        part = self._parts[name].get(frame)
-        return TABLES[name].empty() if part is None else part
-
-    def of_frame(self, frame: str) -> dict[str, Any]:
-        """Contacts, rejected candidates, outlines and the row of one frame, for the page."""
-        lines: dict[str, list[Any]] = {}
-        for (label, _), part in self.rows("outlines", frame).groupby(["label", "outline"]):
-            lines.setdefault(str(label), []).append(part[["x_px", "y_px"]].to_numpy(float).tolist())
-        contacts, rejected = (self.rows(name, frame) for name in ("contacts", "rejected"))
-        return {
-            "row": next(iter(plain_rows(self.rows("frames", frame))), None),
-            "contacts": _plain(contacts[list(CONTACT_COLUMNS)]).to_dict("list"),
-            "rejected": _plain(rejected.drop(columns="frame")).to_dict("list"),
-            "outlines": lines,
-        }
-
-    @cached_property
-    def summaries(self) -> dict[str, dict[str, Any]]:
-        """Name of a frame -> its status, number of contacts and load."""
-        rows = plain_rows(self._frames[["status", "n_contacts", "load_N"]])
-        return dict(zip(self._frames["frame"].tolist(), rows, strict=True))
-
-    def text(self, name: str) -> bytes:
-        """The file of a table; empty if the run has none."""
-        path = None if self.folder is None else self.folder / f"{name}.csv"
-        return path.read_bytes() if path is not None and path.exists() else b""
 
 
 def _plain(table: pd.DataFrame) -> pd.DataFrame:
@@ -119,16 +64,44 @@ def plain_rows(table: pd.DataFrame) -> list[dict[Any, Any]]:
     return _plain(table).to_dict("records")
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """The tables that are shown, and the edits and the scene that they were made from.
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """The run that is shown, the folder of its files, and the edits and the scene that it was made from.
 
     Edits are None where they are not known, because the file has changed since.
     """
 
-    tables: ShownTables
+    run: Run
+    folder: Path
     edits: Edits | None
     scene: Scene
+
+    @cached_property
+    def tables(self) -> dict[str, FrameTables]:
+        """Name of a frame -> its tables."""
+        return dict(self.run.by_frame())
+
+    @cached_property
+    def rows(self) -> dict[str, dict[str, Any]]:
+        """Name of a frame -> its row of the table of frames."""
+        return {row["frame"]: row for row in plain_rows(self.run.frames)}
+
+    def of_frame(self, frame: str) -> dict[str, Any]:
+        """Contacts, rejected candidates, outlines and the row of one frame, for the page."""
+        tables, lines = self.tables.get(frame, FrameTables()), dict[str, list[Any]]()
+        for (label, _), part in tables.outlines.groupby(["label", "outline"]):
+            lines.setdefault(str(label), []).append(part[["x_px", "y_px"]].to_numpy(float).tolist())
+        return {
+            "row": self.rows.get(frame),
+            "contacts": _plain(tables.contacts[list(CONTACT_COLUMNS)]).to_dict("list"),
+            "rejected": _plain(tables.rejected.drop(columns="frame")).to_dict("list"),
+            "outlines": lines,
+        }
+
+    def text(self, name: str) -> bytes:
+        """The file of a table; empty if the run has none."""
+        path = self.folder / f"{name}.csv"
+        return path.read_bytes() if path.exists() else b""
 
 
 class Session:
@@ -159,12 +132,9 @@ class Session:
             )
         self.jobs, self._workers, self._lock = Jobs(), workers, RLock()
         self._known: tuple[str, Edits] = ("", [])
-        shown = ShownTables.read(folder, frames=run.frames)
-        self._measured = _Measured(shown, self._edits_of_run(run.provenance["inputs"]), run.scene)
-        self.changed = run.changed
+        self.shown = Shown(run, folder, self._edits_of_run(run.provenance["inputs"]), run.scene)
         self.sources = _readable(self.open(), folder, run.provenance["inputs"])
-        pose = run.provenance.get("pose")
-        self._pixel_size = None if pose is None else float(pose["pixel_size_m"])
+        self._pixel_size = None if run.pose is None else run.pose.pose.pixel_size
         self._scratch = TemporaryDirectory(prefix="contactimg_review_")
         self.picture = lru_cache(KEPT_FRAMES)(self._picture)
         self._view = lru_cache(KEPT_FRAMES)(lambda number, _masks: FrameView.of(self.open(), number))
@@ -191,8 +161,8 @@ class Session:
     def record(self) -> dict[str, Any]:
         """The run and its frames."""
         with self._lock:
-            shown, edits = self._measured.tables, self._edits_now()
-            pending = _changed_frames(self._measured.edits, edits)
+            shown, edits = self.shown, self._edits_now()
+            pending = _changed_frames(shown.edits, edits)
             return {
                 "run": str(self.folder),
                 "command": self.command,
@@ -200,13 +170,13 @@ class Session:
                 "scene_file": None if self.scene_file is None else str(self.scene_file),
                 "method": self.scene.measure.method,
                 "threshold": self.scene.measure.threshold,
-                "changed": list(self.changed) if shown.folder == self.folder else [],
-                "scene_changed": self.scene != self._measured.scene,
+                "changed": list(shown.run.changed),
+                "scene_changed": self.scene != shown.scene,
                 "edits": edits,
                 "measured": self.jobs.state.number if shown.folder != self.folder else 0,
                 "frames": [
                     {"name": name, "status": "not measured", "n_contacts": None, "load_N": None}
-                    | shown.summaries.get(name, {})
+                    | {key: shown.rows[name][key] for key in SUMMARY_COLUMNS if name in shown.rows}
                     | {
                         "n_edits": sum(row["frame"] in (name, EVERY_FRAME) for row in edits),
                         "pending": pending is None or bool(pending & {name, EVERY_FRAME}),
@@ -224,14 +194,9 @@ class Session:
                 self._known = (version, plain_rows(self.edits.read()))
             return self._known[1]
 
-    def tables(self) -> ShownTables:
-        """The tables of the run, or of the last time it was measured again."""
-        with self._lock:
-            return self._measured.tables
-
     def contacts(self, number: int) -> dict[str, Any]:
         """Contacts, rejected candidates and outlines of a frame."""
-        return self.tables().of_frame(self.sources[number].name)
+        return self.shown.of_frame(self.sources[number].name)
 
     def light_picture(self, number: int) -> bytes:
         """PNG of the light of the contacts of a frame: 0 background, 255 1.25 times the contrast."""
@@ -239,19 +204,16 @@ class Session:
 
     def curves(self, number: int) -> dict[str, Any]:
         """Count and area against the threshold."""
-        return self.view(number).curves(self._corrections(self.open(), number), self._pixel_size)
-
-    def _corrections(self, experiment: Experiment, number: int) -> tuple[Any, ...]:
-        """The corrections of the contacts of a frame."""
-        return edits_by_frame(experiment).get(self.sources[number].name, ())
+        corrections = edits_by_frame(self.open()).get(self.sources[number].name, ())
+        return self.view(number).curves(corrections, self._pixel_size)
 
     def window(self, number: int, label: int) -> dict[str, Any]:
         """Pixels and model of a contact that the page shows."""
-        name, tables = self.sources[number].name, self.tables()
-        contacts = tables.rows("contacts", name)
-        if label not in set(contacts["label"]):
+        name = self.sources[number].name
+        tables = self.shown.tables.get(name, FrameTables())
+        if label not in set(tables.contacts["label"]):
             raise InputError(f"{name}: has no contact {label}")
-        return self.view(number).window(contacts, tables.rows("outlines", name), label)
+        return self.view(number).window(tables.contacts, tables.outlines, label)
 
     def view(self, number: int) -> FrameView:
         """A frame prepared for closer looks, with the masks as they are now."""
@@ -340,7 +302,7 @@ class Session:
         folder.mkdir()
         write_run(series, folder)
         with self._lock:
-            self._measured = _Measured(ShownTables.read(folder), edits, scene)
+            self.shown = Shown(series.whole(), folder, edits, scene)
 
 
 def _meaning(row: dict[Any, Any]) -> tuple[Any, ...]:

@@ -329,7 +329,7 @@ def test_a_chosen_threshold_goes_into_the_scene_file_and_nothing_else_changes(cl
 
 def test_the_window_of_a_contact_shows_what_the_model_leaves(session):
     """Residual of a fitted contact: noise; of one moved by 1.5 px: clearly more."""
-    contacts = session.tables().rows("contacts", FRAME)
+    contacts = session.shown.tables[FRAME].contacts
     label = int(contacts.loc[contacts["radius_px"].idxmax(), "label"])
 
     def residual():

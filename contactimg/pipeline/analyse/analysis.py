@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,10 +25,11 @@ from contactimg.analysis.radial_profiles import (
     ring_profile,
 )
 from contactimg.errors import ConvergenceError, InputError
+from contactimg.files import Run
 from contactimg.pipeline.analyse.places import (
     Place,
+    Tables,
     annuli_of,
-    can_be_predicted,
     differences,
     grouped,
     joined,
@@ -154,23 +156,20 @@ def analyse_places(
     own = _run_model(places)
     notes = [note for place in places for note in _left_out(place)]
     friction, density = _friction_table(places), _density(places[0])
-    places_of = {own: grouped(places, tolerance=options.load_tolerance)}
-    if options.models and not can_be_predicted(places):
+    seen = {own: grouped(places, tolerance=options.load_tolerance)}
+    known = (
+        place.scene.indenter and place.scene.elastic and place.asperities is not None for place in places
+    )
+    if options.models and not all(known):
         notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
     elif options.models:
         for model in COMPARED_MODELS:
-            found = predict_places(places_of[own], model, workers=workers)
-            places_of[model] = found[0]
-            notes += found[1]
-        for place, predicted in zip(places_of[own], places_of["coupled"], strict=True):
-            if own == "measured":
-                _doubt_match(place, predicted, options.min_radius_px)
-    shots = pd.concat([place.frames for place in places_of[own]])
+            seen[model], left_out = predict_places(places, seen[own][1], model, workers=workers)
+            notes += left_out
+        for place in places if own == "measured" else ():
+            _doubt_match(place, *seen["coupled"], options.min_radius_px)
     averages = [
-        _average_load(
-            str(part["group_name"].iloc[0]), float(part["group_load"].iloc[0]), places_of, options, notes
-        )
-        for _, part in shots.groupby("group")
+        _average_load(part, places, seen, options, notes) for _, part in seen[own][1].groupby("group")
     ]
     shearing = {"load_tolerance": options.load_tolerance, "confidence": options.confidence}
     sheared = analyse_shear(places, notes, **shearing, workers=workers)
@@ -178,7 +177,7 @@ def analyse_places(
     ratio = None
     if stress is not None and options.smooth_stress is not None:
         ratio = compare_stress(stress, options.smooth_stress)
-    area, area_laws = _areas(places_of, averages, density, options, notes)
+    area, area_laws = _areas(places, seen, averages, options, notes)
     return Analysis(
         area=area,
         profile=joined([average.profile for average in averages], PROFILE),
@@ -224,28 +223,20 @@ def _run_model(places: Sequence[Place]) -> str:
     return "predicted" if predicted == {True} else "measured"
 
 
-def _doubt_match(place: Place, predicted: Place, min_radius_px: float) -> None:
+def _doubt_match(place: Place, contacts: pd.DataFrame, frames: pd.DataFrame, min_radius_px: float) -> None:
     """Stop where fewer than half of the contacts of a place are on the asperities of the predicted ones."""
     if place.pose is None or place.asperities is None:
         return
     smallest = min_radius_px * place.pose.pixel_size
+    predicted = frames.loc[frames["place"] == place.name, "frame"]
     ours, theirs = (
-        table.loc[
-            (table["radius_m"] >= smallest) & table["frame"].isin(predicted.frames["frame"]),
-            ["frame", "asperity"],
-        ]
-        for table in (place.contacts, predicted.contacts)
+        table.loc[(table["radius_m"] >= smallest) & table["frame"].isin(predicted), ["frame", "asperity"]]
+        for table in (place.contacts, contacts[contacts["place"] == place.name])
     )
-    matched = len(ours.dropna().merge(theirs))
-    shown = shown_apex(place.contacts, place.frames, place.scene, place.pose, place.asperities)
-    doubts = doubts_about_match(
-        place.scene,
-        measured=len(ours),
-        predicted=len(theirs),
-        matched=matched,
-        shown=shown,
-        spacing=mean_spacing(place.asperities),
-    )
+    counts = {"measured": len(ours), "predicted": len(theirs), "matched": len(ours.dropna().merge(theirs))}
+    shown = shown_apex(Run(place.scene, place.contacts, place.frames), place.pose, place.asperities)
+    spacing = mean_spacing(place.asperities)
+    doubts = doubts_about_match(place.scene, **counts, shown=shown, spacing=spacing)
     settle(doubts, place.name)
 
 
@@ -309,30 +300,30 @@ def _density(place: Place) -> float:
 
 
 def _average_load(
-    name: str, load: float, places_of: dict[str, list[Place]], options: AnalysisOptions, notes: list[str]
+    frames: pd.DataFrame,
+    places: Sequence[Place],
+    seen: dict[str, Tables],
+    options: AnalysisOptions,
+    notes: list[str],
 ) -> LoadAverage:
     """Average the contacts of one load over annuli; where models were solved, Greenwood-Tripp is added.
 
-    What cannot be computed is added to the notes.
+    ``frames`` are those of the load; what cannot be computed is added to the notes.
     """
-    scene, asperities = (getattr(next(iter(places_of.values()))[0], part) for part in ("scene", "asperities"))
-    contacts: dict[tuple[str, str], dict[str, pd.DataFrame]] = {}
+    name, load, scene = str(frames["group_name"].iloc[0]), frames["group_load"].iloc[0], places[0].scene
+    shots = {model: table[table["group_load"] == load] for model, (_, table) in seen.items()}
+    kept = {model: table.merge(shots[model][["place", "frame"]]) for model, (table, _) in seen.items()}
     edges = np.empty(0)  # of the annuli that hold the contacts of all places
-    for model, places in places_of.items():
-        for place in places:
-            frames = place.frames.loc[place.frames["group_load"] == load, "frame"]
-            parts = {frame: place.contacts[place.contacts["frame"] == frame] for frame in frames}
-            for part in parts.values():
-                own = annulus_edges(part, centre=place.centre, width=options.annulus)
-                edges = max(edges, own, key=len)
-            contacts[model, place.name] = parts
+    for table, place in product(kept.values(), places):
+        one = table[table["place"] == place.name]
+        edges = max(edges, annulus_edges(one, centre=place.centre, width=options.annulus), key=len)
     moments = {
         model: {
-            place.name: annuli_of(contacts[model, place.name], place, edges, options.min_radius_px)
+            place.name: annuli_of(kept[model], table, place, edges, options.min_radius_px)
             for place in places
-            if contacts[model, place.name]
+            if (table["place"] == place.name).any()
         }
-        for model, places in places_of.items()
+        for model, table in shots.items()
     }
     profiles = [
         average_profile(list(tables.values()), frame=name, model=model)
@@ -340,31 +331,24 @@ def _average_load(
         if tables
     ]
     ring_area, normalised = np.nan, NORMALISED.empty()
-    if len(places_of) > 1:
+    if len(seen) > 1:
         try:
-            rings = predict_average(scene, asperities, load=load, model="gt")
+            rings = predict_average(scene, places[0].asperities, load=load, model="gt")
             ring_area = float(rings.frames["area_m2"].iloc[0])
             profiles.append(ring_profile(rings.profile, edges, frame=name))
         except (InputError, ConvergenceError) as error:
             notes.append(f"{name}: no Greenwood-Tripp curve: {error}")
-    if scene.indenter is None or scene.elastic is None:
-        return LoadAverage(name, load, moments, joined(profiles, PROFILE), normalised, ring_area)
-    smooth = {"sphere_radius": scene.indenter.radius, "contact_modulus": scene.elastic.contact_modulus}
-    profiles.append(hertz_profile(edges, load=load, frame=name, **smooth))
-    profile = joined(profiles, PROFILE)
-    normalised = normalise_profile(profile, load=load, **smooth)
-    return LoadAverage(name, load, moments, profile, normalised, ring_area)
+    if scene.indenter is not None and scene.elastic is not None:
+        smooth = {"sphere_radius": scene.indenter.radius, "contact_modulus": scene.elastic.contact_modulus}
+        profiles.append(hertz_profile(edges, load=load, frame=name, **smooth))
+        normalised = normalise_profile(joined(profiles, PROFILE), load=load, **smooth)
+    return LoadAverage(name, load, moments, joined(profiles, PROFILE), normalised, ring_area)
 
 
-POINT_COLUMNS = {
-    "r": "r_m",
-    "n": "n_contacts",
-    "pressure": "pressure_Pa",
-    "pressure_std": "pressure_std_Pa",
-    "density": "density_per_m2",
-    "density_std": "density_std_per_m2",
-    "mean_radius": "mean_radius_m",
-    "mean_radius_std": "mean_radius_std_m",
+POINT_COLUMNS = {"r": "r_m", "n": "n_contacts"} | {
+    f"{name}{std}": f"{name}{std}_{unit}"
+    for name, unit in (("pressure", "Pa"), ("density", "per_m2"), ("mean_radius", "m"))
+    for std in ("", "_std")
 }
 """Columns of `contactimg.analysis.contacts_against_pressure.pressure_points` -> those of the table."""
 
@@ -393,33 +377,31 @@ def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.Dat
 
 
 def _areas(
-    places_of: dict[str, list[Place]],
+    places: Sequence[Place],
+    seen: dict[str, Tables],
     averages: list[LoadAverage],
-    density: float,
     options: AnalysisOptions,
     notes: list[str],
 ) -> tuple[pd.DataFrame, dict[str, PowerLaw]]:
     """Areas of each load, and exponents of A(P), measured and of every model."""
-    tables, laws = list[pd.DataFrame](), dict[str, PowerLaw]()
-    for model, places in places_of.items():
+    density, tables, laws = _density(places[0]), list[pd.DataFrame](), dict[str, PowerLaw]()
+    stated = {name: getattr(options, name) for name in ("load_relative_std", "load_std", "confidence")}
+    for model, (contacts, frames) in seen.items():
         parts = [
-            frame_areas(usable_frames(place), place.contacts, place=place.name, centre=place.centre)
+            frame_areas(
+                *(table[table["place"] == place.name] for table in (frames, contacts)),
+                place=place.name,
+                centre=place.centre,
+            )
             for place in places
         ]
         areas = pd.concat([table for table in parts if len(table)] or parts, ignore_index=True)
-        numbers = pd.concat([place.frames for place in places]).set_index(["place", "frame"])["group"]
-        groups = numbers.loc[pd.MultiIndex.from_frame(areas[["place", "frame"]])].to_numpy(np.intp)
+        groups = frames["group"].to_numpy(np.intp)
         table = area_by_load(areas, groups, model=model, asperity_density=density)
         spread = np.hypot(options.load_relative_std * table["load_N"], options.load_std)
         tables.append(table.assign(load_std_N=spread / np.sqrt(table["n_frames"].astype(float))))
         cell = LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS
-        fit = partial(
-            fit_area_law,
-            load_relative_std=options.load_relative_std,
-            load_std=options.load_std,
-            load_cell=cell,
-            confidence=options.confidence,
-        )
+        fit = partial(fit_area_law, load_cell=cell, **stated)
         chosen = areas[areas["load"].between(*options.load_range)]
         law = _fit_or_note(notes, f"A(P), {model}", fit, chosen)
         laws |= {} if law is None else {model: law}
@@ -477,14 +459,9 @@ def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[
     stress = _fit_or_note(notes, "friction", fit, friction)
     if stress is None or len(stress) < 2:
         return None
-    if (stress["stress_std_Pa"].isna()).any():  # one frame and no stated error: no weights
-        stress = stress.assign(stress_std_Pa=0.0)
-    return fit_power_law(
-        stress["velocity_m_s"],
-        stress["stress_Pa"],
-        y_std=stress["stress_std_Pa"],
-        confidence=options.confidence,
-    )
+    x, y, y_std = (stress[name] for name in ("velocity_m_s", "stress_Pa", "stress_std_Pa"))
+    # of one frame without a stated error nothing is known: no weights
+    return fit_power_law(x, y, y_std=0.0 if y_std.isna().any() else y_std, confidence=options.confidence)
 
 
 # --- numbers, tables and figures
@@ -523,11 +500,8 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
             add(fit, f"{name}_below", broken.low_exponent, "1", "below p*")
             note = "p*, where the two laws meet; interval from the bootstrap"
             add(fit, f"{quantity}_break_pressure", broken.break_x, "Pa", note)
-    stress, speed, n_places = (
-        analysis.shear_stress,
-        analysis.velocity_law,
-        analysis.friction["place"].nunique(),
-    )
+    stress, speed = analysis.shear_stress, analysis.velocity_law
+    n_places = analysis.friction["place"].nunique()
     if stress is not None:
         fit = _fit("measured", stress, "m2", n_places)
         note = "tau0 of Q = tau0 A, least squares through the origin, errors in A and Q"

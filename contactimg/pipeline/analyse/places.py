@@ -1,8 +1,8 @@
 """The places of an experiment: runs read back, whether they belong together, and what models see there."""
 
 import logging
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,6 +29,9 @@ Point = tuple[float, float]
 
 Values = NDArray[np.float64]
 Result = TypeVar("Result")
+
+Tables = tuple[pd.DataFrame, pd.DataFrame]
+"""Contacts and frames of several places, whose names are in the column ``place``."""
 
 SAME_NUMBER = 0.01
 """Relative difference up to which two stated lengths or moduli are taken for the same. Chosen."""
@@ -103,8 +106,13 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
         If the folder holds no complete run, or the run has no lengths in metres.
     """
     run = read_run(folder)
-    scene = run.scene
-    pose = _pose(run)
+    scene, pose = run.scene, None if run.pose is None else run.pose.pose
+    if (run.frames["status"] == Status.NO_POSE).any():
+        logger.warning(
+            "%s: contacts fall on no asperity, so the apex is where the scene states it; profiles and local "
+            "pressures depend on that",
+            run.folder,
+        )
     used = run.provenance["configuration"].get("options", {}).get("calibration") or {}
     centre = _centre(run, pose, centre_px or _centre_in(used.get("record", {})))
     asperities = _optional(lambda: scene_asperities(scene), run.folder, "no asperities")
@@ -149,19 +157,6 @@ def _centre_in(record: Mapping[str, Any]) -> Point | None:
     if not {"centre_x", "centre_y"} <= set(record):
         return None
     return float(record["centre_x"]["value"]), float(record["centre_y"]["value"])
-
-
-def _pose(run: Run) -> Pose | None:
-    """The camera's pose, if the run has one."""
-    if run.pose is None:
-        return None
-    if (run.frames["status"] == Status.NO_POSE).any():
-        logger.warning(
-            "%s: contacts fall on no asperity, so the apex is where the scene states it; profiles and local "
-            "pressures depend on that",
-            run.folder,
-        )
-    return run.pose.pose
 
 
 def _centre(run: Run, pose: Pose | None, centre_px: Point | None) -> Point:
@@ -245,8 +240,8 @@ def usable_frames(place: Place) -> pd.DataFrame:
     return frames[(frames["load_N"] > 0) & frames["area_m2"].notna()]
 
 
-def grouped(places: Sequence[Place], *, tolerance: float) -> list[Place]:
-    """The places with their usable frames, and what groups these by nearly equal load.
+def grouped(places: Sequence[Place], *, tolerance: float) -> Tables:
+    """Contacts and usable frames of places, the frames grouped by nearly equal load.
 
     Columns ``group`` (from the lowest load), ``group_name`` (the common name of its frames, or of the load)
     and ``group_load`` (N, the mean over the places) are added to the frames.
@@ -267,23 +262,20 @@ def grouped(places: Sequence[Place], *, tolerance: float) -> list[Place]:
     for k, frames in enumerate(shots.groupby("group")["frame"].unique()):
         names.append(str(frames[0]) if len(frames) == 1 else load_name(float(load.iloc[k])))
     shots["group_name"] = [names[k] for k in shots["group"]]
-    return [replace(place, frames=shots[shots["place"] == place.name]) for place in places]
+    tables = [place.contacts.assign(place=place.name) for place in places]
+    return pd.concat([table for table in tables if len(table)] or tables, ignore_index=True), shots
 
 
 def annuli_of(
-    contacts: Mapping[str, pd.DataFrame], place: Place, edges: Values, least: float
+    contacts: pd.DataFrame, frames: pd.DataFrame, place: Place, edges: Values, least: float
 ) -> pd.DataFrame:
     """Sums over annuli of the contacts from radius ``least`` (px) on, averaged over frames of a place."""
     smallest = -np.inf if place.pose is None else least * place.pose.pixel_size
+    shown = contacts[(contacts["place"] == place.name) & (contacts["radius_m"] >= smallest)]
+    how: dict[str, Any] = {"centre": place.centre, "edges": edges, "sectors": SECTORS}
     tables = [
-        annulus_moments(
-            one[one["radius_m"] >= smallest],
-            centre=place.centre,
-            edges=edges,
-            field=place.field(frame),
-            sectors=SECTORS,
-        )
-        for frame, one in contacts.items()
+        annulus_moments(shown[shown["frame"] == frame], field=place.field(frame), **how)
+        for frame in frames["frame"][frames["place"] == place.name]
     ]
     mean, columns = tables[0].copy(), list(MOMENTS)
     mean[columns] = sum(table[columns] for table in tables) / len(tables)
@@ -295,66 +287,49 @@ def joined(tables: Sequence[pd.DataFrame], schema: Schema) -> pd.DataFrame:
     return schema.conform(pd.concat([table for table in tables if len(table)] or [schema.empty()]))
 
 
-def can_be_predicted(places: Sequence[Place]) -> bool:
-    """Whether all places are known well enough for a model of their contacts."""
-    return all(
-        place.asperities is not None and place.scene.indenter is not None and place.scene.elastic is not None
-        for place in places
-    )
-
-
 def predict_places(
-    places: Sequence[Place], model: str, *, workers: int | None = None
-) -> tuple[list[Place], list[str]]:
-    """Solve a model for every frame of places and keep the contacts in the field of view.
+    places: Sequence[Place], frames: pd.DataFrame, model: str, *, workers: int | None = None
+) -> tuple[Tables, list[str]]:
+    """Solve a model for frames of places and keep the contacts in the field of view.
 
     Parameters
     ----------
     places : sequence of Place
-        Which `can_be_predicted`.
+        With lens, rubber and asperities.
+    frames : DataFrame
+        Their frames with a load, from `grouped`.
     model : {"coupled", "uncoupled"}
     workers : int, optional
         Processes that share the solutions.
 
     Returns
     -------
-    list of Place
-        The same places with the model's contacts and areas. A frame beyond the model's range is left out.
+    Tables
+        The model's contacts, and the frames with their areas. A frame beyond the model's range is left out.
     list of str
         Why frames were left out.
     """
-    surfaces = {
-        place.name: (scene_of_model(place.scene, model), place.asperities)
-        for place in places
-        if place.asperities is not None
-    }
-    shots = [(place, row) for place in places for row in usable_frames(place).to_dict("records")]
+    known, surfaces = {place.name: place for place in places}, dict[str, tuple[Scene, pd.DataFrame]]()
+    for place in places:
+        if place.asperities is not None:
+            surfaces[place.name] = scene_of_model(place.scene, model), place.asperities
+    shots, contacts, solved, notes = frames.to_dict("records"), list[pd.DataFrame](), [], list[str]()
     jobs = [
-        (place.name, str(row["frame"]), float(row["load_N"]), place.field(str(row["frame"])))
-        for place, row in shots
+        (row["place"], row["frame"], row["load_N"], known[row["place"]].field(row["frame"])) for row in shots
     ]
-    contacts: dict[str, list[pd.DataFrame]] = {place.name: [] for place in places}
-    frames: dict[str, list[dict[Hashable, Any]]] = {place.name: [] for place in places}
-    notes = list[str]()
     solutions = predict_in_view(surfaces, jobs, workers=workers, shown=f"solving the {model} model")
-    for (place, row), solved in zip(shots, solutions, strict=True):
-        if isinstance(solved, ModelRangeError | ConvergenceError):
-            notes.append(f"{place.name}, {row['frame']}: the {model} model is left out: {solved}")
-        elif isinstance(solved, ContactimgError):
-            raise solved
+    for row, found in zip(shots, solutions, strict=True):
+        if isinstance(found, ModelRangeError | ConvergenceError):
+            notes.append(f"{row['place']}, {row['frame']}: the {model} model is left out: {found}")
+        elif isinstance(found, ContactimgError):
+            raise found
         else:
-            seen = solved.contacts
+            seen, place = found.contacts, known[row["place"]]
             ratios = radius_ratios(seen, place.scene, place.asperities)
-            contacts[place.name].append(seen.assign(radius_ratio=ratios))
+            contacts.append(seen.assign(radius_ratio=ratios, place=place.name))
             area = float(seen["area_m2"].sum())
             # free of measurement errors
-            frames[place.name].append(row | {"n_contacts": len(seen), "area_m2": area, "area_std_m2": 0.0})
-    none = CONTACTS.empty().assign(radius_ratio=pd.Series(dtype=float))
-    return [
-        replace(
-            place,
-            contacts=pd.concat(contacts[place.name] or [none], ignore_index=True),
-            frames=pd.DataFrame(frames[place.name], columns=place.frames.columns),
-        )
-        for place in places
-    ], notes
+            solved.append(row | {"n_contacts": len(seen), "area_m2": area, "area_std_m2": 0.0})
+    none = CONTACTS.empty().assign(radius_ratio=pd.Series(dtype=float), place=pd.Series(dtype=str))
+    table = pd.concat(contacts or [none], ignore_index=True)
+    return (table, pd.DataFrame(solved, columns=frames.columns)), notes

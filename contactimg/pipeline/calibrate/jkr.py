@@ -48,6 +48,12 @@ ELLIPSE_SIGMA = 3.72
 """Excess of the axis ratio over 1, in standard deviations, from which it is no chance. Theory: a circle's
 excess follows Rayleigh's law, beyond 3.72 with a false-alarm rate of 1e-3."""
 
+CURVATURE_STD_PER_EXCESS = 0.75 / 3**0.5
+"""Relative standard uncertainty of the sphere's radius, of which only one direction may be known, over the
+excess of the axis ratio over 1. Theory: the axes of Hertz's ellipse are as the radii of curvature to the
+power 2/3, and the geometric mean of these acts on the mean axis; a radius measured along some direction lies
+evenly between the two."""
+
 LEAST_ELLIPSE_STD = 1e-4
 """Least uncertainty of an axis ratio, so that no frame outweighs all others. Chosen by hand."""
 
@@ -82,19 +88,6 @@ class CircleSeries:
     opening: float
     doubt: float = 0.0
     rival: pd.DataFrame | None = None
-
-
-@dataclass(frozen=True)
-class Centre:
-    """Centre of the apparent contact with its standard uncertainty, px.
-
-    In the pixels of the reference if the contact moves with the sample, else in those of the frames.
-    """
-
-    x_px: float
-    y_px: float
-    std_px: float
-    moves_with_sample: bool
 
 
 def measure_circles(experiment: Experiment, *, workers: int | None = None) -> CircleSeries:
@@ -199,67 +192,34 @@ def _with_circle(
     return row | found
 
 
-@dataclass(frozen=True)
-class Astigmatism:
-    """The ellipse that the contacts of a series have in common.
-
-    Parameters
-    ----------
-    axis_ratio : float
-        Larger over smaller axis; 1 if no frame tells.
-    axis_ratio_std : float
-    angle_rad : float
-        Of the larger axis, from +x towards +y.
-    """
-
-    axis_ratio: float
-    axis_ratio_std: float
-    angle_rad: float
-
-    @property
-    def curvature_std(self) -> float:
-        """Relative standard uncertainty of the sphere's radius, of which only one direction may be known.
-
-        The axes of Hertz's ellipse are as the radii of curvature to the power 2/3, and the geometric mean of
-        these acts on the mean axis; a radius measured along some direction lies evenly between the two.
-        """
-        return 0.75 * (self.axis_ratio - 1) / np.sqrt(3)
-
-    @property
-    def seen(self) -> bool:
-        """Whether circular contacts would show it less often than once in a thousand series."""
-        return self.axis_ratio - 1 > ELLIPSE_SIGMA * self.axis_ratio_std
-
-
-def mean_astigmatism(table: pd.DataFrame) -> Astigmatism:
-    """The mean of the contacts' ellipses, each weighted by its uncertainty.
+def mean_axis_ratio(table: pd.DataFrame) -> tuple[float, float]:
+    """Larger over smaller axis of the mean of the contacts' ellipses, and its standard uncertainty.
 
     Parameters
     ----------
     table : DataFrame
-        Columns of `CIRCLES`.
+        Columns of `CIRCLES`; each ellipse is weighted by its uncertainty.
 
     Returns
     -------
-    Astigmatism
-        Under a lens of unequal curvature the ellipse is the same at all loads. The uncertainty includes the
-        scatter between frames.
+    float, float
+        1 and 0 if no frame tells. Under a lens of unequal curvature the ellipse is the same at all loads. The
+        uncertainty includes the scatter between frames.
     """
     good = table[np.isfinite(table["axis_ratio"])]
     if good.empty:
-        return Astigmatism(1.0, 0.0, 0.0)
+        return 1.0, 0.0
     excess, own = good["axis_ratio"].to_numpy(float) - 1, good["axis_ratio_std"].to_numpy(float)
     vectors = excess * np.exp(2j * good["angle_rad"].to_numpy(float))
     weight = 1 / np.maximum(own, LEAST_ELLIPSE_STD) ** 2
     mean = complex(weight @ vectors / weight.sum())
     n = len(good)
     scatter = float(np.sqrt(weight @ np.abs(vectors - mean) ** 2 / weight.sum() / max(2 * (n - 1), 1)))
-    std = float(np.hypot(1 / np.sqrt(weight.sum()), scatter))
-    return Astigmatism(1 + abs(mean), std, float(np.angle(mean)) / 2)
+    return 1 + abs(mean), float(np.hypot(1 / np.sqrt(weight.sum()), scatter))
 
 
-def mean_centre(table: pd.DataFrame) -> Centre:
-    """Centre of the apparent contact over all frames of a series.
+def mean_centre(table: pd.DataFrame) -> tuple[CoverageEstimate, CoverageEstimate, bool]:
+    """Centre of the apparent contact over all frames of a series, and whether it moves with the sample.
 
     Parameters
     ----------
@@ -268,9 +228,10 @@ def mean_centre(table: pd.DataFrame) -> Centre:
 
     Returns
     -------
-    Centre
-        In the pixels of the reference where the contact moves with the sample, else in those of the frames:
-        whichever centres scatter less.
+    CoverageEstimate, CoverageEstimate, px
+        Its x and y, in the pixels of the reference where the contact moves with the sample, else in those of
+        the frames: whichever centres scatter less.
+    bool
 
     Notes
     -----
@@ -285,7 +246,8 @@ def mean_centre(table: pd.DataFrame) -> Centre:
         (*_weighted_mean(points, own), moves) for points, moves in ((still, False), (still - shift, True))
     ]
     middle, std, moves = min(candidates, key=lambda candidate: candidate[1])
-    return Centre(float(middle[0]), float(middle[1]), float(std), moves and bool(shift.any()))
+    x, y = (CoverageEstimate.of_normal(float(place), float(std)) for place in middle)
+    return x, y, moves and bool(shift.any())
 
 
 def _weighted_mean(
@@ -358,20 +320,20 @@ def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
         poisson_ratio=0.5 if elastic is None else elastic.poisson_ratio,
         load_cell=LoadCell.stated(scene.load),
         thickness=None if elastic is None or scene.effects.layer == "off" else elastic.thickness,
-        sphere_radius_std=sphere_radius * mean_astigmatism(circles).curvature_std,
+        sphere_radius_std=sphere_radius * CURVATURE_STD_PER_EXCESS * (mean_axis_ratio(circles)[0] - 1),
         pixel_size=scene.need("camera", "a JKR fit").pixel_size,
     )
 
 
 def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, Any]:
     """The content of ``calibration.json`` of a JKR fit: results, quality, what was fixed and fitted."""
-    centre, sphere, table = mean_centre(series.table), calibration.sphere, series.table
+    (x, y, moves), sphere, table = mean_centre(series.table), calibration.sphere, series.table
     edge = calibration.edge if calibration.edge is not None and calibration.edge.settled else None
     found = {
         "young_modulus": (calibration.young_modulus, "Pa"),
         "work_of_adhesion": (calibration.work_of_adhesion, "J/m^2"),
-        "centre_x": (CoverageEstimate.of_normal(centre.x_px, centre.std_px), "px"),
-        "centre_y": (CoverageEstimate.of_normal(centre.y_px, centre.std_px), "px"),
+        "centre_x": (x, "px"),
+        "centre_y": (y, "px"),
         "load_zero": (calibration.load_zero, "N"),
         "drift": (calibration.drift, "N" if calibration.departure.endswith("zero") else "1"),
         "work_of_adhesion_unloading": (calibration.work_of_adhesion_unloading, "J/m^2"),
@@ -391,10 +353,10 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, 
             "radius_std_median_m": float(table["radius_std_m"].median()),
             "film_opening_images_sqrt_m": series.opening,
             "film_opening_doubt": series.doubt,
-            "contact_moves_with_sample": centre.moves_with_sample,
+            "contact_moves_with_sample": moves,
             "departure": calibration.departure,
             "departure_rival": calibration.rival,
-            "axis_ratio": mean_astigmatism(table).axis_ratio,
+            "axis_ratio": mean_axis_ratio(table)[0],
         },
         "fixed": fixed if sphere.thickness is None else fixed | {"thickness_m": sphere.thickness},
     }
@@ -466,13 +428,13 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
             used = ": the radii were corrected; `process --calibration` takes it off those of other contacts"
         shift = f"{edge.shift.value:+.3g} +- {edge.shift.std:.2g} px"
         notes.append(f"the edge seems to lie {shift} outside the true one{used}")
-    lens = mean_astigmatism(circles)
-    if lens.seen:
+    ratio, std = mean_axis_ratio(circles)
+    percent = 100 * (ratio - 1)
+    if ratio - 1 > ELLIPSE_SIGMA * std:
         notes.append(
-            f"the contacts are ellipses, axes {lens.axis_ratio:.4f} +- {lens.axis_ratio_std:.1g} to 1: the "
-            f"lens's radii of curvature differ by {150 * (lens.axis_ratio - 1):.2g} % (or pixels are not "
-            f"square); radius_m must be their geometric mean, and E is uncertain by "
-            f"{100 * lens.curvature_std:.2g} % unless it is"
+            f"the contacts are ellipses, axes {ratio:.4f} +- {std:.1g} to 1: the lens's radii of curvature "
+            f"differ by {1.5 * percent:.2g} % (or pixels are not square); radius_m must be their geometric "
+            f"mean, and E is uncertain by {CURVATURE_STD_PER_EXCESS * percent:.2g} % unless it is"
         )
     if calibration.sphere.thickness is not None:
         ratio = float(calibration.points["radius_m"].max()) / calibration.sphere.thickness

@@ -28,7 +28,7 @@ from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
 from contactimg.plots.numbers import number_with_interval, plain_number
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema
+from contactimg.tables import CONTACTS, FAILED, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema
 
 Values = NDArray[np.float64]
 
@@ -87,69 +87,56 @@ def measure_thresholds(
     -----
     The pose of the camera is found once, at the threshold next to one half.
     """
-    levels = np.sort(np.asarray(thresholds, float))
-    scene = experiment.scene
+    levels, scene = np.sort(np.asarray(thresholds, float)), experiment.scene
     scene.need("camera", "a calibration")
     measure = partial(_count_frame, scene=scene, thresholds=levels)
-    parts = [
-        (part.row, [], (0, 0)) if isinstance(part, FailedFrame) else part
-        for part in for_each_frame(experiment, measure, workers=workers, shown="measuring frames")
-    ]
-    loads = [experiment.load_of(str(row["frame"])) for row, _, _ in parts]
-    frames = FRAMES.conform(pd.DataFrame([row for row, _, _ in parts])).assign(load_N=loads)
-    good = np.array([len(contacts) > 0 for _, contacts, _ in parts])
-    if not good.any():
+    parts = list(for_each_frame(experiment, measure, workers=workers, shown="measuring frames"))
+    measured = [part for part in parts if not isinstance(part, FailedFrame)]
+    rows = [part.row if isinstance(part, FailedFrame) else part[0] for part in parts]
+    frames = FRAMES.conform(pd.DataFrame(rows))
+    frames["load_N"] = [experiment.load_of(name) for name in frames["frame"]]
+    if not measured:
         raise InputError(f"no frame could be measured; the first: {frames['message'].iloc[0]}")
+    good = frames["status"] != FAILED
     kept = frames[good].reset_index(drop=True)
-    counted = [
-        pd.concat(tables, ignore_index=True)
-        for tables in zip(*(contacts for _, contacts, _ in parts if contacts), strict=True)
-    ]
-    shape = next(size for _, contacts, size in parts if contacts)
-    runs = _runs(experiment, kept, counted, shape, int(np.abs(levels - 0.5).argmin()))
-    return ThresholdSeries(
-        levels,
-        np.array([run.frames["area_m2"].to_numpy(float) for run in runs]),
-        np.array([run.frames["force_sum_N"].to_numpy(float) for run in runs]),
-        kept,
-        frames[~good].reset_index(drop=True),
+    # each threshold has its own frames in one run, all under the pose and the law found near half height
+    every = pd.concat([_named_by(k, kept) for k in range(len(levels))], ignore_index=True)
+    run = Run(scene, pd.concat([contacts for _, contacts, _ in measured], ignore_index=True), every)
+    half = _named_by(int(np.abs(levels - 0.5).argmin()), kept)
+    _, sites = asperities_and_sites(experiment)
+    pose = find_pose(_only(run, half), sites, scene.pose(measured[0][2])).pose
+    targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
+    located = locate_frames(run.contacts, every, pose, targets)
+    run = replace(run, contacts=CONTACTS.conform(located))
+    sums = with_forces(run, sites, local_law(_only(run, half), sites)).frames
+    areas, forces = (
+        sums[name].to_numpy(float).reshape(len(levels), len(kept)) for name in ("area_m2", "force_sum_N")
     )
+    return ThresholdSeries(levels, areas, forces, kept, frames[~good].reset_index(drop=True))
+
+
+def _named_by(threshold: int, table: pd.DataFrame) -> pd.DataFrame:
+    """A table of frames or contacts with the names that frames have at the threshold of this number."""
+    return table.assign(frame=[f"{name} at threshold {threshold}" for name in table["frame"]])
+
+
+def _only(run: Run, frames: pd.DataFrame) -> Run:
+    """The part of a run that is about these frames."""
+    return replace(run, contacts=run.contacts[run.contacts["frame"].isin(frames["frame"])], frames=frames)
 
 
 def _count_frame(
     frame: Frame, reference: NDArray | None, *, scene: Scene, thresholds: Values
-) -> tuple[dict[str, object], list[pd.DataFrame], tuple[int, int]]:
-    """Register one frame and count it: its row, its contacts at each threshold, and its shape."""
+) -> tuple[dict[str, object], pd.DataFrame, tuple[int, int]]:
+    """Register one frame and count it: its row, its contacts at every threshold, and its shape."""
     measurement = measure_prepared(frame, reference, scene, count_at=0.5)
     if not measurement.contrast:
         raise FrameError(measurement.message or "nothing stands out of the noise")
     counted = (count_again(measurement.foreground, float(level)).disks for level in thresholds)
-    contacts = [CONTACTS.conform(disks.assign(frame=frame.name)) for disks in counted]
+    contacts = [_named_by(k, disks.assign(frame=frame.name)) for k, disks in enumerate(counted)]
     own = {"n_contacts": len(measurement.disks), "smallest_px": np.nan}
-    return frame_row(measurement, frame.name) | own, contacts, frame.shape
-
-
-def _runs(
-    experiment: Experiment,
-    frames: pd.DataFrame,
-    counted: list[pd.DataFrame],
-    shape: tuple[int, int],
-    half: int,
-) -> list[Run]:
-    """One run a threshold, all under the pose found at the threshold of number ``half``."""
-    _, sites = asperities_and_sites(experiment)
-    scene = experiment.scene
-    targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
-    middle = counted[half]
-    run = Run(scene, middle, frames)
-    pose = find_pose(run, sites, scene.pose(shape)).pose
-
-    def located(contacts: pd.DataFrame) -> Run:
-        return replace(run, contacts=CONTACTS.conform(locate_frames(contacts, frames, pose, targets)))
-
-    law = local_law(located(middle), sites)  # one for all thresholds
-    run = run if law is None else replace(run, scene=law.scene)
-    return [with_forces(located(contacts), sites) for contacts in counted]
+    row = frame_row(measurement, frame.name) | own
+    return row, pd.concat(map(CONTACTS.conform, contacts), ignore_index=True), frame.shape
 
 
 # --- the calibrations
@@ -183,12 +170,6 @@ def _common_errors(experiment: Experiment, relative: float = 0.0) -> dict[str, f
     """Standard uncertainties that all force sums or all loads share: of load cell and forces (relative)."""
     cell = LoadCell.stated(experiment.scene.load)
     return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
-
-
-def _disk_forces(experiment: Experiment, series: ThresholdSeries, workers: int | None) -> Values:
-    """Force sums that the disk method gives for the frames of a series."""
-    frames = measure_parts(experiment, workers=workers).whole().frames.set_index("frame")
-    return frames.loc[series.frames["frame"], "force_sum_N"].to_numpy(float)
 
 
 def _notes(series: ThresholdSeries) -> list[str]:
@@ -293,34 +274,28 @@ def run_modulus(
     series, load = _with_forces(experiment, levels, workers)
     measured, relative = _stated_modulus(experiment), 0.0
     if threshold is None:
-        forces = _disk_forces(experiment, series, workers)
+        frames = measure_parts(experiment, workers=workers).whole().frames.set_index("frame")
+        forces = frames.loc[series.frames["frame"], "force_sum_N"].to_numpy(float)
     else:
         forces = series.forces[1]
         low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
         relative = threshold.std * abs(high - low) / 0.04 / max(load_slope(forces, load).value, 1e-12)
-    found = calibrate_modulus(
-        forces,
-        load,
-        young_modulus=measured.value,
-        young_modulus_std=measured.std,
-        **_common_errors(experiment, relative),
-    )
+    stated = {"young_modulus": measured.value, "young_modulus_std": measured.std}
+    found = calibrate_modulus(forces, load, **stated, **_common_errors(experiment, relative))
     settle(doubts_about_forces(slope=found.slope.value, young_modulus=measured.value), "the calibration")
-    fixed = {"young_modulus_measured": measured.record("Pa")}
-    fixed |= {} if threshold is None else {"threshold": threshold.record("1")}
+    kept = {} if threshold is None else {"threshold": threshold.record("1")}
     record: dict[str, Any] = {
         "kind": "modulus",
         "method": "disk" if threshold is None else "threshold",
         "young_modulus": found.young_modulus.record("Pa"),
         "slope": found.slope.record("1"),
-        "fixed": fixed,
+        "fixed": {"young_modulus_measured": measured.record("Pa")} | kept,
         "fitted": ["young_modulus"],
         "compatible": found.compatible,
         "distance_std": found.distance,
         "notes": _notes(series) + cell_notes(experiment.scene) + ([found.message] if found.message else []),
         "line": 1.0,
-    }
-    record |= {} if threshold is None else {"threshold": threshold.record("1")}
+    } | kept
     tuned = forces * found.young_modulus.value / measured.value
     fitted = [f"E = {number_with_interval(found.young_modulus, factor=1e-6)} MPa"]
     return _result(record, series, tuned, {"forces": plot_forces(load, tuned, fitted=fitted)})
@@ -346,31 +321,27 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None) -> Calibr
             f"no plateau proper: the area falls by {found.relative_fall:.0%} between {found.threshold_low:g} "
             f"and {found.threshold_high:g}, more than marginally (20 %)"
         )
-    names = ["threshold_low", "threshold_high", "threshold"]
+    fitted = ["threshold_low", "threshold_high", "threshold"]
     step = float(np.diff(series.thresholds).max()) / 12**0.5  # its ends are known to a step of the thresholds
-    record = {name: CoverageEstimate.of_normal(getattr(found, name), step).record("1") for name in names} | {
+    record = {name: CoverageEstimate.of_normal(getattr(found, name), step).record("1") for name in fitted} | {
         "kind": "plateau",
         "method": "threshold",
         "definition": "thresholds about the slowest fall of the total area A between which "
         "|d ln A/d threshold| is at most 1.5 times its smallest value",
         "fixed": {},
-        "fitted": names,
+        "fitted": fitted,
         "quality": {"relative_fall": found.relative_fall, "marginal": found.marginal},
         "notes": notes,
     }
     table = series.frames.assign(area_m2=found.area, area_std_m2=found.area_std)
     rate = np.interp(series.thresholds, found.thresholds, found.fall_rates, left=np.nan, right=np.nan)
     curve = {"threshold": series.thresholds, "area_m2": series.areas.sum(axis=1), "fall_rate": rate}
-    figure = plot_plateau(
-        series.thresholds,
-        series.areas,
-        low=found.threshold_low,
-        high=found.threshold_high,
-        names=[
-            str(frame) if np.isnan(load) else f"P = {plain_number(1e3 * load)} mN"
-            for frame, load in zip(table["frame"], table["load_N"], strict=True)
-        ],
-    )
+    names = [
+        str(frame) if np.isnan(load) else f"P = {plain_number(1e3 * load)} mN"
+        for frame, load in zip(table["frame"], table["load_N"], strict=True)
+    ]
+    ends: dict[str, Any] = {"low": found.threshold_low, "high": found.threshold_high}
+    figure = plot_plateau(series.thresholds, series.areas, **ends, names=names)
     columns = [name for name in FORCE_SUMS.columns if name in table]
     tables = {"curve": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas": (FORCE_SUMS, table[columns])}
     return Calibrated(record, tables, {"plateau": figure}, failed=len(series.failed) > 0)
