@@ -18,9 +18,12 @@ optics, rng = Optics(shape=(1200, 1600)), np.random.default_rng(7)
 frame, reference = render(scatter(40, optics, rng), optics, rng)
 reference = reference if {referred} else None
 measure_image(frame, reference)  # compiles
-process, thread = time.process_time(), time.thread_time()
-measure_image(frame, reference)
-print((time.process_time() - process) / (time.thread_time() - thread))
+ratios = []
+for _ in range(4):  # what the first call has woken still waits during the next one
+    process, thread = time.process_time(), time.thread_time()
+    measure_image(frame, reference)
+    ratios.append((time.process_time() - process) / (time.thread_time() - thread))
+print(min(ratios))
 """
 
 

@@ -121,6 +121,8 @@ def _share_of_hull(mask: NDArray[np.uint8], area: float) -> float:
 
 def find_holes(mask: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Number of the gap that each pixel belongs to, and area of each gap if it is a hole, else infinite."""
+    if len(cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)[0]) == 1:  # most have none
+        return np.zeros(mask.shape, np.int32), np.array([np.inf])
     _, labels, stats, _ = cv2.connectedComponentsWithStats(1 - mask, connectivity=4)
     x, y, width, height, area = stats.T
     enclosed = (x > 0) & (y > 0) & (x + width < mask.shape[1]) & (y + height < mask.shape[0])
