@@ -204,8 +204,9 @@ def _with_modulus(stated: shared.Stated, jkr: str | None, record: Mapping[str, A
     """The keys that options state, with the modulus of a calibration; a modulus brings its uncertainty."""
     elastic = stated.get("elastic", {})
     if jkr:
-        if "young_modulus_Pa" in elastic:
-            raise InputError("--jkr and --young-modulus-MPa both give the modulus; keep one of the two")
+        if elastic:
+            given = "--young-modulus-MPa" if "young_modulus_Pa" in elastic else "--young-modulus-std-MPa"
+            raise InputError(f"--jkr and {given} both give the modulus and its uncertainty; leave out one")
         if "young_modulus" not in record:
             raise InputError(f"{jkr}: holds no young_modulus; give the calibration.json of `calibrate jkr`")
         found: shared.Stated = {}

@@ -352,6 +352,13 @@ def test_both_on_one_curve_are_refused(threshold_result, tmp_path, capsys):
     assert both in refusal(capsys, "calibrate", "modulus", folder, "-o", tmp_path / "a", "--quiet")
 
 
+@pytest.mark.parametrize("option", ["--young-modulus-MPa", "--young-modulus-std-MPa"])
+def test_a_modulus_or_its_uncertainty_stated_twice_is_refused(option, threshold_result, tmp_path, capsys):
+    folder, out = threshold_result
+    words = ["calibrate", "threshold", folder, "--jkr", out, option, 0.1, "-o", tmp_path / "out"]
+    assert f"--jkr and {option} both give" in refusal(capsys, *words)
+
+
 def test_no_threshold_brackets_one(threshold_result, tmp_path, capsys):
     folder = copy_of(threshold_result[0], tmp_path / "frames")
     with_scene(folder, images={"frames": "frame_3.tif"})
