@@ -274,6 +274,6 @@ def square_grid(count: int, spacing: float) -> pd.DataFrame:
 
 
 def _raised(table: pd.DataFrame, lowest: float) -> pd.DataFrame:
-    """The same heights with the lowest one at a height (m)."""
+    """Shift all heights so that the lowest one is ``lowest`` (m)."""
     heights = table["height_m"] - table["height_m"].min() + lowest
     return table.assign(height_m=heights)[list(ASPERITIES.first)]

@@ -78,7 +78,7 @@ class LawPlan:
 
 
 def law_evidence(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> pd.DataFrame:
-    """What decides on the law of the local forces, one row a frame.
+    """Tabulate the quantities that decide on the law of the local forces, one row a frame.
 
     Parameters
     ----------

@@ -94,7 +94,7 @@ class PixelCorrections:
         return list(dict.fromkeys(images + [area.path for area in self.areas if area.path is not None]))
 
     def of_frame(self, name: str, number: int) -> "PixelCorrections":
-        """Those of one frame. Of the reference none: what a frame hides is left out of the comparison."""
+        """Select the areas of one frame; the reference has none, since a frame leaves out what it hides."""
         areas = tuple(area for area in self.areas if name and area.frame in (EVERY_FRAME, name))
         return replace(self, areas=areas, number=number if areas else 0) if self.masked else self
 

@@ -429,7 +429,7 @@ def _drop_lock_file(folder: Path) -> None:
 
 
 def read_settled(folder: str | Path, read: Callable[[], Result]) -> Result:
-    """What ``read`` returns, with all files from before a commit or all from after it.
+    """Return what ``read`` returns, with all files from before a commit or all from after it.
 
     Parameters
     ----------

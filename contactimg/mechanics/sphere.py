@@ -69,7 +69,7 @@ def scaled_response(depth: Values) -> tuple[Values, Values]:
 
 
 def scaled_bent_response(depth: Values, curvature: Values, quartic: Values) -> tuple[Values, Values]:
-    """The same for the profile of the sphere plus ``curvature rho^2/(2 R) + quartic rho^4/R^3``.
+    """P/(E* R^2) and a/R for a sphere whose profile has added ``curvature rho^2/(2 R) + quartic rho^4/R^3``.
 
     Sneddon: ``delta/R = s atanh(s) + curvature s^2 + (8/3) quartic s^4``; the added terms bear
     ``(4/3) curvature s^3 + (64/15) quartic s^5``. Newton's method within bounds, which follow from

@@ -75,7 +75,7 @@ class ScaledProblem:
         return self.record(nothing, nothing, gaps, indentation=self.indentation, coupling=coupling)
 
     def part(self, rows: NDArray[np.bool_] | NDArray[np.intp] | slice) -> "ScaledProblem":
-        """The same problem with a selection of its asperities."""
+        """Select some asperities of the problem."""
         return replace(
             self,
             x=self.x[rows],

@@ -266,7 +266,7 @@ def local_law(run: Run, sites: pd.DataFrame | None) -> LawPlan | None:
 
 
 def _law_evidence(run: Run, sites: pd.DataFrame | None) -> pd.DataFrame:
-    """What the contacts of a run say on the law of the local forces."""
+    """Tabulate what the contacts of a run say on the law of the local forces."""
     return law_evidence(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
 
 

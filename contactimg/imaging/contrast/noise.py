@@ -109,7 +109,10 @@ class NoiseCorrelation:
     def plateau_inflation(
         self, radius: NDArray, blur: float, *, noise: Noise, gain: float
     ) -> NDArray[np.float64]:
-        """The same for the contrast, whose derivative has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``."""
+        """Return the factor for the contrast.
+
+        The derivative with respect to it has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``.
+        """
         return self._inflation(radius / blur, blur, noise, 1.0, gain, _autocorrelation(rim=False))
 
     def _inflation(

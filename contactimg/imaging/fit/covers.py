@@ -159,7 +159,7 @@ class GroupWindow:
         return self._misfits[key]
 
     def misfit_of(self, model: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The same of any image."""
+        """Square each residual of a model image over the expected variance."""
         problem = self.problem
         height = np.clip(model / np.float32(problem.contrast), np.float32(0.0), np.float32(1.0))
         residual = problem.image - model

@@ -123,7 +123,7 @@ class ModelImage:
 
     @classmethod
     def over(cls, model: NDArray[np.float32], n: int, *, complete: bool = True) -> "ModelImage":
-        """The same in the memory of a model image that is not used any more, which is faster."""
+        """Blank a model image that is not used any more; its memory is there already, which is faster."""
         model.fill(0.0)
         return cls(model, np.zeros(n, np.bool_), complete)
 
