@@ -89,17 +89,18 @@ def find_foreground(
     image = difference.image if sign > 0 else -difference.image
     if frame_pair.valid is not None:
         image = _filled(image, frame_pair.valid)
-    noise = max(estimate_noise(image, difference.illumination.background), frame_pair.least_noise)
+    noise = estimate_noise(image, difference.illumination.background)
+    noise = max(noise, frame_pair.least_noise, difference.rounding)
     shown, refused, foreign = Contrast(0.0, resolved=False), float("nan"), NONE
     largest = frame_pair.shown_contrast(difference.level, sign)
     if not frame_pair.trivial:
-        shown = measure_contrast(image, noise, frame_pair.valid).within(largest)
+        shown = measure_contrast(image, noise, frame_pair.valid, rounding=difference.rounding).within(largest)
     if shown.resolved and dust:
         foreign = find_foreign(image, shown.plateau, noise, frame_pair.valid)
     if foreign.mask is not None:
         frame_pair = frame_pair.without(foreign.mask)
         image = np.where(foreign.mask > 0, np.float32(0.0), image)
-        shown = measure_contrast(image, noise, frame_pair.valid).within(largest)
+        shown = measure_contrast(image, noise, frame_pair.valid, rounding=difference.rounding).within(largest)
     contrast = shown
     if np.isfinite(prior.contrast) and not frame_pair.trivial:
         if shown.resolved and shown.plateau > ODD_RATIO * prior.contrast:

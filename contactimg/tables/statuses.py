@@ -67,11 +67,11 @@ class Status(enum.StrEnum):
     be left among the contacts."""
     UNRESOLVED = (
         "unresolved",
-        "look at the picture; split or add contacts in `contactimg review`, or mask dirt",
+        "look at the picture; split or add contacts in `contactimg review`, mask dirt, store without loss",
     )
     """Part of the light belongs to no contact that was found: groups of contacts were not resolved,
-    something that is no contact stands out, or the fit was cut off because the frame would have cost more
-    than one of its size may."""
+    something that is no contact stands out, compression hides small contacts, or the fit was cut off because
+    the frame would have cost more than one of its size may."""
     WRONG_REFERENCE = "wrong reference", "name the frame without contact, of the same place, as the reference"
     """The reference does not belong to the frame: it is brighter in patches (contacts, another place)."""
     SATURATED = (

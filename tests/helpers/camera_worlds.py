@@ -758,6 +758,8 @@ WORLDS: dict[str, Callable] = {
     "median 5": World(file=lambda image: cv2.medianBlur(image, 5)),
     "bilateral": World(file=lambda image: cv2.bilateralFilter(image, 7, 30, 3)),
     "CLAHE": World(file=clahe),
+    "JPEG 20": World(file=jpeg(20)),
+    "JPEG 45": World(file=jpeg(45)),
     "JPEG 70": World(file=jpeg(70)),
     "JPEG 90": World(file=jpeg(90)),
     # optics

@@ -62,7 +62,7 @@ def even_out(difference: DifferenceImage, *, relative: bool = True) -> Differenc
     if flat.size < FEWEST_BLOCKS:
         return difference
     scatter = min(neighbour_scatter(blocks), one_sided_scatter(flat[:: max(flat.size // 4000, 1)]))
-    scatter = max(scatter, NEGLIGIBLE * max(difference.level, 1.0))
+    scatter = max(scatter, difference.rounding, NEGLIGIBLE * max(difference.level, 1.0))
     if difference is not flickering:
         background = np.abs(blocks) < BACKGROUND_CLIP_SIGMA * scatter
         difference = replace(difference, illumination=replace(difference.illumination, background=background))

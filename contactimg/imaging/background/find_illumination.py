@@ -40,7 +40,11 @@ QUARTILE_SIGMA = 0.3186
 
 
 def find_illumination(
-    means: Callable[[int], tuple[NDArray, float]], shape: tuple[int, int], *, background_is: BackgroundLevel
+    means: Callable[[int], tuple[NDArray, float]],
+    shape: tuple[int, int],
+    *,
+    background_is: BackgroundLevel,
+    rounding: float = 0.0,
 ) -> Illumination:
     """Fit a slowly varying illumination to the background.
 
@@ -52,6 +56,8 @@ def find_illumination(
     shape : (int, int)
         Shape of the image in pixels.
     background_is : BackgroundLevel
+    rounding : float
+        Standard uncertainty of each mean by compression (`rounding_of_blocks`), in units of the quantity.
 
     Returns
     -------
@@ -59,17 +65,17 @@ def find_illumination(
         Its background consists of blocks, or of squares of `SQUARE_PX` where contacts leave no block free.
     """
     blocks, expected = means(BLOCK)
-    level, scatter = find_background_level(blocks, background_is=background_is)
-    coarse = fit_illumination(blocks, shape, level=level, scatter=scatter)
-    if coarse.scatter <= CROWD_SCATTER * expected:
+    level, scatter = find_background_level(blocks, background_is=background_is, least=rounding)
+    coarse = fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=rounding)
+    if coarse.scatter <= CROWD_SCATTER * max(expected, rounding):
         return coarse
     squares, expected = means(SQUARE_PX)
     if not np.isfinite(squares).any():
         return coarse
-    expected = max(expected, _scatter_of_darkest(squares, background_is))
+    expected = max(expected, rounding, _scatter_of_darkest(squares, background_is))
     if share_without_rims(squares, expected) > QUIET_SHARE:
         return coarse  # the illumination is less even than a cubic
-    expected = min(expected, neighbour_scatter(squares))
+    expected = max(min(expected, neighbour_scatter(squares)), rounding)
     level, scatter = find_background_level(squares, background_is=background_is, scatter=expected)
     return fit_illumination(squares, shape, level=level, scatter=min(scatter, 2.0 * expected))
 
@@ -91,7 +97,7 @@ def share_without_rims(squares: NDArray, expected: float) -> float:
 
 
 def find_background_level(
-    blocks: NDArray, *, background_is: BackgroundLevel, scatter: float | None = None, least: float = 1e-9
+    blocks: NDArray, *, background_is: BackgroundLevel, scatter: float | None = None, least: float = 0.0
 ) -> tuple[float, float]:
     """Most likely level of the background among block means, and the scatter of a block.
 
@@ -114,7 +120,7 @@ def find_background_level(
     if not len(values):
         return 1.0, NEGLIGIBLE
     low, high = float(values.min()), float(values.max())
-    least = max(NEGLIGIBLE * max(abs(low), abs(high)), least)
+    least = max(NEGLIGIBLE * max(abs(low), abs(high)), least, 1e-9)
     scatter = max(neighbour_scatter(blocks) if scatter is None else scatter, least)
     bins = int(np.clip((high - low) / scatter, 1, FIT_BLOCKS)) + 4
     edges = np.linspace(low - 2 * scatter, high + 2 * scatter, bins + 1)

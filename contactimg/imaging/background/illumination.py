@@ -111,7 +111,7 @@ def _powers(places: NDArray) -> NDArray:
 
 
 def fit_illumination(
-    blocks: NDArray, shape: tuple[int, int], *, level: float, scatter: float, least_scatter: float = 1e-9
+    blocks: NDArray, shape: tuple[int, int], *, level: float, scatter: float, least_scatter: float = 0.0
 ) -> Illumination:
     """Fit a polynomial to the blocks that are background: least squares with clipping, iterated.
 
@@ -139,7 +139,7 @@ def fit_illumination(
     data = np.where(finite, data - level, 0.0)
     deviation = data
     coefficients = np.zeros(len(TERMS))
-    keep, least = finite, max(NEGLIGIBLE * abs(level), least_scatter)
+    keep, least = finite, max(NEGLIGIBLE * abs(level), least_scatter, 1e-9)
     for _ in range(ITERATIONS):
         keep, previous = finite & (np.abs(deviation) < FIT_CLIP_SIGMA * scatter), keep
         orders = _orders_supported(int(np.count_nonzero(keep)))
@@ -243,6 +243,8 @@ class DifferenceImage:
         0 where the frame or the registered reference has no pixel, or no light; None if nowhere.
     registration_failed : bool
         Whether the reference shows a texture that was not found in the frame.
+    rounding : float
+        Standard uncertainty of the mean of a block by compression (`rounding_of_blocks`), grey levels.
     """
 
     image: NDArray[np.float32]
@@ -253,6 +255,7 @@ class DifferenceImage:
     ratio: bool = False
     valid: Mask = None
     registration_failed: bool = False
+    rounding: float = 0.0
 
     @property
     def remark(self) -> str:

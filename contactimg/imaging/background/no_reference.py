@@ -33,7 +33,7 @@ from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.detect.foreign import label_regions
-from contactimg.imaging.pixels.blocks import BLOCK, block_means
+from contactimg.imaging.pixels.blocks import BLOCK, block_means, rounding_of_blocks
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import MANY, robust_std
 
@@ -41,7 +41,7 @@ FLAT_SHARE = 0.2  # share of the blocks: so large a flat region is the backgroun
 # Squares in one side of the tiles over which the light between small contacts is followed beyond the
 # polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them.
 TILE_SQUARES = 32
-ROUGHEST_STEP_FRACTION = 5e-3  # of the level, between blocks of a compressed image: one grey level of 200
+ROUGHEST_STEP_FRACTION = 5e-3  # of the level, between blocks that are rounded: one grey level of 200
 # Of the longer side of the image: the envelope goes below narrower contacts. By hand.
 WINDOW_FRACTION = 1.0 / 6.0
 
@@ -74,7 +74,9 @@ def estimate_background(
     [True, True, False]
     """
     image = np.asarray(frame, np.float32)
-    return _flat_background(image, valid) or _background_of_crowd(image, valid, -1 if dark else 1)
+    rounding = rounding_of_blocks(image)
+    flat = _flat_background(image, valid, rounding)
+    return flat or _background_of_crowd(image, valid, -1 if dark else 1, rounding)
 
 
 def estimate_either_background(
@@ -85,21 +87,22 @@ def estimate_either_background(
     A background that is flat between contacts shows the sign. In a crowd both are tried, and the one whose
     foreground is more like disks is taken.
     """
-    flat = _flat_background(frame, valid)
+    rounding = rounding_of_blocks(frame)
+    flat = _flat_background(frame, valid, rounding)
     if flat is not None:
         polarity = find_polarity(block_means(flat.image, flat.valid), flat.illumination.background)
         return flat, -1 if polarity == "dark" else 1
-    both = [(_background_of_crowd(frame, valid, sign), sign) for sign in (1, -1)]
+    both = [(_background_of_crowd(frame, valid, sign, rounding), sign) for sign in (1, -1)]
     return max(both, key=lambda one: _roundness(one[0], one[1], valid))
 
 
-def _flat_background(frame: NDArray[np.float32], valid: Mask) -> DifferenceImage | None:
+def _flat_background(frame: NDArray[np.float32], valid: Mask, rounding: float) -> DifferenceImage | None:
     """Frame minus the light that flat blocks show, whatever the sign of the contacts; None in a crowd."""
-    if _hides_blocks(frame, valid):
+    if _hides_blocks(frame, valid, rounding):
         return None
     blocks = block_means(frame, valid)
     finite = np.isfinite(blocks)
-    scatter = max(neighbour_scatter(blocks), _least_scatter(blocks, blocks[finite]), 1e-9)
+    scatter = _scatter(blocks, rounding)
     largest = find_background_regions(blocks, scatter) == 1
     if np.mean(largest) < FLAT_SHARE * np.mean(finite):
         return None
@@ -113,33 +116,35 @@ def _flat_background(frame: NDArray[np.float32], valid: Mask) -> DifferenceImage
     )
     near = np.abs(blocks - light.at_blocks(blocks.shape, frame.shape)) < BACKGROUND_CLIP_SIGMA * light.scatter
     level = float(np.median(np.abs(blocks[largest])))
-    return _divide_by_illumination(frame, replace(light, background=near), level, blocks.shape, valid)
+    light = replace(light, background=near)
+    return _divide_by_illumination(frame, light, level, blocks.shape, valid, rounding)
 
 
-def _background_of_crowd(frame: NDArray[np.float32], valid: Mask, sign: int) -> DifferenceImage:
+def _background_of_crowd(
+    frame: NDArray[np.float32], valid: Mask, sign: int, rounding: float
+) -> DifferenceImage:
     """Frame minus the light in the gaps of a crowd, where contacts times ``sign`` are bright."""
     squares = np.float32(sign) * block_means(frame, valid, side=SQUARE_PX)
-    polynomial, uneven = _light_between(squares, frame.shape)
+    polynomial, uneven = _light_between(squares, frame.shape, rounding)
     illumination = replace(polynomial, coefficients=sign * polynomial.coefficients)
     blocks = (-(-frame.shape[0] // BLOCK), -(-frame.shape[1] // BLOCK))
     level = abs(float(np.median(polynomial.at_blocks(blocks, frame.shape))))
-    return _divide_by_illumination(frame - np.float32(sign) * uneven, illumination, level, blocks, valid)
+    rest = frame - np.float32(sign) * uneven
+    return _divide_by_illumination(rest, illumination, level, blocks, valid, rounding)
 
 
-def _hides_blocks(frame: NDArray[np.float32], valid: Mask) -> bool:
+def _hides_blocks(frame: NDArray[np.float32], valid: Mask, rounding: float) -> bool:
     """Whether small contacts leave hardly a block without a rim in it, from some rows of blocks."""
     every = max(int(frame.size / MANY), 1)
     rows = np.flatnonzero(np.arange(frame.shape[0]) // BLOCK % every == 0)
     some = frame if every == 1 else frame[rows]
     seen = valid if valid is None or every == 1 else valid[rows]
     squares = block_means(some, seen, side=SQUARE_PX)
-    finite = np.isfinite(squares)
-    expected = max(neighbour_scatter(squares), _least_scatter(squares, squares[finite]))
-    return share_without_rims(squares, expected) < 0.5 * QUIET_SHARE
+    return share_without_rims(squares, _scatter(squares, rounding)) < 0.5 * QUIET_SHARE
 
 
 def _light_between(
-    squares: NDArray[np.float32], shape: tuple[int, int]
+    squares: NDArray[np.float32], shape: tuple[int, int], rounding: float
 ) -> tuple[Illumination, NDArray[np.float32]]:
     """The light between contacts that leave hardly a block free.
 
@@ -147,7 +152,7 @@ def _light_between(
     pixel, what tiles of the image show beyond it.
     """
     finite = np.isfinite(squares)
-    expected = max(neighbour_scatter(squares), _least_scatter(squares, squares[finite]))
+    expected = _scatter(squares, rounding)
     # the lowest square of a block lies between contacts; that it is low by its noise, the rest corrects
     lower = _fit_envelope(_lowest(np.where(finite, squares, np.inf)), shape)
     flat = (squares - lower.at_blocks(squares.shape, shape)).astype(np.float32)
@@ -196,17 +201,25 @@ def _lowest(squares: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(np.isfinite(lowest), lowest, np.float32(np.nan))
 
 
-def _least_scatter(flat: NDArray, blocks: NDArray) -> float:
-    """Scatter below which blocks are equal: more where most are exactly equal, as compression leaves them."""
-    if not len(blocks):
-        return 0.0
-    level = float(np.median(np.abs(blocks)))
-    equal = neighbour_scatter(flat) < NEGLIGIBLE * level
-    return (ROUGHEST_STEP_FRACTION if equal else NEGLIGIBLE) * level
+def _scatter(blocks: NDArray, rounding: float) -> float:
+    """Scatter of blocks from the differences of neighbours, at least what accuracy and compression leave.
+
+    Blocks most of which are exactly equal differ by less than a grey level from what they would be.
+    """
+    finite = blocks[np.isfinite(blocks)]
+    level = float(np.median(np.abs(finite))) if len(finite) else 0.0
+    scatter = neighbour_scatter(blocks)
+    least = ROUGHEST_STEP_FRACTION if scatter < NEGLIGIBLE * level else NEGLIGIBLE
+    return max(scatter, least * level, rounding, 1e-9)
 
 
 def _divide_by_illumination(
-    frame: NDArray, illumination: Illumination, level: float, blocks: tuple[int, int], valid: Mask
+    frame: NDArray,
+    illumination: Illumination,
+    level: float,
+    blocks: tuple[int, int],
+    valid: Mask,
+    rounding: float,
 ) -> DifferenceImage:
     """Frame minus background, relative to it: contacts transmit a fraction of the light."""
     at_blocks = illumination.at_blocks(blocks, frame.shape)
@@ -219,7 +232,7 @@ def _divide_by_illumination(
     if relative:
         image *= np.float32(level) / np.maximum(background, np.float32(DARKEST_FRACTION * level))
         brightness = (at_blocks / level).astype(np.float32)
-    difference = DifferenceImage(image, level, brightness, illumination, None, valid=valid)
+    difference = DifferenceImage(image, level, brightness, illumination, None, valid=valid, rounding=rounding)
     return even_out(difference, relative=relative)
 
 
@@ -229,7 +242,7 @@ def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
     if valid is not None:
         image = np.where(valid > 0, image, np.float32(0.0))
     noise = estimate_noise(image, difference.illumination.background)
-    contrast = measure_contrast(image, noise, valid)
+    contrast = measure_contrast(image, noise, valid, rounding=difference.rounding)
     if contrast.plateau <= 0.0:
         return 0.0
     regions = label_regions(image > 0.5 * contrast.plateau)

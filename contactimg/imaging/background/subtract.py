@@ -26,7 +26,7 @@ from contactimg.imaging.background.illumination import (
     Illumination,
 )
 from contactimg.imaging.background.register import GOOD_STD_PX, align, search_alignment
-from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
+from contactimg.imaging.pixels.blocks import BLOCK, block_means, rounding_of_blocks, side_of
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import median, quantile
@@ -40,12 +40,16 @@ REGISTERED = Alignment(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class _Images:
-    """A frame, its reference before registration, their holes, and which level is the background."""
+    """A frame, its reference before registration, their holes, and which level is the background.
+
+    ``rounding`` is the standard uncertainty of a block by compression, grey levels.
+    """
 
     frame: NDArray
     reference: NDArray
     valid: Mask
     background_is: BackgroundLevel
+    rounding: float
 
 
 @stage("light")
@@ -77,7 +81,7 @@ def subtract_reference(
     -------
     DifferenceImage
     """
-    images = _Images(frame, reference, valid, background_is)
+    images = _Images(frame, reference, valid, background_is, rounding_of_blocks(frame, reference))
     placed = _PlacedReference.of(images, UNKNOWN)
     if placed is None:
         return _subtract_plainly(images)
@@ -98,6 +102,7 @@ def subtract_reference(
         ratio=True,
         valid=placed.valid,
         registration_failed=textured and not residual.known,
+        rounding=images.rounding,
     )
     return even_out(difference)
 
@@ -146,7 +151,12 @@ class _PlacedReference:
                 below = half if side == 2 else block_means(moved, valid, side=side)
             return above / np.maximum(below, DARKEST_FRACTION * level), _noise_of_two(below) / level
 
-        illumination = find_illumination(ratio, images.frame.shape, background_is=images.background_is)
+        illumination = find_illumination(
+            ratio,
+            images.frame.shape,
+            background_is=images.background_is,
+            rounding=images.rounding / level,
+        )
         if valid is not None:  # blocks with holes are noisier than whole ones
             side = side_of(illumination.background.shape, images.frame.shape)
             whole = block_means(valid.astype(np.float32), side=side) == 1.0
@@ -241,7 +251,9 @@ def _subtract_plainly(images: _Images) -> DifferenceImage:
         means = block_means(reference, valid, side=side)
         return block_means(frame, valid, side=side) - means, _noise_of_two(means)
 
-    illumination = find_illumination(difference, frame.shape, background_is="most_common")
+    illumination = find_illumination(
+        difference, frame.shape, background_is="most_common", rounding=images.rounding
+    )
     image = illumination.subtract_from(np.subtract(frame, reference, dtype=np.float32))
     brightness = np.ones([-(-size // BLOCK) for size in frame.shape], np.float32)
-    return DifferenceImage(image, 0.0, brightness, illumination, NO_ALIGNMENT)
+    return DifferenceImage(image, 0.0, brightness, illumination, NO_ALIGNMENT, rounding=images.rounding)

@@ -123,7 +123,9 @@ class Candidates:
     whole: NDArray[np.bool_]
 
 
-def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = None) -> Contrast:
+def measure_contrast(
+    image: NDArray[np.float32], noise: float, valid: Mask = None, *, rounding: float = 0.0
+) -> Contrast:
     """The plateau that most regions of a difference image have, contacts positive.
 
     Parameters
@@ -132,11 +134,13 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
     noise : float
         Standard deviation of a background pixel.
     valid : Mask
+    rounding : float
+        Part of it that the pixels of a block share (`rounding_of_blocks`).
     """
     spots = Contrast(0.0, resolved=False)
     for side in (2, 4, 8):
         coarse = _coarse(image, valid, side)
-        floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, noise / side), 1e-6)
+        floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, max(noise / side, rounding)), 1e-6)
         regions, runs = label_runs(coarse, floor)
         regions, plateau, half_area = _with_plateaus(coarse, regions, runs)
         clear = plateau > CLEAR_RATIO * floor
@@ -163,20 +167,28 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
     return spots
 
 
-def dark_spots(image: NDArray[np.float32], contrast: float, noise: float, valid: Mask) -> NDArray[np.float64]:
+def dark_spots(
+    image: NDArray[np.float32], contrast: float, noise: float, valid: Mask, *, rounding: float = 0.0
+) -> NDArray[np.float64]:
     """Areas (px^2) of the spots, larger than specks, that are darker than the background.
 
     ``image`` is a difference image, ``contrast`` is that of the contacts, which are positive, ``noise`` that
-    of a background pixel.
+    of a background pixel, of which the pixels of a block share ``rounding``.
     """
     coarse = -_coarse(image, valid, 2)
-    floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, noise / 2.0), DARK_FRACTION * contrast)
+    floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, max(noise / 2.0, rounding)), DARK_FRACTION * contrast)
     _, _, half_area = _with_plateaus(coarse, *label_runs(coarse, floor))
     return 4.0 * half_area[4.0 * half_area > SPECK_PX2]
 
 
 def find_candidates(
-    image: NDArray[np.float32], contrast: float, noise: float, valid: Mask, *, blur: float
+    image: NDArray[np.float32],
+    contrast: float,
+    noise: float,
+    valid: Mask,
+    *,
+    blur: float,
+    rounding: float = 0.0,
 ) -> Candidates:
     """Disks in the regions that stand out of a difference image.
 
@@ -192,6 +204,8 @@ def find_candidates(
         0 for pixels without a value; they do not bound a disk.
     blur : float, px
         Standard deviation of the blur, for smoothing where the contrast is low.
+    rounding : float
+        Part of the noise that the pixels of a block share (`rounding_of_blocks`).
     """
     smooth, smooth_noise = image, noise
     if contrast < NOISY_RATIO * noise:
@@ -209,7 +223,7 @@ def find_candidates(
         places.append(disks)
         others.append(np.column_stack([np.broadcast_to(height, len(disks)), np.full(len(disks), whole)]))
 
-    faint, ragged = _faint_regions(image, valid, noise, level, regions)
+    faint, ragged = _faint_regions(image, valid, max(noise / 2.0, rounding), level, regions)
     regions, plateau, bright = regions[~ragged], plateau[~ragged], bright[~ragged]
     one = is_round(regions, smooth.shape) & ~bright
     add(_disks_of(regions[one]), plateau[one])
@@ -373,7 +387,7 @@ def _at_own_half(
 
 
 def _faint_regions(
-    image: NDArray[np.float32], valid: Mask, noise: float, level: float, regions: NDArray[np.void]
+    image: NDArray[np.float32], valid: Mask, least_noise: float, level: float, regions: NDArray[np.void]
 ) -> tuple[list[FaintRegion], NDArray[np.bool_]]:
     """Regions that stand out of the noise and contain none found before, each in a window of its own.
 
@@ -382,7 +396,7 @@ def _faint_regions(
     """
     ragged = np.zeros(len(regions), np.bool_)
     coarse = _coarse(image, valid, 2)
-    coarse_noise = _coarse_noise(coarse, noise / 2.0)
+    coarse_noise = _coarse_noise(coarse, least_noise)
     floor = np.float32(max(SUPPORT_SIGMA * coarse_noise, 1e-6))
     if not floor < level:
         return [], ragged

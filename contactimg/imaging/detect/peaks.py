@@ -13,16 +13,17 @@ FALSE_ALARM_SIGMA = 6.0
 ``pixels/(2 width^2) (2 pi)^(-3/2) z exp(-z^2/2)`` maxima above z: 3e-3 in 1600 x 1200 pixels at 1.4 px."""
 
 
-def least_peak(smooth: NDArray[np.float32], background: NDArray[np.bool_]) -> float:
+def least_peak(smooth: NDArray[np.float32], background: NDArray[np.bool_], rounding: float = 0.0) -> float:
     """Height from which a peak of a filtered image stands out of its noise.
 
-    ``background`` are the blocks in which the noise is measured (`contactimg.imaging.pixels.blocks`).
+    ``background`` are the blocks in which the noise is measured (`contactimg.imaging.pixels.blocks`), and
+    ``rounding`` is the part of it that the pixels of a block share (`rounding_of_blocks`).
     """
     sample = sample_background(smooth, background, (7, 11))
     if len(sample) < 50:
         sample = smooth[::5, ::7].ravel()
     middle = median(sample)
-    return middle + FALSE_ALARM_SIGMA * reach_std(sample, middle)
+    return middle + FALSE_ALARM_SIGMA * max(reach_std(sample, middle), rounding)
 
 
 def filter_residual(

@@ -108,7 +108,7 @@ RULES: list[Rule] = [
     (Reason.OUT_OF_SIGHT, lambda e: e["visible"] < LEAST_VISIBLE),
     (
         Reason.NOISE,
-        lambda e: e["light"] < np.where(e["poor"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
+        lambda e: e["light"] < np.where(e["misfit"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
     ),
     (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
@@ -203,7 +203,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     resolved = radius > 1.5 * blur
     count_z = np.where(resolved, (looked.area - looked.expected) / count_std, 0.0)
     hollow = (looked.core_chi_square > WELL_FITTED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
-    # a misfit that most contacts do not share is that of its own shape
+    # a misfit that most contacts do not share is that of its own shape; compression makes one that they share
     misfit = np.minimum(fit.chi_square, looked.rim_chi_square)
     shaped = misfit > WELL_FITTED_CHI_SQUARE * max(float(np.median(misfit)) if n else 1.0, 1.0)
     differs = shaped | (np.abs(count_z) > AGREEMENT_SIGMA)
@@ -226,6 +226,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         / np.maximum(contrast, 1e-9),
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
+        "misfit": poor & (shaped | (problem.rounding == 0.0)),
         "undescribed": undescribed,
         "counted": looked.area,
         "expected": looked.expected,

@@ -186,6 +186,12 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             share = 100 * max(left.uneven, left.waves)
             text = f"the background is uneven by {share:.3g} % of the contrast after all corrections"
             yield Status.LIGHT_NOT_FOLLOWED, text
+    if (rounding := difference.rounding) > UNEVENNESS * seen.foreground.contrast.plateau:
+        text = (
+            "the levels are rounded, by compression or few bits: the mean of a block of pixels is known to "
+            f"{rounding * seen.foreground.frame_pair.unit:.2g} grey levels, and small contacts may be lost"
+        )
+        yield Status.UNRESOLVED, text
 
 
 def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
@@ -273,8 +279,9 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         )
         yield Status.FALSE_CANDIDATES, text
     dark = dark_spots(
-        foreground.image, foreground.contrast.plateau, foreground.noise, foreground.frame_pair.valid
-    )
+        foreground.image, foreground.contrast.plateau, foreground.noise, foreground.frame_pair.valid,
+        rounding=foreground.difference.rounding,
+    )  # fmt: skip
     area = np.pi * float(np.sum(np.asarray(seen.contacts["radius_px"], float) ** 2))
     if len(dark) >= FEWEST_DARK and dark.sum() > DARK_AREA * area:
         against = "darker" if foreground.sign > 0 else "brighter"
@@ -367,7 +374,12 @@ def _why_no_contact(foreground: Foreground) -> str:
     if foreground.shown.resolved:
         level = foreground.shown.plateau * foreground.frame_pair.unit
         return f"something stands out by {level:.3g} grey levels, but it is no contact for the assumed optics"
-    opposite = measure_contrast(-foreground.image, foreground.noise, foreground.frame_pair.valid)
+    opposite = measure_contrast(
+        -foreground.image,
+        foreground.noise,
+        foreground.frame_pair.valid,
+        rounding=foreground.difference.rounding,
+    )
     if not opposite.resolved:
         return "nothing stands out of the noise"
     one, other = ("brighter", "darker")[:: foreground.sign]

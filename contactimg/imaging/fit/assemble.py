@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.detect.candidates import find_candidates
+from contactimg.imaging.detect.candidates import Candidates, find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual, find_peaks, least_peak
 from contactimg.imaging.fit.covers import (
     SETTLED_GROWTH_RATIO,
@@ -91,7 +91,7 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes:
         Whether ellipses are looked for.
     """
     contrast = problem.contrast
-    found = find_candidates(problem.image, contrast, problem.pixel_noise, problem.valid, blur=blur)
+    found = _candidates(problem, problem.image, blur)
     most = min(int(MOST_DISKS_PER_PX2 * problem.image.size) + 1, MOST_DISKS)
     limited = len(found.places) > most
     (x, y, a), shape = found.places[:most].T, problem.image.shape
@@ -116,6 +116,13 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes:
         work.join_ellipses()
     work.drop_insignificant(final=True)
     return Assembled(work.problem, work.fit, np.vstack(work.dropped), smallest, limited, work.ellipses)
+
+
+def _candidates(problem: FitProblem, image: NDArray[np.float32], blur: float) -> Candidates:
+    """Candidates in an image of the problem."""
+    return find_candidates(
+        image, problem.contrast, problem.pixel_noise, problem.valid, blur=blur, rounding=problem.rounding
+    )
 
 
 class _Assembly:
@@ -172,7 +179,7 @@ class _Assembly:
         beside = block_means(fit.model, side=4) < 0.5 * problem.contrast
         if float(np.max(block_means(rest, side=4)[beside], initial=0.0)) < 0.5 * least:
             return
-        found = find_candidates(rest, problem.contrast, problem.pixel_noise, problem.valid, blur=fit.blur)
+        found = _candidates(problem, rest, fit.blur)
         wide = (found.places[:, 2] > 2.0 * fit.blur) & (found.plateau > least)
         if not wide.any():
             return
@@ -194,7 +201,7 @@ class _Assembly:
         """
         problem, fit, contrast = self.problem, self.fit, self.problem.contrast
         smooth = filter_residual(problem.image, fit.model, fit.blur)
-        lowest = least_peak(smooth, problem.background)
+        lowest = least_peak(smooth, problem.background, problem.rounding)
         peaks = find_peaks(smooth, lowest, fit.blur)
         smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
         if outside:

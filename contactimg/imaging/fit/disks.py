@@ -35,6 +35,7 @@ from contactimg.imaging.kernels.pairs import (
     visible_share,
 )
 from contactimg.imaging.kernels.solve import marginal_variances, solve_coupled
+from contactimg.imaging.pixels.blocks import BLOCK
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA, quantile
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE, EdgeTable, disk_table
@@ -410,10 +411,16 @@ def allow_for_coarse_rims(problem: FitProblem, fit: FittedDisks, *, share: float
     Notes
     -----
     Behind a blur s the places of the edge in neighbouring pixels are averaged: their variance is at most that
-    of a place anywhere in a pixel, 1/12 px^2, times ``int g^2 = 1/(2 sqrt(pi) s)``.
+    of a place anywhere in a pixel, 1/12 px^2, times ``int g^2 = 1/(2 sqrt(pi) s)``. Compression that rounds
+    the mean of a block rounds its detail at the rims as well: where it rounds all 64 coefficients of a block,
+    which are 8 times its mean, by the same step, the error of a pixel is 8 times that of the mean.
     """
     plain = replace(problem.noise, rim=0.0)
-    if fit.blur > SHARPEST_BLUR_PX or not len(problem.profile.powers):  # a film blurs its rim by itself
+    most = (BLOCK * problem.rounding) ** 2
+    if fit.blur <= SHARPEST_BLUR_PX and len(problem.profile.powers):  # a film blurs its rim by itself
+        slope = problem.contrast / (fit.blur * np.sqrt(2.0 * np.pi))
+        most += PIXEL_VARIANCE / max(2.0 * np.sqrt(np.pi) * fit.blur, 1.0) * slope**2
+    if not most:
         return replace(problem, noise=plain)
     every = max(int(np.sqrt(problem.image.size / RIM_SAMPLE_PIXELS)), 1)
     height, image = fit.model[::every] / problem.contrast, problem.image[::every]
@@ -426,9 +433,8 @@ def allow_for_coarse_rims(problem: FitProblem, fit: FittedDisks, *, share: float
     excess = QUANTILES_TO_STD[share] ** 2 * quantile(scatter, share)
     if excess < USUAL_CHI_SQUARE:
         return replace(problem, noise=plain)
-    slope = problem.contrast / (fit.blur * np.sqrt(2.0 * np.pi))
-    most = PIXEL_VARIANCE / max(2.0 * np.sqrt(np.pi) * fit.blur, 1.0) * slope**2 / plain.variance
-    return replace(problem, noise=replace(plain, rim=float(min((excess - 1.0) * plain.at(0.5), most))))
+    rim_noise = min((excess - 1.0) * float(plain.at(0.5)), most / plain.variance)
+    return replace(problem, noise=replace(plain, rim=rim_noise))
 
 
 def find_insignificant(fit: FittedDisks, problem: FitProblem, *, final: bool) -> NDArray[np.bool_]:

@@ -117,6 +117,8 @@ class FitProblem:
         That the grey levels can show.
     shown_contrast : float
         Largest contrast of contacts that show theirs.
+    rounding : float
+        Part of the noise that the pixels of a block share (`rounding_of_blocks`), grey levels.
     """
 
     image: NDArray[np.float32]
@@ -131,6 +133,7 @@ class FitProblem:
     corner: tuple[int, int] = (0, 0)
     largest_contrast: float = float("inf")
     shown_contrast: float = float("inf")
+    rounding: float = 0.0
 
     @classmethod
     def of(cls, foreground: Foreground, *, binning: int) -> "FitProblem":
@@ -156,6 +159,7 @@ class FitProblem:
             saturated=saturated, background=background, brightness=difference.brightness, binning=binning,
             largest_contrast=max(foreground.largest_contrast, foreground.contrast.plateau),
             shown_contrast=max(foreground.shown_contrast, foreground.contrast.plateau),
+            rounding=difference.rounding,
         )  # fmt: skip
 
     def window(self, box: tuple[slice, slice], image: NDArray[np.float32], brightness: float) -> "FitProblem":

@@ -6,10 +6,15 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.robust import SAMPLE
 
 BLOCK = 8
 """Side of the blocks, px; a power of 2."""
 
+ROUNDED_SHARE = 0.1
+"""Share of squares whose pixels are all equal from which compression has rounded them. By hand: noise of
+half a grey level leaves none."""
+LARGEST_ROUNDING = 0.25  # of the range of these blocks: what they differ by more is a contrast. By hand
 LARGEST_DIRECT_PX = 4  # side up to which block means are computed from pixels, beyond it from smaller blocks
 
 
@@ -33,6 +38,53 @@ def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> NDA
     lit = np.where(seen > 0, levels, np.float32(0.0))
     total = np.asarray(cv2.resize(lit, size, interpolation=cv2.INTER_AREA), np.float32)
     return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
+
+
+def rounding_of_blocks(*images: NDArray) -> float:
+    """Standard uncertainty that compression leaves in the mean of a block of the difference of two images.
+
+    A JPEG file rounds the means of its blocks of 8 px, and leaves most of a flat background without any other
+    detail. Neighbouring blocks then differ by nothing or by the step, although their means are known to no
+    better than ``step/sqrt(12)``, the standard deviation of a rounding error.
+
+    Parameters
+    ----------
+    images : ndarray, shape (rows, columns)
+        Frame, and reference where there is one, as they were read: a moved one has no such blocks.
+
+    Returns
+    -------
+    float
+        Grey levels; 0 where no image has such blocks.
+
+    Examples
+    --------
+    >>> blocks = np.array([[70.0, 70.0, 73.0, 73.0], [70.0, 73.0, 73.0, 98.0]])
+    >>> image = blocks.repeat(8, axis=0).repeat(8, axis=1)
+    >>> round(rounding_of_blocks(image), 3), round(rounding_of_blocks(image, image), 3)
+    (0.866, 1.225)
+    """
+    return float(np.sqrt(sum(_rounding_step(image) ** 2 for image in images) / 12.0))
+
+
+def _rounding_step(image: NDArray) -> float:
+    """Usual difference of neighbouring blocks without detail, where they differ; 0 if there are few such.
+
+    Wherever a block of the file begins, a square of half its side lies in it, and so does another one a whole
+    side further in its neighbour. Some rows of squares are looked at.
+    """
+    side = BLOCK // 2
+    last, across = image.shape[0] // side - 2, image.shape[1] // side
+    first = np.arange(0, last, max(2 * last * across // SAMPLE, 1))
+    levels = _levels_without_detail(np.ascontiguousarray(image), np.stack([first, first + 2]), side)
+    known = levels[np.isfinite(levels)]
+    if known.size <= ROUNDED_SHARE * levels.size:
+        return 0.0
+    steps = np.abs(np.append(levels[:, :, 2:] - levels[:, :, :-2], levels[1] - levels[0]))
+    steps = steps[steps > 0.0]  # not NaN either
+    step = float(np.median(steps)) if steps.size else 0.0
+    whole = 1.0 if image.dtype.kind in "iu" else 0.0  # is what levels are rounded to without compression
+    return step if whole < step < LARGEST_ROUNDING * float(np.ptp(image[::side, ::side])) else 0.0
 
 
 class BlockMeans:
@@ -102,6 +154,21 @@ def side_of(blocks: tuple[int, ...], shape: tuple[int, ...]) -> int:
     while any(-(-size // side) > count for size, count in zip(shape, blocks, strict=True)):
         side *= 2
     return side
+
+
+@njit(cache=True)
+def _levels_without_detail(image, rows, side):
+    """Level of each square, in these rows of squares, whose pixels are all equal; NaN for the others."""
+    levels = np.full((*rows.shape, image.shape[1] // side), np.nan)
+    for j in range(rows.shape[0]):
+        for i in range(rows.shape[1]):
+            for k in range(levels.shape[2]):
+                y, x, pixel = rows[j, i] * side, k * side, 0
+                while pixel < side**2 and image[y + pixel // side, x + pixel % side] == image[y, x]:
+                    pixel += 1
+                if pixel == side**2:
+                    levels[j, i, k] = image[y, x]
+    return levels
 
 
 @njit(cache=True)
