@@ -1,4 +1,4 @@
-"""Frames stored as JPEG files of low quality: blocks of 8 px of one level each."""
+"""Frames stored as JPEG files of low quality or as a video: blocks of 8 px of one level each."""
 
 import cv2
 import numpy as np
@@ -40,6 +40,21 @@ def test_contacts_of_a_compressed_frame_are_found_and_their_areas_hold(quality, 
     assert area.sum() == pytest.approx(true.sum(), rel=0.03)
     if quality < 50:
         assert result.status != Status.OK  # no disk describes what such a file keeps of one
+
+
+def test_contacts_in_a_video_that_keeps_unchanged_blocks_are_found(tmp_path):
+    """MPEG-4 copies the blocks of a frame that have hardly changed since the reference."""
+    scene, path = make_scene("plain", 60, 42), tmp_path / "series.mp4"
+    shape = [size - size % 2 for size in scene.frame.shape]
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25, shape[::-1])
+    for image in 3 * [scene.reference] + 5 * [scene.frame]:
+        video.write(cv2.cvtColor(image[: shape[0], : shape[1]], cv2.COLOR_GRAY2BGR))
+    video.release()
+    stored_video = cv2.VideoCapture(str(path))
+    images = [cv2.cvtColor(stored_video.read()[1], cv2.COLOR_BGR2GRAY) for _ in range(8)]
+    result = measure_image(images[-1], images[1])
+    assert f1(scene.truth, result.disks) > 0.95
+    assert measure_image(images[-1]).status != Status.NO_CONTACT
 
 
 def test_the_rounding_of_blocks_is_measured_on_flat_blocks_that_differ_by_little():

@@ -83,8 +83,7 @@ def _rounding_step(image: NDArray) -> float:
     steps = np.abs(np.append(levels[:, :, 2:] - levels[:, :, :-2], levels[1] - levels[0]))
     steps = steps[steps > 0.0]  # not NaN either
     step = float(np.median(steps)) if steps.size else 0.0
-    whole = 1.0 if image.dtype.kind in "iu" else 0.0  # is what levels are rounded to without compression
-    return step if whole < step < LARGEST_ROUNDING * float(np.ptp(image[::side, ::side])) else 0.0
+    return step if step < LARGEST_ROUNDING * float(np.ptp(image[::side, ::side])) else 0.0
 
 
 class BlockMeans:
