@@ -53,6 +53,8 @@ STD_OF_SUM, STD_OF_ODD, COVERAGE, FOUND, BELOW = 3.0, 3.3, 0.85, 0.95, 0.02
 PATIENCE_S = 60
 START, END = "<!-- table: battery -->", "<!-- end -->"
 """Marks around the table in a page of the documentation."""
+NOT_ON_PAGE = ("recall", "prec", "raw", "1 std", "2 std", "F")
+"""Columns that are printed and do not stand on the page."""
 OTSU_PIXELS = 4
 ORDER = ["right", "said", "WRONG", "EXC"]
 
@@ -331,7 +333,8 @@ def odd_note(pull):
 def worst(group):
     """One line of the table: the worst of the seeds."""
     last = group.loc[group.verdict.map(ORDER.index).idxmax()]
-    line = {"verdict": last.verdict + (f" {(group.verdict == last.verdict).sum()}/{len(group)}")}
+    share = f" {(group.verdict == last.verdict).sum()}/{len(group)}" if len(group) > 1 else ""
+    line = {"verdict": last.verdict + share}
     group = group[group.verdict != "EXC"]
     if group.empty:
         return pd.Series(line | {"status": last.message})
@@ -351,12 +354,14 @@ def worst(group):
     return pd.Series(line | {"notes": " ".join(notes), "status": ", ".join(sorted(set(group.status)))})
 
 
-def report(rows):
-    """The table and the totals as text."""
+def report(rows, left_out=()):
+    """The table and the totals as text; on a page without some columns and the status "ok"."""
     rows = rows.assign(notes=[note if isinstance(note, str) else "" for note in rows.notes])
-    keys = ["world", "count", "tree"] if len(rows.tree.unique()) > 1 else ["world", "count"]
+    keys = ["world", *(name for name in ("count", "tree") if (rows[name] != rows[name].iloc[0]).any())]
     lines = {key: worst(group) for key, group in rows.groupby(keys, sort=False)}
-    table = pd.DataFrame(list(lines.values())).fillna("")
+    table = pd.DataFrame(list(lines.values())).fillna("").drop(columns=list(left_out))
+    if left_out:
+        table["status"] = table["status"].replace("ok", "")
     table.insert(0, "world", [" ".join(str(part) for part in key) for key in lines])
     widths = {name: max(len(name), *(len(str(v)) for v in table[name])) for name in table}
     left = ("world", "verdict", "notes", "status")
@@ -454,7 +459,8 @@ def main(argv=None):
     if options.page:
         before, _, rest = Path(options.page).read_text().partition(START)
         after = rest.partition(END)[2]
-        Path(options.page).write_text(f"{before}{START}\n```text\n{text}\n```\n{END}{after}")
+        brief = report(rows, NOT_ON_PAGE)
+        Path(options.page).write_text(f"{before}{START}\n```text\n{brief}\n```\n{END}{after}")
 
 
 if __name__ == "__main__":
