@@ -63,17 +63,41 @@ def run(package, code, **environment):
     return done.stdout.strip()
 
 
-VALUE = "from contactimg.caller import value; print(value(3.0), sum(value.stats.cache_hits.values()))"
+VALUE = """
+import numba
+from contactimg.caller import value
+
+print(value(3.0), sum(value.stats.cache_hits.values()), repr(numba.config.CACHE_DIR))
+"""
+"""The last is where numba stores the user's own functions: where the user says, or beside them."""
 
 
 def test_a_change_of_what_a_function_calls_takes_effect_in_the_next_process(package, tmp_path):
     cache = tmp_path / "cache"
-    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == "8.0 0"
-    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == "8.0 1"
+    unused_for_long_is_removed = left_by_earlier_runs(cache)
+    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == f"8.0 0 {str(cache)!r}"
+    unused_for_long_is_removed()
+    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == f"8.0 1 {str(cache)!r}"
     (package / "factor.py").write_text(CALLED.format(factor=5.0))
-    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == "20.0 0"
+    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == f"20.0 0 {str(cache)!r}"
     (package / "unrelated.py").write_text("CHANGED = True\n")  # compiles nothing anew
-    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == "20.0 1"
+    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == f"20.0 1 {str(cache)!r}"
+
+
+def left_by_earlier_runs(cache):
+    """Leave code of other sources in the cache; what is returned asserts which of it a run has removed."""
+    now = time.time()
+    for name, age in (("old", 2 * compiled.UNUSED_SECONDS), ("used", 0.5 * compiled.UNUSED_SECONDS)):
+        folder = cache / f"contactimg.caller-{name}"
+        folder.mkdir(parents=True)
+        os.utime(folder, (now - age, now - age))
+
+    def check():
+        kept = {path.name.partition("-")[2] for path in cache.glob("contactimg.caller-*")}
+        assert len(kept) == 2
+        assert "used" in kept
+
+    return check
 
 
 @pytest.mark.parametrize("home_is_writable", [True, False])
@@ -89,7 +113,7 @@ def test_an_installation_that_cannot_be_written_stores_with_the_user(package, tm
         folder.chmod(0o555)
     before = sorted(package.rglob("*"))
     try:
-        assert run(package, VALUE, **places) == "8.0 0"
+        assert run(package, VALUE, **places) == "8.0 0 ''"
         assert sorted(package.rglob("*")) == before
     finally:
         for folder in (package.parent, package):
@@ -102,20 +126,8 @@ def test_where_nothing_can_be_written_each_process_compiles(package, tmp_path):
     nowhere = f"import tempfile; tempfile.tempdir = {str(tmp_path / 'file')!r}\n{VALUE}"
     places = {"XDG_CACHE_HOME": tmp_path / "file", "HOME": tmp_path / "file"}
     code = nowhere.replace("value.stats.cache_hits.values()", "()")
-    assert run(package, code, **places) == "8.0 0"
+    assert run(package, code, **places) == "8.0 0 ''"
     assert not list(tmp_path.rglob("*.nbi"))
-
-
-def test_code_of_other_sources_is_removed_once_it_has_not_been_used_for_long(package, tmp_path):
-    cache, now = tmp_path / "cache", time.time()
-    for name, age in (("old", 2 * compiled.UNUSED_SECONDS), ("used", 0.5 * compiled.UNUSED_SECONDS)):
-        folder = cache / f"contactimg.caller-{name}"
-        folder.mkdir(parents=True)
-        os.utime(folder, (now - age, now - age))
-    run(package, VALUE, NUMBA_CACHE_DIR=cache)
-    kept = {path.name.partition("-")[2] for path in cache.glob("contactimg.caller-*")}
-    assert len(kept) == 2
-    assert "used" in kept
 
 
 def test_no_module_stores_machine_code_in_another_way():
@@ -126,12 +138,6 @@ def test_no_module_stores_machine_code_in_another_way():
         and "import njit" in path.read_text().replace("compiled import njit", "")
     ]
     assert plain == []
-
-
-def test_the_user_s_own_functions_are_stored_where_numba_stores_them(package, tmp_path):
-    code = "import contactimg.caller, numba; print(repr(numba.config.CACHE_DIR))"
-    assert run(package, code, XDG_CACHE_HOME=tmp_path) == "''"
-    assert run(package, code, NUMBA_CACHE_DIR=tmp_path) == repr(str(tmp_path))
 
 
 TOLD = """

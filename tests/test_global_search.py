@@ -51,11 +51,10 @@ def test_no_pose_is_found_by_chance(targets):
         assert search_everywhere(*rng.uniform(0, 900, (2, count)), targets, GUESS) is None
 
 
-@pytest.mark.parametrize("seed", [1, 3, 5])
-def test_a_lattice_has_no_single_pose(seed):
+def test_a_lattice_has_no_single_pose():
     lattice = np.stack(np.meshgrid(np.arange(30), np.arange(30)), -1).reshape(-1, 2) * 2e-4
     x_px, y_px = contacts_near(
-        lattice, Pose(SHAPE, 6e-6, (0.003, 0.003)), (500, 450), 60, np.random.default_rng(seed)
+        lattice, Pose(SHAPE, 6e-6, (0.003, 0.003)), (500, 450), 60, np.random.default_rng(1)
     )
     assert search_everywhere(x_px, y_px, lattice, GUESS) is None
 

@@ -17,6 +17,7 @@ York et al., Am. J. Phys. 72 (2004) 367, doi:10.1119/1.1632486, eqs. (13); Paule
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -157,15 +158,16 @@ def fit_linear(basis: Basis, points: Points, *, scatter: float | None = None) ->
         raise InputError(f"a fit of {count} parameters needs as many points, got {len(points)}")
     if scatter is not None:
         return _solve(basis, points, scatter, freedom)
-    exact = _solve(basis, points, 0.0, freedom, settled=False)
+
+    @cache  # the root is sought between two values that are known before
+    def surplus(extra: float) -> float:
+        return float(_solve(basis, points, extra**0.5, freedom, settled=False).chi_square) - freedom
+
     stated = np.asarray(points.spread) == 0
     plain = replace(points, x_std=0.0, y_std=np.where(stated, points.y_std, 0.0))
     most = float(_solve(basis, plain, 1.0, freedom).chi_square) / max(freedom, 1)
-    if freedom == 0 or exact.chi_square <= freedom or most <= _floor(y):
+    if freedom == 0 or surplus(0.0) <= 0 or most <= _floor(y):
         return _solve(basis, points, 0.0, freedom)
-
-    def surplus(extra: float) -> float:
-        return float(_solve(basis, points, extra**0.5, freedom, settled=False).chi_square) - freedom
 
     # with the variance `most` alone, chi-square of that fit is the freedom; more variance lowers it
     if surplus(4 * most) >= 0:

@@ -63,8 +63,10 @@ def test_order_of_the_frames_does_not_matter_unless_it_is_a_branch(rng):
     ("noise", "kind", "zero_std"),
     [(0.002, "each", 0.0), (0.002, "each", 2.5e-3), (0.01, "largest", 0.0), (0.1, "largest", 2.5e-3)],
 )
-def test_intervals_hold_the_truth_as_often_as_they_say(noise, kind, zero_std):
+def test_intervals_hold_the_truth_as_often_as_they_say(noise, kind, zero_std, monkeypatch):
     """95 % of 60 seeds; a count falls below 53 with a chance of 1 %. The gain would hide the rest."""
+    # the search for a layer takes half of the time and is a hint, which changes no interval
+    monkeypatch.setattr("contactimg.calibration.jkr._layer_asked", lambda _: None)
     radius, inside, errors = jkr.radius(LOADS, **LAW), [], []
     for seed in range(60):
         rng = np.random.default_rng(1000 + seed)

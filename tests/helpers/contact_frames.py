@@ -124,14 +124,17 @@ def scatter(n, optics, rng, *, radii=(1.5, 30.0), pairs=0.1, gaps=(0.5, 2.0), to
     rows, columns = optics.shape
     n_close, n_touch = round(n * pairs / 2), round(n * touching / 2)
     placed: list[tuple] = []
-    kept = np.empty((0, 3))
+    kept = np.empty((n, 3))
 
     def draw():
         return np.exp(rng.uniform(*np.log(radii)))
 
     def free(x, y, a, space):
         inside = a + margin <= x <= columns - 1 - a - margin and a + margin <= y <= rows - 1 - a - margin
-        return inside and bool(np.all(np.hypot(kept[:, 0] - x, kept[:, 1] - y) > kept[:, 2] + a + space))
+        if not inside:
+            return False
+        others_x, others_y, others_a = kept[: len(placed)].T
+        return bool(np.all((others_x - x) ** 2 + (others_y - y) ** 2 > (others_a + a + space) ** 2))
 
     space = 4 * optics.sigma + 2
     kinds = [2] * n_touch + [1] * n_close + [0] * (n - 2 * n_touch - 2 * n_close)
@@ -144,15 +147,15 @@ def scatter(n, optics, rng, *, radii=(1.5, 30.0), pairs=0.1, gaps=(0.5, 2.0), to
             if not free(x, y, a, space):
                 continue
             if kind == 0:
+                kept[len(placed)] = x, y, a
                 placed.append((x, y, a, 0, -1, np.nan))
-                kept = np.vstack([kept, (x, y, a)])
                 break
             gap = rng.uniform(*gaps) if kind == 1 else 0.0
             angle = rng.uniform(0, 2 * np.pi)
             x2, y2 = x + (a + b + gap) * np.cos(angle), y + (a + b + gap) * np.sin(angle)
             if free(x2, y2, b, space):
+                kept[len(placed) : len(placed) + 2] = (x, y, a), (x2, y2, b)
                 placed += [(x, y, a, kind, number, gap), (x2, y2, b, kind, number, gap)]
-                kept = np.vstack([kept, (x, y, a), (x2, y2, b)])
                 break
     return pd.DataFrame(placed, columns=["x_px", "y_px", "radius_px", "kind", "pair_id", "gap_px"])
 

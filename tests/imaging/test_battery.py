@@ -36,7 +36,7 @@ def measured(world, count):
     assert result.status == "ok" or result.message
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # means over no contacts
-        return score(scene, result, None)
+        return score(scene, result, raw=False)
 
 
 @pytest.mark.parametrize(("world", "count"), CASES)
@@ -55,7 +55,7 @@ def test_a_stated_film_makes_narrow_fringes_right(light):
     width = {"laser": 3e-9, "white": 70e-9}[light]
     rim = FilmRim(Light(1.52, 1.41, 560e-9, width, (450e-9, 680e-9)), 100e-6, 3e-6)
     result = measure_image(scene.frame, scene.reference, polarity=scene.polarity, film=FilmSetting(rim, "on"))
-    row = score(scene, result, None)
+    row = score(scene, result, raw=False)
     assert row["verdict"] == "right", (row["area_z"], row["cover2"])
     assert abs(row["bias"]) < 0.12 < abs(measured(f"Newton {light} 3 um", 25)["bias"])
 

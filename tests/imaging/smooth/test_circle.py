@@ -108,45 +108,45 @@ def errors(circle, truth):
 
 @pytest.mark.parametrize(
     "case",
-    [
-        {"film": "off"},
-        {"w": 0.0, "scene_changes": {"psf": "halo"}},
-        {"scene_changes": {"psf": "airy"}},
-        {"w": 0.005},
-    ],
-    ids=["sharp", "Hertz film and halo", "Airy", "weak adhesion"],
+    [{"film": "off"}, {"scene_changes": {"psf": "airy"}}],
+    ids=["sharp", "Airy"],
 )
 def test_circle_whatever_the_optics(case, rng):
     image, truth = frame(**({"scene_changes": {}} | case))
     image += (NOISE * rng.standard_normal(image.shape)).astype(np.float32)
     circle, _ = measured(image)
+    assert_right(circle, truth)
+
+
+def assert_right(circle, truth):
     # 1 level of 60 over 800 px of edge gives 0.002 px; the rest is what the estimator's model lacks
     assert np.abs(errors(circle, truth)).max() < 0.04
     assert 0.0005 < circle.radius_std_px < 0.01
 
 
 def test_without_the_film_in_the_model_the_radius_is_wrong(rng):
-    """Hertz's film: half the contrast lies 25 um, two pixels, outside the edge."""
-    image, truth = frame({}, w=0.0)
+    """Hertz's film behind a halo: half the contrast lies 25 um, two pixels, outside the edge."""
+    image, truth = frame({"psf": "halo"}, w=0.0)
     image += (NOISE * rng.standard_normal(image.shape)).astype(np.float32)
     circle, opening = measured(image)
     blind, _ = measured(image, opening=np.inf)
     assert opening == 0.0
+    assert_right(circle, truth)
     assert abs(circle.radius_px - truth["radius_px"]) < 0.02
     assert blind.radius_px - truth["radius_px"] > 1.5
 
 
 def test_film_tells_the_adhesion(rng):
-    image, _ = frame({}, w=0.002)
+    image, truth = frame({}, w=0.002)
     image += (NOISE * rng.standard_normal(image.shape)).astype(np.float32)
-    _, opening = measured(image)
+    circle, opening = measured(image)
     # fringes place the gap to some per cent; the opening goes as the root of w
     assert opening == pytest.approx(film_opening(contact_modulus=4e6, work_of_adhesion=0.002), rel=0.05)
+    assert_right(circle, truth)
 
 
 def test_dust_and_a_scratch_do_not_matter(rng):
     image, truth = frame({})
-    clean, _ = measured(image, opening=np.inf)
     image += (NOISE * rng.standard_normal(image.shape)).astype(np.float32)
     for angle in rng.uniform(0, 2 * np.pi, 12):  # grains on the very edge
         x = truth["x_px"] + truth["radius_px"] * np.cos(angle)
@@ -154,7 +154,7 @@ def test_dust_and_a_scratch_do_not_matter(rng):
         image[int(y) - 2 : int(y) + 3, int(x) - 2 : int(x) + 3] -= 40
     image[:, 150:153] += 50
     dirty, _ = measured(image, opening=np.inf)
-    assert np.abs(np.subtract(errors(dirty, truth), errors(clean, truth))).max() < 0.05
+    assert np.abs(errors(dirty, truth)).max() < 0.05
     assert dirty.arc < 1
 
 
