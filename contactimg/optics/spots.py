@@ -6,6 +6,7 @@ Blurring and averaging are linear, so contacts that share no fine cell are rende
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,8 @@ Values = NDArray[np.float64]
 Box = tuple[int, int, int, int]
 
 BLOCK_PX = 64  # largest side of a finely sampled block without margins; chosen for speed
+gauss_nodes = cache(np.polynomial.legendre.leggauss)
+
 POINTS_PER_FRINGE = 1.5  # at the end of the film's table; chosen: 3 where fringes have 5 % of the contrast
 
 
@@ -60,7 +63,7 @@ class Spots:
         """Mean light of the chosen spots in each cell of a grid whose first cell is centred at ``origin``."""
         # the linear rim as a sum of disks, two or more a pixel: Gauss nodes give its area exactly
         count = max(2, math.ceil(2 * self.rim_px)) if self.rim_px else 1
-        nodes, weights = np.polynomial.legendre.leggauss(count)
+        nodes, weights = gauss_nodes(count)
         return cover_cells(
             shape,
             self.disks[chosen],
