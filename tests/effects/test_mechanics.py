@@ -1,14 +1,23 @@
 """Estimates of the mechanical effects against switching them: honest, in every unit, on hard cases too."""
 
 import re
-from dataclasses import replace
 from functools import cache, partial
 from itertools import cycle, product
 
 import numpy as np
 import pandas as pd
 import pytest
-from effect_scenes import SA_LENS, SCENES, caps, hexagon, mechanical_scene, pattern, possible_effects
+from effect_scenes import (
+    SA_LENS,
+    SCENES,
+    caps,
+    for_output,
+    hexagon,
+    mechanical_scene,
+    mechanics_of,
+    pattern,
+    possible_effects,
+)
 
 from contactimg import ConvergenceError, InputError, ModelRangeError
 from contactimg.effects.mechanics import (
@@ -48,19 +57,6 @@ def truth_of(name):
     """The complete answer of a scene, and those with one effect left out."""
     able = possible_effects(mechanical_scene(name)[0])
     return {effect: switched(name, able - {effect}) for effect in able} | {"": switched(name, able)}
-
-
-@cache
-def mechanics_of(name):
-    """The estimates of a scene, of which the tolerance states the output alone."""
-    scene, table, load = mechanical_scene(name)
-    return estimate_mechanics(scene, table, load=load)
-
-
-def for_output(name, scene, _table, *, load):
-    """What `estimate_mechanics` gives for the scene of this name with another output."""
-    found, output = mechanics_of(name), scene.tolerance.output
-    return replace(found, estimates=tuple(replace(e, change=e.changes[output]) for e in found.estimates))
 
 
 def estimates(name):
