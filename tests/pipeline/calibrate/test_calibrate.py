@@ -299,6 +299,7 @@ def test_process_with_the_calibration(threshold_result, tmp_path):
     assert used["threshold"] == record["threshold"]
 
 
+@pytest.mark.usefixtures("figures_stay_unwritten")
 def test_a_calibration_is_handed_on_whole(threshold_result, tmp_path, capsys):
     folder = copy_of(threshold_result[0], tmp_path / "frames")
     with_scene(folder, elastic={"young_modulus_Pa": 2.85e6})
