@@ -36,6 +36,7 @@ NOT_RUN = ("--cluster", "contactimg review", ".sur")
 
 SHORTENED = {
     "contactimg process": " --no-pictures --workers 1",
+    "contactimg analyse my_frames": " --no-models",
     "contactimg analyse runs": " --no-models",
     "contactimg tradeoff": " --knob model",
     "contactimg calibrate jkr": " --frames frame_0[1-3].tif",
