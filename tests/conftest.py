@@ -56,6 +56,12 @@ def _figures_are_svg_alone_and_processes_are_started_only_where_asked_for():
         yield
 
 
+@pytest.fixture
+def figures_stay_unwritten(monkeypatch):
+    """Figures are made, but in no format: for tests of what is beside them."""
+    monkeypatch.setattr("contactimg.files.figures.FIGURE_FORMATS", ())
+
+
 @pytest.fixture(scope="session")
 def small_series(tmp_path_factory) -> Path:
     """Folder of a small synthetic series; copy it before you change it."""

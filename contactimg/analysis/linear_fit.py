@@ -244,8 +244,10 @@ def two_lines(place: float) -> Basis:
 
     def terms(x: Values) -> tuple[Values, Values]:
         away, below = x - place, x < place
-        columns = [np.ones_like(x), np.minimum(away, 0.0), np.maximum(away, 0.0)]
-        return np.stack(columns, -1), np.stack([np.zeros_like(x), below, ~below], -1).astype(float)
+        values, slopes = np.ones((*x.shape, 3)), np.zeros((*x.shape, 3))
+        values[..., 1], values[..., 2] = np.minimum(away, 0.0), np.maximum(away, 0.0)
+        slopes[..., 1], slopes[..., 2] = below, ~below
+        return values, slopes
 
     return terms
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -265,6 +266,7 @@ def fit_broken_law(
     breaks = break_places(u)
     single = fit_power_law(x, y, x_std=x_std, y_std=y_std, correlation=correlation, confidence=confidence)
 
+    @cache
     def misfit(place: float, scatter: float) -> float:
         """Chi-square; infinite where the points on one side do not decide on an exponent."""
         try:

@@ -92,11 +92,14 @@ def test_forces_add_up_to_the_load(finished):
 
 
 def test_workers_do_not_change_the_result(tmp_path, monkeypatch):
-    """Neither of the frames that they measure nor of the blocks of the tables that they write."""
+    """Neither of frames, pooled background and frames measured on it, nor of the blocks of the tables."""
     series, (one, two) = write_small_series(tmp_path / "series", TINY), (tmp_path / "one", tmp_path / "two")
+    named = 'reference = "reference.tif"\n'
+    edit(series / "scene.toml", named, named + 'background = "pooled"\n')
     monkeypatch.setattr(measured_series, "BLOCK_FRAMES", 1)
     for out, workers in ((one, 1), (two, 2)):
         assert process(series, "-o", out, "--workers", workers) == 0
+    assert frames_of(one)["message"].str.contains("background pooled from").all()
     assert "contacts.csv" in files_of(one)
     assert files_of(one) == files_of(two)
 

@@ -1,14 +1,23 @@
 """Estimates of the mechanical effects against switching them: honest, in every unit, on hard cases too."""
 
 import re
-from dataclasses import replace
 from functools import cache, partial
 from itertools import cycle, product
 
 import numpy as np
 import pandas as pd
 import pytest
-from effect_scenes import SA_LENS, SCENES, caps, hexagon, mechanical_scene, pattern, possible_effects
+from effect_scenes import (
+    SA_LENS,
+    SCENES,
+    caps,
+    for_output,
+    hexagon,
+    mechanical_scene,
+    mechanics_of,
+    pattern,
+    possible_effects,
+)
 
 from contactimg import ConvergenceError, InputError, ModelRangeError
 from contactimg.effects.mechanics import (
@@ -43,29 +52,11 @@ def switched(name, on):
     return answer(scene, table, load)
 
 
-@pytest.fixture(scope="module")
-def truths():
-    """For each scene the complete answer and those with one effect left out."""
-    found = {}
-    for name in SCENES:
-        able = possible_effects(mechanical_scene(name)[0])
-        found[name] = {effect: switched(name, able - {effect}) for effect in able} | {
-            "": switched(name, able)
-        }
-    return found
-
-
 @cache
-def mechanics_of(name):
-    """The estimates of a scene, of which the tolerance states the output alone."""
-    scene, table, load = mechanical_scene(name)
-    return estimate_mechanics(scene, table, load=load)
-
-
-def for_output(name, scene, _table, *, load):
-    """What `estimate_mechanics` gives for the scene of this name with another output."""
-    found, output = mechanics_of(name), scene.tolerance.output
-    return replace(found, estimates=tuple(replace(e, change=e.changes[output]) for e in found.estimates))
+def truth_of(name):
+    """The complete answer of a scene, and those with one effect left out."""
+    able = possible_effects(mechanical_scene(name)[0])
+    return {effect: switched(name, able - {effect}) for effect in able} | {"": switched(name, able)}
 
 
 def estimates(name):
@@ -78,19 +69,19 @@ def change(truth, effect, output):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_estimates_are_within_a_factor_of_the_truth(truths, name):
+def test_estimates_are_within_a_factor_of_the_truth(name):
     for (effect, changes), output in product(estimates(name).items(), OUTPUTS):
-        truth = change(truths[name], effect, output) if effect in truths[name] else 0.0
+        truth = change(truth_of(name), effect, output) if effect in truth_of(name) else 0.0
         small = max(truth, changes[output]) <= STRICT
         assert small or 1 / FACTOR < changes[output] / truth < FACTOR, (effect, output, truth, changes)
 
 
 @pytest.mark.parametrize("effect", MECHANICAL_EFFECTS)
-def test_every_effect_matters_somewhere_and_its_estimate_says_by_how_much(truths, effect):
+def test_every_effect_matters_somewhere_and_its_estimate_says_by_how_much(effect):
     """Some scene is moved by more than one per cent by the switch, and told within 30 per cent."""
     moved = {
         name: change(truth, effect, "area")
-        for name, truth in truths.items()
+        for name, truth in ((name, truth_of(name)) for name in SCENES)
         if effect in truth and change(truth, effect, "area") > 0.01
     }
     assert moved
@@ -99,7 +90,7 @@ def test_every_effect_matters_somewhere_and_its_estimate_says_by_how_much(truths
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_all_that_the_plan_drops_changes_less_than_the_tolerance(truths, monkeypatch, name):
+def test_all_that_the_plan_drops_changes_less_than_the_tolerance(monkeypatch, name):
     monkeypatch.setattr("contactimg.effects.plan.estimate_mechanics", partial(for_output, name))
     answers = {}
     for output, relative in zip(OUTPUTS, cycle([1e-2, 5e-3])):
@@ -108,7 +99,7 @@ def test_all_that_the_plan_drops_changes_less_than_the_tolerance(truths, monkeyp
         switches = frozenset(planned.effects.switches().items())
         if switches not in answers:
             answers[switches] = answer(planned, table, load)
-        change = relative_change(output, without=answers[switches], complete=truths[name][""])
+        change = relative_change(output, without=answers[switches], complete=truth_of(name)[""])
         assert change < relative, output
 
 
@@ -282,9 +273,9 @@ HARD = {
         3e-5,
     ),
     "radii over six decades": lambda: caps(
-        *(np.random.default_rng(3).random((2, 200)) * 0.1 - 0.05),
+        *(np.random.default_rng(3).random((2, 60)) * 0.1 - 0.05),
         1.0,
-        10 ** np.random.default_rng(4).uniform(-7, -1, 200),
+        10 ** np.random.default_rng(4).uniform(-7, -1, 60),
     ),
     "pair close to instability": lambda: caps([0.0, 1.4e-5], [0.0, 0.0]),
 }

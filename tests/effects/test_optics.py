@@ -2,6 +2,7 @@
 
 import json
 import re
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from small_series import SCENE
 
 from contactimg import measure_image, render_contacts, render_reference, scene_from_dict
 from contactimg.cli import main
+from contactimg.effects import optics as optics_module
 from contactimg.effects.optics import (
     OPTICS,
     SHARP_BLUR_PX,
@@ -20,6 +22,7 @@ from contactimg.effects.optics import (
     film_makes_the_contrast,
     measuring,
 )
+from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import make_plan
 from contactimg.files import read_frames, read_scene, write_scene
 from contactimg.imaging import foreground
@@ -42,18 +45,29 @@ def estimates_of(scene, contacts):
     return {estimate.effect: estimate for estimate in estimate_optics(scene, contacts)}
 
 
-@pytest.fixture(scope="module")
-def tried():
-    """Contacts and estimates of some scenes, each made once."""
-    made = {}
+def estimates_alone(scene, contacts, *effects):
+    """Estimates of these effects, each of which is the same without the others."""
+    one_by_one = optics_module._estimate
 
-    def of(name):
-        if name not in made:
-            photographed = Photographed.of(optics_scene(name))
-            made[name] = photographed, estimates_of(photographed.scene, photographed.contacts)
-        return made[name]
+    def asked(effect, *arguments):
+        return one_by_one(effect, *arguments) if effect in effects else EffectEstimate(effect, 0.0, "")
 
-    return of
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(optics_module, "_estimate", asked)
+        found = estimates_of(scene, contacts)
+    return {effect: found[effect] for effect in effects}
+
+
+@cache
+def tried(name):
+    """The contacts of a scene, photographed."""
+    return Photographed.of(optics_scene(name))
+
+
+@cache
+def estimated(name, effect):
+    """The estimate of an effect on a scene."""
+    return estimates_alone(tried(name).scene, tried(name).contacts, effect)[effect]
 
 
 @pytest.mark.slow
@@ -71,11 +85,11 @@ def tried():
         ("dusty, counted", "dust"),
     ],
 )
-def test_estimates_are_honest(tried, name, effect):
-    photographed, estimates = tried(name)
+def test_estimates_are_honest(name, effect):
+    photographed = tried(name)
     tolerance = photographed.scene.tolerance.relative
     truth, error = true_change(photographed, effect, range(3))
-    guess = estimates[effect].change
+    guess = estimated(name, effect).change
     # three realisations know the truth to its standard error; two of those are allowed for
     assert max(guess, truth - 2 * error) < tolerance or (
         (truth - 2 * error) / FACTOR <= guess <= FACTOR * (truth + 2 * error)
@@ -84,8 +98,8 @@ def test_estimates_are_honest(tried, name, effect):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["plain", "plain, counted"])
-def test_all_that_the_plan_leaves_out_changes_less_than_the_tolerance(tried, name):
-    photographed, _ = tried(name)
+def test_all_that_the_plan_leaves_out_changes_less_than_the_tolerance(name):
+    photographed = tried(name)
     scene = photographed.scene
     asperities = need_asperities(scene, "a test")
     plan = make_plan(scene, asperities, load=scene.simulate.loads[0])
@@ -97,13 +111,13 @@ def test_all_that_the_plan_leaves_out_changes_less_than_the_tolerance(tried, nam
     assert change - 2 * error < scene.tolerance.relative
 
 
-def test_half_height_moves_by_the_square_of_the_blur(tried):
-    photographed, estimates = tried("plain, counted")
+def test_half_height_moves_by_the_square_of_the_blur():
+    photographed = tried("plain, counted")
     radius = photographed.contacts["radius_m"].to_numpy() / photographed.scene.camera.pixel_size
     # half height lies s^2/(2 a) inside the edge, s^2 = 1.4^2 + 1/12; without blur the pixel's 1/12: each
     # contact loses 2 pi a 1.4^2/(2 a) to first order, those below 1.2 s all that they have
     expected = len(radius) * np.pi * 1.4**2 / np.sum(np.pi * radius**2)
-    assert estimates["blur"].change == pytest.approx(expected, rel=0.25)
+    assert estimated("plain, counted", "blur").change == pytest.approx(expected, rel=0.25)
 
 
 def test_without_a_simulation_nothing_is_estimated():
@@ -122,23 +136,25 @@ def test_parameters_of_zero_cannot_act():
     assert estimates_of(scene, CONTACTS.empty())["quantisation"].reason == "no contact lies in the frame"
 
 
-def test_other_units_of_brightness_give_the_same_estimates(tried):
-    photographed, eight = tried("plain, counted")
+def test_other_units_of_brightness_give_the_same_estimates():
+    photographed = tried("plain, counted")
     # sixteen times as many levels of a sixteenth of the electrons: only their steps are finer
     finer = {"background_levels": 80.0 * 16, "contrast_levels": 100.0 * 16, "bit_depth": 12}
     finer = finer | {"electrons_per_level": 20.0 / 16}
 
-    def estimated(changes, **effects):
+    def estimates(changes, *names, **effects):
         simulate = photographed.scene.simulate.model_copy(update=changes)
         switches = photographed.scene.effects.model_copy(update=effects)
         scene = photographed.scene.model_copy(update={"simulate": simulate, "effects": switches})
-        return estimates_of(scene, photographed.contacts)
+        return estimates_alone(scene, photographed.contacts, *names)
 
-    plain, scaled = (estimated(changes, quantisation="off") for changes in ({}, finer))
-    for effect in ("blur", "shot_noise", "vignetting", "edge_roughness"):
+    names = ("blur", "shot_noise", "vignetting", "edge_roughness")
+    plain, scaled = (estimates(changes, *names, quantisation="off") for changes in ({}, finer))
+    for effect in names:
         # single precision; a pixel at the threshold may fall otherwise, one of some 1e4
         assert scaled[effect].change == pytest.approx(plain[effect].change, rel=1e-3, abs=2e-4), effect
-    assert estimated(finer)["quantisation"].change < eight["quantisation"].change
+    eight, twelve = (estimates(changes, "quantisation")["quantisation"] for changes in ({}, finer))
+    assert twelve.change < eight.change
 
 
 def test_drift_of_position_is_rendered_and_corrected():
@@ -147,7 +163,7 @@ def test_drift_of_position_is_rendered_and_corrected():
         {"camera": {"pixel_size_m": 1e-6}, "simulate": keys, "tolerance": {"output": "area"}}
     )
     contacts = pd.DataFrame({"x_m": [-40e-6, 0.0], "y_m": [0.0, 0.0], "radius_m": [8e-6, 8e-6]})
-    found = estimates_of(scene, CONTACTS.conform(contacts))["position_drift"]
+    found = estimates_alone(scene, CONTACTS.conform(contacts), "position_drift")["position_drift"]
     assert found.change < 0.01
     assert "corrected" in found.reason
 
@@ -164,13 +180,12 @@ def test_the_film_makes_contrasts_within_a_factor_of_two(background, contrast, e
     )
 
 
-def test_film_under_other_light_is_left_out_and_says_why(tried):
-    _, estimates = tried("plain, counted")
-    assert estimates["film"].change == 0
-    assert estimates["film"].reason.endswith("the contrast has another cause")
-    _, estimates = tried("film, counted")
+def test_film_under_other_light_is_left_out_and_says_why():
+    other = estimated("plain, counted", "film")
+    assert other.change == 0
+    assert other.reason.endswith("the contrast has another cause")
     # half height of contacts of some 25 um lies 0.8 um too far out: 3 % of the radius, less under the blur
-    assert 0.015 < estimates["film"].change < 0.06
+    assert 0.015 < estimated("film, counted", "film").change < 0.06
 
 
 # --- what is off is not computed ----------------------------------------------------------------------------
@@ -397,7 +412,7 @@ def test_a_full_scale_that_is_off_flags_nothing():
 
 
 def test_a_frame_without_noise_is_measured_as_well_as_one_with():
-    photographed = Photographed.of(optics_scene("plain"))
+    photographed = tried("plain")
     quiet = photographed.everything - {"shot_noise", "read_noise", "quantisation"}
     area = photographed.amounts(quiet, range(1)).sum()
     radius = photographed.contacts["radius_m"].to_numpy() / photographed.scene.camera.pixel_size

@@ -36,6 +36,7 @@ def test_both_formats_hold_the_same(runs):
     assert two.changed == ()
 
 
+@pytest.mark.usefixtures("figures_stay_unwritten")
 @pytest.mark.parametrize("command", ["analyse", "overlay", "export"])
 def test_commands_give_the_same_from_both(runs, tmp_path, command):
     found, fewer = [], ["--no-models"] if command == "analyse" else []

@@ -1,10 +1,14 @@
 """Scenes that span the switches of the mechanical effects, each with its load: small enough for seconds."""
 
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pandas as pd
 
 from contactimg import generate_asperities
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg.effects.output_change import requested_outputs
 from contactimg.scene import Scene, scene_from_dict
 
 SA_LENS, RA_LENS = 0.1288, 0.013
@@ -118,3 +122,17 @@ def possible_effects(scene):
     adheres = scene.elastic.work_of_adhesion > 0
     able = {"adhesion": adheres, "full_coupling": not adheres, "layer": scene.elastic.thickness is not None}
     return {name for name in MECHANICAL_EFFECTS if able.get(name, True)}
+
+
+@cache
+def mechanics_of(name):
+    """The estimates of a scene, of which the tolerance states the output alone."""
+    scene, table, load = mechanical_scene(name)
+    return estimate_mechanics(scene, table, load=load)
+
+
+def for_output(name, scene, _table, *, load):
+    """What `estimate_mechanics` gives for the scene of this name with another output."""
+    found, outputs = mechanics_of(name), requested_outputs(scene.tolerance.output)
+    estimates = (replace(e, change=max(e.changes[output] for output in outputs)) for e in found.estimates)
+    return replace(found, estimates=tuple(estimates))

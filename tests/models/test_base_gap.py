@@ -33,8 +33,8 @@ def pattern(kind, seed, **options):
     return generate_asperities(kind, side=SIDE, rng=np.random.default_rng(seed), **options)
 
 
-def brute_force_gap(table, solution, lens, *, apex=MIDDLE, step=6e-6, reach=9e-4):
-    """Smallest gap on a dense grid and on the rims of the caps, by Johnson's formula of Hertz's contact.
+def brute_force_gap(table, solution, lens, *, apex=MIDDLE, step=6e-6, reach=9e-4, on_rim=90):
+    """Smallest gap on a dense grid and at points on the rims of the caps, by Johnson's formula for Hertz.
 
     It is written with contact radii and radii of curvature, where the package takes forces.
     """
@@ -43,7 +43,7 @@ def brute_force_gap(table, solution, lens, *, apex=MIDDLE, step=6e-6, reach=9e-4
     steps = np.arange(-reach, reach, step)
     px, py = (v.ravel() for v in np.meshgrid(apex[0] + steps, apex[1] + steps))
     rows = solution.touching
-    turn = np.linspace(0, 2 * np.pi, 90)[:, None]
+    turn = np.linspace(0, 2 * np.pi, on_rim)[:, None]
     px = np.concatenate([px, (x[rows] + 1.000001 * base[rows] * np.cos(turn)).ravel()])
     py = np.concatenate([py, (y[rows] + 1.000001 * base[rows] * np.sin(turn)).ravel()])
     free = np.hypot(px - apex[0], py - apex[1]) < 1.5 * reach
@@ -96,7 +96,8 @@ def test_many_contacts_take_fast_sums():
     found = solution.base_gap
     assert solution.touching.size > 1500
     r = np.hypot(solution.x - found.x, solution.y - found.y)[solution.touching]
-    near = brute_force_gap(table, solution, 0.5, apex=(0.015, 0.015), step=5e-5, reach=3e-3)
+    grids = {"step": 5e-5, "reach": 3e-3, "on_rim": 30}
+    near = brute_force_gap(table, solution, 0.5, apex=(0.015, 0.015), **grids)
     assert found.least == pytest.approx(near, abs=2e-8)
     assert r.min() > 0
 

@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 from browser import BROWSER, Browser
 from PIL import Image
-from small_series import copy_of
+from small_series import TINY, copy_of, write_small_series
 
 from contactimg.cli import main
 from contactimg.errors import InputError
@@ -68,8 +68,14 @@ def run(finished):
 
 
 @pytest.fixture(scope="module")
-def page(run):
-    return Page(build_report(run))
+def html(run):
+    """The report as it is written."""
+    return build_report(run)
+
+
+@pytest.fixture(scope="module")
+def page(html):
+    return Page(html)
 
 
 def test_every_part_is_there(page):
@@ -90,21 +96,19 @@ def test_a_page_is_made_without_temporary_files(run, monkeypatch):
     assert "data:image/svg+xml" in build_report(run)
 
 
-def test_the_first_page_says_what_was_measured_and_what_is_wrong(run):
-    page = build_report(run)
-    first = " ".join(Page(page[: page.index('id="frames"')]).text)
+def test_the_first_page_says_what_was_measured_and_what_is_wrong(html):
+    first = " ".join(Page(html[: html.index('id="frames"')]).text)
     assert "Smooth lens of radius 128.8 mm on textured rubber: 3 frames" in first
     for part in ("E = 3.000 ± 0.030 MPa", "exponent m of A ~ P", "95 % interval", "real contact area", "mm²"):
         assert part in first
     assert "1 of 3 frames has the status “failed” (frame_2.tif)." in first
 
 
-def test_area_is_drawn_once_and_captions_are_sentences(run):
-    page = build_report(run)
-    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
+def test_area_is_drawn_once_and_captions_are_sentences(html):
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", html)
     assert sum("area A against load P" in caption for caption in captions) == 1
     assert all(caption.endswith(".") for caption in captions)
-    shown = " ".join(Page(page[: page.index('id="provenance"')]).text)
+    shown = " ".join(Page(html[: html.index('id="provenance"')]).text)
     assert not re.search(r"\d[eE][+-]?\d", shown)  # numbers as a person writes them
 
 
@@ -120,7 +124,7 @@ def test_pictures_share_a_limited_size(tmp_path):
             assert image.width / image.height == pytest.approx(4 / 3, rel=0.01)
 
 
-def test_the_page_refers_to_nothing_outside(run, page):
+def test_the_page_refers_to_nothing_outside(html, page):
     for tag, attributes in page.tags:
         for name in ("src", "href", "action", "data", "poster", "srcset"):
             if name in attributes:
@@ -128,7 +132,7 @@ def test_the_page_refers_to_nothing_outside(run, page):
     assert not page.all("link")
     policy = next(a for a in page.all("meta") if a.get("http-equiv") == "Content-Security-Policy")
     assert "default-src 'none'" in policy["content"]
-    assert not re.search(r"url\(|@import|fetch\(|XMLHttpRequest", build_report(run))
+    assert not re.search(r"url\(|@import|fetch\(|XMLHttpRequest", html)
 
 
 def test_links_lead_to_parts_of_the_page(page):
@@ -138,11 +142,11 @@ def test_links_lead_to_parts_of_the_page(page):
     assert targets <= set(names)
 
 
-def test_hostile_names_stay_text(run, page):
+def test_hostile_names_stay_text(html, page):
     assert HOSTILE in " ".join(page.text)
     assert len(page.all("script")) == 1  # the viewer's own
     assert not page.all("b") or all(tag != "alert" for tag, _ in page.tags)
-    assert "<script>alert" not in build_report(run)
+    assert "<script>alert" not in html
     captions = [attributes.get("alt") for attributes in page.all("img")]
     assert any(HOSTILE in str(caption) for caption in captions)
 
@@ -212,15 +216,15 @@ def test_what_is_no_run_is_refused(tmp_path, run):
         build_report(run, others=[other])
 
 
-@pytest.mark.slow
-def test_the_command_writes_the_page_beside_the_run(small_series, tmp_path, capsys):
-    folder = process(small_series, tmp_path / "run")
+def test_the_command_writes_the_page_beside_the_run(tmp_path, capsys):
+    series = write_small_series(tmp_path / "series", TINY)
+    folder = process(series, tmp_path / "run")
     assert main(["report", str(folder)]) == 0
     assert "report.html" in capsys.readouterr().out
     assert (folder / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert main(["report", str(folder), "--quiet", "-o", str(tmp_path / "page.html")]) == 0
     # a second run replaces the first and leaves the page
-    process(small_series, folder)
+    process(series, folder)
     assert (folder / "report.html").exists()
     assert len(pd.read_csv(folder / "frames.csv")) == 3
 
@@ -259,9 +263,9 @@ def in_browser(address, folder):
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-def test_a_browser_opens_the_page_and_its_viewer(run, tmp_path):
+def test_a_browser_opens_the_page_and_its_viewer(html, tmp_path):
     file = Path(tmp_path / "page.html")
-    file.write_text(build_report(run), encoding="utf-8")
+    file.write_text(html, encoding="utf-8")
     page = in_browser(file.as_uri(), tmp_path)
     assert [name for name in SECTIONS if name not in page.sections] == []
     assert "open" not in page.all("dialog")[0]
@@ -275,10 +279,10 @@ def test_a_browser_opens_the_page_and_its_viewer(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-def test_the_page_fits_a_phone_and_a_few_sheets_of_paper(run, tmp_path):
+def test_the_page_fits_a_phone_and_a_few_sheets_of_paper(html, tmp_path):
     pytest.importorskip("websocket")
     file = tmp_path / "page.html"
-    file.write_text(build_report(run), encoding="utf-8")
+    file.write_text(html, encoding="utf-8")
     with Browser(tmp_path, (390, 844)) as browser:
         browser.open(file.as_uri(), "document.images.length > 3")
         assert browser.evaluate("document.documentElement.scrollWidth") <= 390

@@ -108,6 +108,7 @@ def with_scene(run, target, section, **keys):
     return target
 
 
+@pytest.mark.usefixtures("figures_stay_unwritten")
 def test_runs_of_different_lenses_or_surfaces_are_told_apart(run, tmp_path, capsys):
     shutil.copytree(run, tmp_path / "twin")
     assert list(differences([open_place(run), open_place(tmp_path / "twin")])) == []
