@@ -77,8 +77,8 @@ WEIGHT_CAP = 8.0
 decides."""
 
 
-FaintRegion = tuple[np.void, float, tuple[int, int], NDArray[np.float32]]
-"""A region, its plateau, the corner of its window, and the window."""
+FaintRegion = tuple[float, NDArray[np.float64], bool]
+"""The plateau of a region, the disks in it, and whether it is one ellipse."""
 
 
 @dataclass(frozen=True)
@@ -224,25 +224,24 @@ def find_candidates(
         others.append(np.column_stack([np.broadcast_to(height, len(disks)), np.full(len(disks), whole)]))
 
     faint, ragged = _faint_regions(image, valid, max(noise / 2.0, rounding), level, regions)
-    regions, plateau, bright = regions[~ragged], plateau[~ragged], bright[~ragged]
-    one = is_round(regions, smooth.shape) & ~bright
+    bright &= ~ragged
+    one = is_round(regions, smooth.shape) & ~bright & ~ragged
     add(_disks_of(regions[one]), plateau[one])
-    for k in np.flatnonzero(~one & ~bright & (regions["area"] > LEAST_AREA_PX2)):
-        disks, whole = disks_in_region(regions[k], smooth, level)
+    for k in np.flatnonzero(~one & ~bright & ~ragged & (regions["area"] > LEAST_AREA_PX2)):
+        disks, whole = disks_in_region(regions[k], k, runs, smooth.shape)
         lower = _whole_at_lower_level(regions[k], smooth, level) if len(disks) > 1 else None
         add(disks if lower is None else lower, plateau[k], whole=whole or lower is not None)
     for k in np.flatnonzero(bright):
         for height, disks, whole in _at_own_half(regions[k], smooth, level, float(plateau[k])):
             add(disks, height, whole=whole)
-    for region, height, corner, window in faint:
-        disks, whole = disks_in_region(region, window, 0.5 * height)
+    for height, disks, whole in faint:
         small = _small_at(height / contrast, blur) if contrast > height else 0.0
         spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + FAINT_SMOOTHING_PX**2)
         if len(disks) == 1 and disks[0, 2] < WIDER_RATIO * spot:
-            disks[0, 2], whole = small, False
-            add(disks + np.array([*corner, 0.0]), contrast)
-            continue
-        add(disks + np.array([*corner, 0.0]), height, whole=whole)
+            disks[0, 2] = small
+            add(disks, contrast)
+        else:
+            add(disks, height, whole=whole)
     disks, other = np.vstack(places), np.vstack(others)
     order = np.argsort(-disks[:, 2], kind="stable")
     if valid is not None and len(disks):
@@ -374,15 +373,17 @@ def _at_own_half(
     corner = np.array([box[1].start, box[0].start, 0.0])
     window = np.ascontiguousarray(image[box])
     covered = np.zeros(window.shape, np.uint8)
-    for part in label_runs(window, 0.5 * plateau)[0]:
-        disks, whole = disks_in_region(part, window, 0.5 * plateau)
+    parts, runs = label_runs(window, 0.5 * plateau)
+    for k, part in enumerate(parts):
+        disks, whole = disks_in_region(part, k, runs, window.shape)
         yield plateau, disks + corner, whole
         for x, y, a in disks:
             cv2.circle(covered, (round(x), round(y)), int(np.ceil(1.15 * a + 2)), 1, cv2.FILLED)
     rest = np.where(covered > 0, np.float32(0.0), window)
-    for part in label_runs(rest, level)[0]:
+    parts, runs = label_runs(rest, level)
+    for k, part in enumerate(parts):
         if part["area"] > WIDE_PX2:
-            disks, whole = disks_in_region(part, rest, level)
+            disks, whole = disks_in_region(part, k, runs, rest.shape)
             yield 2.0 * level, disks + corner, whole
 
 
@@ -417,9 +418,10 @@ def _faint_regions(
         box = (slice(top, 2 * int(support[k]["bottom"]) + 4), slice(left, 2 * int(support[k]["right"]) + 4))
         blurred = cv2.GaussianBlur(image[box], (0, 0), FAINT_SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
         window = np.asarray(blurred, np.float32)
-        parts = label_runs(window, 0.5 * float(plateau[k]))[0]
-        wide = parts[parts["area"] > 0.5 * WIDE_PX2]
-        found.extend((part, float(plateau[k]), (left, top), window) for part in wide)
+        parts, pieces = label_runs(window, 0.5 * float(plateau[k]))
+        for i in np.flatnonzero(parts["area"] > 0.5 * WIDE_PX2):
+            disks, whole = disks_in_region(parts[i], i, pieces, window.shape)
+            found.append((float(plateau[k]), disks + np.array([left, top, 0.0]), whole))
     return found, ragged
 
 

@@ -60,17 +60,19 @@ def is_round(regions: NDArray[np.void], shape: tuple[int, ...]) -> NDArray[np.bo
 
 
 def disks_in_region(
-    region: np.void, image: NDArray[np.float32], level: float
+    region: np.void, number: int | np.integer, runs: NDArray[np.int64], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.float64], bool]:
-    """Disks inscribed in one region above a level, and whether it is one ellipse as a whole.
+    """Disks inscribed in a region, and whether it is one ellipse as a whole.
 
+    The region is the component of that ``number`` in the ``runs`` of an image of this shape
+    (`contactimg.imaging.detect.components.label_runs`).
     Holes that are small against the region, which noise or mottling makes, are filled. A region that is an
     ellipse, or nearly one and convex, when all its holes are is one contact, the disk of its area.
     """
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
-    above = image[top : bottom + 1, left : right + 1] > level
-    own = component_at(above, int(region["peak_x"]) - left, int(region["peak_y"]) - top)
-    cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
+    own = np.zeros((bottom - top + 1, right - left + 1), np.uint8)
+    _draw(own, runs, number, np.searchsorted(runs[:, 0], top), top, left)
+    cut = (top == 0, bottom == shape[0] - 1, left == 0, right == shape[1] - 1)
     corner, holes = np.array([left, top, 0.0]), find_holes(own)
     disk = None if any(cut) else as_one_contact(fill(own, holes, LARGEST_WHOLE_HOLES * own.sum()), own)
     if disk is not None:
@@ -83,6 +85,16 @@ def disks_in_region(
     if not len(disks):
         disks = np.array([[region["x"], region["y"], np.sqrt(region["area"] / np.pi)]]) - corner
     return disks + corner, False
+
+
+@njit(cache=True)
+def _draw(mask, runs, number, first, top, left):
+    """Set the pixels of the component of a number, whose runs begin at the first or later."""
+    for i in range(first, len(runs)):
+        if runs[i, 0] >= top + len(mask):
+            break
+        if runs[i, 3] == number:
+            mask[runs[i, 0] - top, runs[i, 1] - left : runs[i, 2] - left + 1] = 1
 
 
 def component_at(above: NDArray[np.bool_], x: int, y: int) -> NDArray[np.uint8]:
