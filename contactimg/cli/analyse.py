@@ -40,7 +40,7 @@ def analyse(
     distance from the apex), pressure_law.csv (density and mean radius of the contacts against local
     pressure), friction.csv, asperities.csv (each asperity in each frame, with displacement or upper limit),
     results.csv (exponents and other numbers with confidence intervals), provenance.json, and the figures as
-    PNG and SVG.
+    PNG, SVG and PDF.
 
     Exit codes: 0 done, 2 nothing done, also where fewer than half of the contacts match those of the model.
 

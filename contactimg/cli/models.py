@@ -155,9 +155,9 @@ def effects(
     """Decide which physical effects matter for SCENE, a scene.toml or the folder that holds one.
 
     Prints for each effect of the mechanics, the optics and the sensor: the number that decides, whether it is
-    computed, the relative change of the output if it were left out, and the computing time with it over that
-    without it. All effects that are left out change the output together by less than the tolerance. Effects
-    that the section [effects] of the scene switches "on" or "off" stay so, unless --auto.
+    computed, and the relative change of the output if it were left out. All effects that are left out change
+    the output together by less than the tolerance. Effects that the section [effects] of the scene switches
+    "on" or "off" stay so, unless --auto.
 
     Writes nothing, unless -o names a folder: then effects.csv and provenance.json.
 
