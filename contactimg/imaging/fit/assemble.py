@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import Candidates, find_candidates
-from contactimg.imaging.detect.peaks import filter_residual, find_peaks, least_peak
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual, find_peaks, least_peak
 from contactimg.imaging.fit.covers import (
     SETTLED_GROWTH_RATIO,
     Replacement,
@@ -44,6 +45,9 @@ GROWTH_RATIO = 1.3
 """Largest fitted radius over that of the candidate, besides one blur width. By hand."""
 LEAST_RIM_PEAK = 0.12
 """Height of a residual peak near a rim that becomes a disk, of the contrast. By hand: for imperfect rims."""
+ROUGH_RATIO = 1.5
+"""Scatter of the residuals around a peak over the noise from which the peak must stand out of that scatter.
+By hand: compression and sharpening ring beside contacts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,6 +208,11 @@ class _Assembly:
             peaks = peaks[~are_parts(peaks, fit.disks[self.whole], problem.image, 0.5 * contrast)]
         at_rim = _near_rims(peaks, fit.disks, REACH_BLUR_WIDTHS * fit.blur)
         peaks = peaks[(peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0)))]
+        scatter = _scatter_around(problem.image, fit.model, peaks, fit.blur)
+        # behind the filter white noise is smaller by this; rests of compression are less so
+        behind = 2.0 / (2.0 * np.sqrt(np.pi) * fit.blur)
+        rough = scatter > ROUGH_RATIO * problem.pixel_noise
+        peaks = peaks[~rough | (peaks[:, 2] > FALSE_ALARM_SIGMA * behind * scatter)]
         room = max(most - len(fit.disks), 0)
         if len(peaks[:room]):
             self.add(_disks_of_peaks(peaks[:room], fit.blur, contrast))
@@ -292,6 +301,26 @@ class _Assembly:
         # the disks held fixed keep their uncertainty and misfit
         self.fit = old.rearranged(rows, active, fit, active[part])
         return active
+
+
+@njit(cache=True)
+def _scatter_around(image, model, peaks, blur):
+    """Root mean square residual around each peak, the peak itself left out."""
+    rows, columns = image.shape
+    inner, outer = 2.0 * blur + 1.0, 4.0 * blur + 6.0
+    out = np.zeros(len(peaks))
+    for i in range(len(peaks)):
+        x, y = peaks[i, 0], peaks[i, 1]
+        total, count = 0.0, 0
+        for row in range(max(int(y - outer), 0), min(int(y + outer) + 1, rows)):
+            for column in range(max(int(x - outer), 0), min(int(x + outer) + 1, columns)):
+                r = np.hypot(column - x, row - y)
+                if inner < r < outer:
+                    rest = image[row, column] - model[row, column]
+                    total += rest * rest
+                    count += 1
+        out[i] = np.sqrt(total / max(count, 1))
+    return out
 
 
 def _near_rims(places: NDArray, disks: NDArray, reach: float) -> NDArray[np.bool_]:
