@@ -26,7 +26,7 @@ COLUMNS = (
     "core_n", "core_mean", "ring_n", "ring_mean", "rim_n", "rim_chi", "light",
     "count", "x", "y", "xx", "xy", "yy", "expected", "inside_seen", "core_chi", "border",
 )  # fmt: skip
-BATCH, ROOM = 2048, 7  # pixels that are added at once, and numbers for each; accuracy
+BATCH, ROOM = 2048, 7  # pixels that are added at once, besides those of a row, and numbers for each; accuracy
 _COLUMN = {name: k for k, name in enumerate(COLUMNS)}
 
 
@@ -149,7 +149,7 @@ def _look(image, model, valid, disks, s, variance, noise, half, heights, out):
     rows, columns = image.shape
     masked = valid.shape == image.shape
     profile = np.empty(heights.shape[1], np.float32)
-    pixels = np.empty((ROOM, max(columns, BATCH)), np.float32)
+    pixels = np.empty((ROOM, columns + BATCH), np.float32)
     for i in range(len(disks)):
         x, y, a, c = disks[i]
         line = s / (s + a) * (heights.shape[0] - 1)
@@ -168,12 +168,10 @@ def _look(image, model, valid, disks, s, variance, noise, half, heights, out):
             np.float32(1.0 / variance[i]), noise[0] * noise[2], noise[1], noise[2],
         )  # fmt: skip
         n = 0
-        for row in range(max(int(np.ceil(y - reach)), 0), min(int(y + reach), rows - 1) + 1):
+        bottom = min(int(y + reach), rows - 1)
+        for row in range(max(int(np.ceil(y - reach)), 0), bottom + 1):
             wide = np.sqrt(max(reach * reach - (row - y) ** 2, 0.0))
             first, end = max(int(np.ceil(x - wide)), 0), min(int(x + wide), columns - 1) + 1
-            if n + end - first > pixels.shape[1]:
-                _add_pixels(pixels, n, radii, scale, start, light, profile, out[i])
-                n = 0
             border = row == 0 or row == rows - 1
             if masked or border or first == 0 or end == columns:
                 for column in range(first, end):
@@ -183,7 +181,9 @@ def _look(image, model, valid, disks, s, variance, noise, half, heights, out):
                         n += 1
             else:
                 n = _put_row(pixels, n, image[row, first:end], model[row, first:end], first - x, row - y)
-        _add_pixels(pixels, n, radii, scale, start, light, profile, out[i])
+            if n > BATCH or row == bottom:
+                _add_pixels(pixels, n, radii, scale, start, light, profile, out[i])
+                n = 0
 
 
 @njit(cache=True, forceinline=True)
@@ -203,7 +203,7 @@ def _put_row(pixels, n, values, modelled, x, y):
     return end
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
 def _add_pixels(pixels, n, radii, scale, start, light, profile, q):
     """Add pixels to the sums of a disk.
 
