@@ -296,7 +296,7 @@ def _pictures_in(folder: Path, run: Run) -> list[tuple[str, Path]]:
 
 
 def _evenly_spaced(pairs: list[tuple[str, Path]], most: int) -> list[tuple[str, Path]]:
-    """At most ``most`` evenly spaced pairs, with the first and the last one."""
+    """Select at most ``most`` evenly spaced pairs, with the first and the last one."""
     if len(pairs) <= most:
         return pairs
     return [pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, most).round().astype(int))]

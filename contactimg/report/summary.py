@@ -175,7 +175,7 @@ def caption_of_frame(run: Run, frame: str) -> str:
 
 
 def caption_of_comparison(run: Run, frame: str) -> str:
-    """What is seen on a frame with predictions."""
+    """Describe what a frame with predictions shows."""
     load = _load(run.frames[run.frames["frame"] == frame].iloc[0])
     return (
         f"Measured and predicted contacts on {frame}{load}, for each model: matched (thin, blue), measured "

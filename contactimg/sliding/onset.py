@@ -74,7 +74,7 @@ class SlidingOnset:
         )
 
     def independent_forces_at(self, displacements: ArrayLike) -> Values:
-        """The same of contacts that do not displace each other: ``min(D/C_ii, strength)``."""
+        """Return the forces on contacts that do not displace each other: ``min(D/C_ii, strength)``."""
         D = _displacements(displacements)
         return np.minimum(D[:, None] / np.diag(self.compliance), self.strength)
 

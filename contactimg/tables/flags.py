@@ -7,7 +7,7 @@ from typing import Self
 
 
 class Flag(enum.IntFlag):
-    """What qualifies an accepted contact; several flags may be set at once.
+    """Remarks on an accepted contact, of which several may be set at once.
 
     The column ``flags`` holds their sum; the CSV files hold their names, joined by ``|``.
     ``cure`` says what to do about a flag.

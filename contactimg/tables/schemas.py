@@ -67,7 +67,7 @@ class Schema:
         return self.conform({})
 
     def conform(self, table: pd.DataFrame | Mapping[str, object]) -> pd.DataFrame:
-        """The same rows with exactly this schema's columns, in order; a column not given is empty.
+        """Give the rows exactly the columns of this schema, in order; a column not given is empty.
 
         Raises
         ------

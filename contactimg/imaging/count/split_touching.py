@@ -15,7 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.detect.components import add_pixel, empty_components, finish_component, label_runs
+from contactimg.imaging.detect.components import (
+    add_pixel,
+    empty_components,
+    finish_component,
+    label_runs,
+    mask_of_component,
+)
 from contactimg.imaging.detect.inscribed_disks import inscribed_disks
 from contactimg.imaging.kernels.pairs import hidden
 from contactimg.imaging.pixels.masks import Mask, for_kernel
@@ -64,9 +70,9 @@ def split_components(
     counts, groups = np.ones(len(components), np.int64), []
     for number, top, bottom, left, right in zip(candidates.tolist(), *places, strict=True):
         box = (slice(max(top - 1, 0), bottom + 2), slice(max(left - 1, 0), right + 2))
-        alone = np.zeros(image[box].shape, np.float32)
-        rows = slice(*np.searchsorted(runs[:, 0], [top, bottom + 1]))
-        _copy_component(alone, image, runs[rows], number, box[0].start, box[1].start)
+        window = image[box]
+        members = mask_of_component(runs, number, (box[0].start, box[1].start), window.shape)
+        alone = np.where(members > 0, window, np.float32(0.0))
         above = (_smoothed(alone, smoothing) > level).astype(np.uint8)
         # the border repeats: a region cut by it goes on beyond
         mask = np.asarray(cv2.copyMakeBorder(above, 3, 3, 3, 3, cv2.BORDER_REPLICATE), np.uint8)
@@ -90,16 +96,6 @@ def split_components(
         whole[np.flatnonzero(split)[start:end]] = parts
     seen = ~split | (whole["area"] > 0)
     return whole[seen], split[seen]
-
-
-@njit(cache=True)
-def _copy_component(out, image, runs, number, top, left):
-    """Copy the pixels of one component to a smaller image whose first pixel is at (top, left)."""
-    for k in range(len(runs)):
-        if runs[k, 3] == number:
-            y = runs[k, 0]
-            for x in range(runs[k, 1], runs[k, 2] + 1):
-                out[y - top, x - left] = image[y, x]
 
 
 def _smoothed(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:

@@ -83,6 +83,33 @@ def label_runs(
     return components, runs
 
 
+def mask_of_component(
+    runs: NDArray[np.int64], number: int | np.integer, corner: tuple[int, int], shape: tuple[int, ...]
+) -> NDArray[np.uint8]:
+    """Return a window of the image in which the pixels of one component are 1.
+
+    ``runs`` are those of `label_runs`; ``corner`` is the row and column of the first pixel of the window.
+
+    Examples
+    --------
+    >>> runs = label_runs(np.array([[0, 2, 0, 0], [0, 0, 3, 0], [4, 0, 0, 0]], np.float32), 1.0)[1]
+    >>> mask_of_component(runs, 0, (0, 1), (2, 3)).tolist()
+    [[1, 0, 0], [0, 1, 0]]
+    """
+    mask = np.zeros(shape, np.uint8)
+    rows = slice(*np.searchsorted(runs[:, 0], [corner[0], corner[0] + shape[0]]))
+    _draw(mask, runs[rows], number, *corner)
+    return mask
+
+
+@njit(cache=True)
+def _draw(mask, runs, number, top, left):
+    """Set the pixels of one component in a window whose first pixel is at (top, left)."""
+    for i in range(len(runs)):
+        if runs[i, 3] == number:
+            mask[runs[i, 0] - top, runs[i, 1] - left : runs[i, 2] - left + 1] = 1
+
+
 def empty_components(count: int, shape: tuple[int, ...]) -> NDArray[np.void]:
     """Components without a pixel, of an image of this shape."""
     components = np.zeros(count, COMPONENT)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import lengthened, njit
+from contactimg.imaging.detect.components import mask_of_component
 
 SMALLEST_INSCRIBED = 2.0
 """Least radius of a disk inscribed in a region, px: below, noise at the rim makes as large ones. By hand."""
@@ -66,12 +67,12 @@ def disks_in_region(
 
     The region is the component of that ``number`` in the ``runs`` of an image of this shape
     (`contactimg.imaging.detect.components.label_runs`).
+
     Holes that are small against the region, which noise or mottling makes, are filled. A region that is an
     ellipse, or nearly one and convex, when all its holes are is one contact, the disk of its area.
     """
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
-    own = np.zeros((bottom - top + 1, right - left + 1), np.uint8)
-    _draw(own, runs, number, np.searchsorted(runs[:, 0], top), top, left)
+    own = mask_of_component(runs, number, (top, left), (bottom - top + 1, right - left + 1))
     cut = (top == 0, bottom == shape[0] - 1, left == 0, right == shape[1] - 1)
     corner, holes = np.array([left, top, 0.0]), find_holes(own)
     disk = None if any(cut) else as_one_contact(fill(own, holes, LARGEST_WHOLE_HOLES * own.sum()), own)
@@ -85,16 +86,6 @@ def disks_in_region(
     if not len(disks):
         disks = np.array([[region["x"], region["y"], np.sqrt(region["area"] / np.pi)]]) - corner
     return disks + corner, False
-
-
-@njit(cache=True)
-def _draw(mask, runs, number, first, top, left):
-    """Set the pixels of the component of a number, whose runs begin at the first or later."""
-    for i in range(first, len(runs)):
-        if runs[i, 0] >= top + len(mask):
-            break
-        if runs[i, 3] == number:
-            mask[runs[i, 0] - top, runs[i, 1] - left : runs[i, 2] - left + 1] = 1
 
 
 def component_at(above: NDArray[np.bool_], x: int, y: int) -> NDArray[np.uint8]:
