@@ -11,12 +11,11 @@ import math
 import os
 import struct
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple
 
 import cv2
 import imagecodecs
@@ -156,9 +155,7 @@ def read_norpix(path: Path, index: int) -> Pixels:
     """Image number ``index``, from 0."""
     offsets, shape, dtype, full_scale = _read_header(path)
     pixels, offset = math.prod(shape), offsets[index]
-    missing = offset + pixels * dtype.itemsize - path.stat().st_size
-    if missing > 0:
-        raise ValueError(f"the file is truncated: {missing} bytes are missing")
+    _refuse_missing(offset + pixels * dtype.itemsize - path.stat().st_size)
     array = np.fromfile(path, dtype, pixels, offset=offset).reshape(shape)
     return Pixels(array.astype(dtype.newbyteorder("=")), full_scale)
 
@@ -201,10 +198,7 @@ def list_video(path: Path) -> range:
         count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
         if count > 0:
             return range(min(count, path.stat().st_size))  # an image takes a byte or more
-        count = 0
-        while video.grab():
-            count += 1
-        return range(count)
+        return range(sum(takewhile(bool, iter(video.grab, None))))
 
 
 def read_video(path: Path, index: int) -> Pixels:
@@ -253,34 +247,29 @@ _MAX_SAMPLE_VALUE = 281  # TIFF 6.0, section 8
 _SMALLEST_PAGE = 18  # bytes of a page header with one tag (TIFF 6.0, section 2)
 _PHOTOMETRIC = tifffile.PHOTOMETRIC
 _SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # little and big endian, classic and BigTIFF
-_complaints: ContextVar[list[str] | None] = ContextVar("complaints", default=None)
-
-
-def _collect(record: logging.LogRecord) -> bool:
-    """Filter of the logger of tifffile: inside `_opened` records are collected instead of printed."""
-    complaints = _complaints.get()
-    if complaints is None:
-        return True
-    complaints.append(record.getMessage())
-    return False
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[tifffile.TiffFile, list[str]]]:
-    """The open file, and the messages that tifffile logs in this thread."""
+def _opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
+    """The open file, and the messages that tifffile logs in this thread, which are not printed."""
     with path.open("rb") as file:
         if file.read(4) not in _SIGNATURES:
             raise ValueError("the content is not that of a TIFF image")
-    logging.getLogger("tifffile").addFilter(_collect)  # adding it again changes nothing
-    complaints: list[str] = []
-    token = _complaints.set(complaints)
+    complaints, thread, logger = list[str](), threading.get_ident(), logging.getLogger("tifffile")
+
+    def collect(record: logging.LogRecord) -> bool:
+        if record.thread == thread:
+            complaints.append(record.getMessage())
+        return record.thread != thread
+
+    logger.addFilter(collect)
     try:
         with tifffile.TiffFile(path) as tif:
             yield tif, complaints
     except (tifffile.TiffFileError, struct.error) as error:
         raise ValueError(f"the file is truncated or damaged: {error}") from None
     finally:
-        _complaints.reset(token)
+        logger.removeFilter(collect)
 
 
 def list_tiff(path: Path) -> list[int]:
@@ -293,7 +282,7 @@ def list_tiff(path: Path) -> list[int]:
         if count > 1:
             return list(range(count))
         most = tif.filehandle.size // _SMALLEST_PAGE + 1  # more only if the chain of pages is a ring
-        numbered = enumerate(islice(_pages(tif), most + 1))
+        numbered = enumerate(islice(tif.pages, most + 1))
         pages = [k for k, page in numbered if k == most or not (page.is_reduced or page.is_mask)]
         lost = any("TiffPages" in complaint for complaint in complaints)
         return [*pages, len(tif.pages)] if lost and most not in pages else pages
@@ -302,15 +291,14 @@ def list_tiff(path: Path) -> list[int]:
 def read_tiff(path: Path, index: int) -> Pixels:
     """Pixels of page number ``index``, from 0, of a TIFF file."""
     with _opened(path) as (tif, _):
-        if _undivided(tif) > 1:
-            _check_page_size(_pages(tif)[0])
-            return _interpret(_pages(tif)[0], _read_undivided(tif, index))
-        divided = _planes(tif) > 1
-        number = 0 if divided else index
+        undivided, divided = _undivided(tif) > 1, _planes(tif) > 1
+        number = 0 if undivided or divided else index
         if number > tif.filehandle.size // _SMALLEST_PAGE or not _has_page(tif, number):
             raise ValueError(f"the file is truncated or damaged after page {number - 1}")
-        page = _pages(tif)[number]
+        page = tif.pages[number]
         _check_page_size(page)
+        if undivided:
+            return _interpret(page, _read_undivided(tif, index))
         _check_complete(page, tif.filehandle.size)
         array = page.asarray()
         if divided:
@@ -318,12 +306,7 @@ def read_tiff(path: Path, index: int) -> Pixels:
         return _interpret(page, np.moveaxis(array, 0, -1) if page.axes == "SYX" else array)
 
 
-def _pages(tif: tifffile.TiffFile) -> Sequence[tifffile.TiffPage]:
-    """The pages, each with all its tags."""
-    return cast("Sequence[tifffile.TiffPage]", tif.pages)
-
-
-def _has_page(tif: tifffile.TiffFile, index: int) -> bool:
+def _has_page(tif: Any, index: int) -> bool:
     """True if the chain of pages contains this one; later pages are not read."""
     try:
         return tif.pages[index] is not None
@@ -331,18 +314,18 @@ def _has_page(tif: tifffile.TiffFile, index: int) -> bool:
         return False
 
 
-def _planes(tif: tifffile.TiffFile) -> int:
+def _planes(tif: Any) -> int:
     """Grey images of a stack whose writer took three or four for the planes of a colour image; else 1.
 
     tifffile, and with it imageio and scikit-image, writes an array of shape (3, rows, columns) in this way;
     colours that other programs store by planes have no description of an array.
     """
-    page = _pages(tif)[0]
+    page = tif.pages[0]
     taken = page.photometric == _PHOTOMETRIC.RGB and page.axes == "SYX" and tif.is_shaped
     return page.samplesperpixel if taken and not _has_page(tif, 1) else 1
 
 
-def _undivided(tif: tifffile.TiffFile) -> int:
+def _undivided(tif: Any) -> int:
     """Images of a stack that has one page header for all (ImageJ beyond 4 GB); else 1."""
     if not tif.is_imagej or not tif.pages[0].is_contiguous or _has_page(tif, 1):
         return 1
@@ -351,43 +334,45 @@ def _undivided(tif: tifffile.TiffFile) -> int:
     return min(stated, max(tif.filehandle.size // max(page.nbytes, 1), 1) + 1)
 
 
-def _read_undivided(tif: tifffile.TiffFile, index: int) -> NDArray:
+def _read_undivided(tif: Any, index: int) -> NDArray:
     """Image number ``index`` of such a stack: the images follow each other without a gap."""
-    page, file = _pages(tif)[0], tif.filehandle
+    page, file = tif.pages[0], tif.filehandle
     start = page.dataoffsets[0] + index * page.nbytes
-    if start + page.nbytes > file.size:
-        raise ValueError(f"the file is truncated: {start + page.nbytes - file.size} bytes are missing")
+    _refuse_missing(start + page.nbytes - file.size)
     file.seek(start)
-    return file.read_array(cast("np.dtype", page.dtype).newbyteorder(tif.byteorder), page.size).reshape(
-        page.shape
-    )
+    pixels: NDArray = file.read_array(page.dtype.newbyteorder(tif.byteorder), page.size)
+    return pixels.reshape(page.shape)
 
 
-def _check_page_size(page: tifffile.TiffPage) -> None:
+def _refuse_missing(count: int) -> None:
+    """Raise if bytes are missing at the end of the file."""
+    if count > 0:
+        raise ValueError(f"the file is truncated: {count} bytes are missing")
+
+
+def _check_page_size(page: Any) -> None:
     """Raise if the page, or a tile of it, is beyond the limit."""
-    samples = max(page.samplesperpixel, 1) * max(page.imagedepth, 1)
-    check_size(page.imagewidth, page.imagelength, samples)
-    if page.is_tiled:
-        check_size(page.tilewidth, page.tilelength, max(page.samplesperpixel, 1) * max(page.tiledepth, 1))
+    sizes = [(page.imagewidth, page.imagelength, page.imagedepth)]
+    sizes += [(page.tilewidth, page.tilelength, page.tiledepth)] if page.is_tiled else []
+    for columns, rows, depth in sizes:
+        check_size(columns, rows, max(page.samplesperpixel, 1) * max(depth, 1))
 
 
-def _check_complete(page: tifffile.TiffPage, size: int) -> None:
+def _check_complete(page: Any, size: int) -> None:
     """Raise if a strip or tile of the page lies beyond the end of the file or was never written."""
     segments = list(zip(page.dataoffsets, page.databytecounts, strict=True))
     if not segments or any(count == 0 for _, count in segments):
         raise ValueError("the file is damaged: part of the image has no data")
-    missing = max(offset + count for offset, count in segments) - size
-    if missing > 0:
-        raise ValueError(f"the file is truncated: {missing} bytes are missing")
+    _refuse_missing(max(offset + count for offset, count in segments) - size)
 
 
-def _interpret(page: tifffile.TiffPage, array: NDArray) -> Pixels:
+def _interpret(page: Any, array: NDArray) -> Pixels:
     """Grey or red-green-blue, according to the photometric tag of the page."""
     if array.ndim > 2 and "S" not in page.axes:
         raise ValueError(f"an image with axes {page.axes} is not a plane of pixels")
     full_scale = float(2 ** int(np.max(page.bitspersample)) - 1) if array.dtype.kind in "bu" else None
     if page.photometric == _PHOTOMETRIC.PALETTE:
-        return Pixels(_apply_palette(cast("NDArray", page.colormap), array), 255.0)
+        return Pixels(_apply_palette(page.colormap, array), 255.0)
     array = _strip_alpha(page, array)
     if array.dtype == bool:
         array, full_scale = array.astype(np.uint8) * np.uint8(255), 255.0
@@ -398,7 +383,7 @@ def _interpret(page: tifffile.TiffPage, array: NDArray) -> Pixels:
     return Pixels(array.astype(array.dtype.newbyteorder("="), copy=False), _sensor_scale(page, full_scale))
 
 
-def _strip_alpha(page: tifffile.TiffPage, array: NDArray) -> NDArray:
+def _strip_alpha(page: Any, array: NDArray) -> NDArray:
     """Grey or red-green-blue without transparency; any other set of channels has no grey level."""
     jpeg = tifffile.COMPRESSION.JPEG, tifffile.COMPRESSION.OJPEG  # its decoder makes red, green and blue
     grey = page.photometric in (_PHOTOMETRIC.MINISBLACK, _PHOTOMETRIC.MINISWHITE)
@@ -424,7 +409,7 @@ def _apply_palette(colormap: NDArray, array: NDArray) -> NDArray:
     return np.moveaxis(colormap[:, array].astype(np.float32) / np.float32(scale), 0, -1)
 
 
-def _sensor_scale(page: tifffile.TiffPage, full_scale: float | None) -> float | None:
+def _sensor_scale(page: Any, full_scale: float | None) -> float | None:
     """Full scale: MaxSampleValue if it is that of an n-bit camera, else that of the stored bits."""
     tag = page.tags.get(_MAX_SAMPLE_VALUE)
     if full_scale is None or tag is None:
