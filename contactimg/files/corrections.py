@@ -6,7 +6,7 @@ frames and reference alike. Masked pixels of a frame become NaN, which every mea
 
 import hashlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -112,12 +112,7 @@ class PixelCorrections:
             return frame
         image = frame.image if frame.image.dtype.kind == "f" else frame.image.astype(np.float32)
         for area in self.areas:
-            out = (
-                _inside([area.points], frame.shape)
-                if area.path is None
-                else _of_file(area.path, self.number, frame.shape, frame.name)
-            )
-            image = np.where(out, np.float32(np.nan), image)
+            image = np.where(_covered(area, self.number, frame), np.float32(np.nan), image)
         return replace(frame, image=image)
 
 
@@ -176,23 +171,21 @@ def _mean(sources: tuple[FrameSource, ...]) -> NDArray[np.float32]:
     return np.asarray(total / len(sources), np.float32)
 
 
-def _of_file(path: Path, number: int, shape: tuple[int, int], name: str) -> NDArray[np.bool_]:
-    """Masked pixels of a file: those other than 0 of an image, those inside a region of ImageJ."""
-    mask = _mask(path)
-    if isinstance(mask, list):
-        return _inside([region.outline for region in mask if region.image in (0, number)], shape)
-    _check_size(path.name, mask, shape, name)
-    return mask != 0
-
-
-def _inside(polygons: Iterable[NDArray | Points], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels whose centres lie inside one of the polygons (x, y; px)."""
+def _covered(area: MaskedArea, number: int, frame: Frame) -> NDArray[np.bool_]:
+    """Masked pixels of a frame: those other than 0 of an image, or with their centres in a polygon."""
     from skimage.draw import polygon  # noqa: PLC0415 - most runs have no mask
 
-    out = np.zeros(shape, np.bool_)
+    polygons: list[NDArray] = [np.array(area.points)]
+    if area.path is not None:
+        mask = _mask(area.path)
+        if isinstance(mask, np.ndarray):
+            _check_size(area.path.name, mask, frame.shape, frame.name)
+            return np.asarray(mask != 0)
+        polygons = [region.outline for region in mask if region.image in (0, number)]
+    out = np.zeros(frame.shape, np.bool_)
     for corners in polygons:
-        x, y = np.asarray(corners, float).T
-        out[polygon(y, x, shape)] = True
+        x, y = corners.T
+        out[polygon(y, x, frame.shape)] = True
     return out
 
 

@@ -15,7 +15,6 @@ from typing import Any
 
 import pandas as pd
 import tomlkit
-from tomlkit.exceptions import TOMLKitError
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import flush_to_disk, read_bytes, write_text
@@ -33,7 +32,12 @@ logger = logging.getLogger(__name__)
 SCENE_FILE = "scene.toml"
 """Name of the scene file in a folder."""
 
-_LOADS_FILE = "loads.csv"
+_TABLES = {
+    "loads": ("images", "loads", "loads.csv"),
+    "edits": ("images", "edits", EDITS_FILE),
+    "asperities": ("asperities", "file", None),
+}
+"""Table -> section and key that name it, and its usual name in the folder of the scene."""
 
 _ROW = re.compile(r"#\d+")
 
@@ -123,13 +127,19 @@ def read_scene(path: str | Path) -> Scene:
     finish_commit(file.parent)
     if not file.exists():
         raise InputError(f"{file}: there is no such scene file; write one, or give its path")
+    return scene_from_dict(tomllib.loads(_toml(file)), name=str(file), folder=str(file.parent))
+
+
+def _toml(file: Path) -> str:
+    """The text of a file, if it is TOML."""
     try:
-        data = tomllib.loads(read_bytes(file).decode("utf-8-sig"))
+        text = read_bytes(file).decode("utf-8-sig")
+        tomllib.loads(text)
     except UnicodeDecodeError:
         raise InputError(f"{file}: is not UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{file}: is not valid TOML: {error}") from None
-    return scene_from_dict(data, name=str(file), folder=str(file.parent))
+    return text
 
 
 def write_scene(data: Mapping[str, object], path: str | Path) -> None:
@@ -183,16 +193,14 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     entries = [given] if isinstance(given, str) else given or []
     references = tuple(dict.fromkeys(one for entry in entries for one in _list_reference(entry, scene)))
     frames = _find_frames(scene, list(references))
-    named = edits_file(scene)
-    edited = named if scene.images.edits is not None or named.is_file() else None
-    tables = [_loads_file(scene), _asperities_file(scene), edited]
-    edits = EDITS.empty() if edited is None else read_edits(edited)
-    loads = _align_loads(tables[0], [frame.name for frame in frames], pulled=pulled)
+    tables = {name: path for name in _TABLES if (path := _table(scene, name)) is not None}
+    edits = read_edits(tables["edits"]) if "edits" in tables else EDITS.empty()
+    loads = _align_loads(tables.get("loads"), [frame.name for frame in frames], pulled=pulled)
     corrections = _find_corrections(scene, frames)
     areas = corrections.areas + masked_areas(edits)
     corrections = replace(corrections, areas=areas, masked=bool(areas))
-    files = [source.path for source in references] + [table for table in tables if table is not None]
-    others = tuple(dict.fromkeys(files + corrections.files))
+    files = [*(source.path for source in references), *tables.values(), *corrections.files]
+    others = tuple(dict.fromkeys(files))
     if corrections:
         numbered = enumerate(frames, start=1)
         frames = [replace(one, correct=corrections.of_frame(one.name, k)) for k, one in numbered]
@@ -213,20 +221,22 @@ def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrectio
 
 def read_scene_asperities(scene: Scene) -> pd.DataFrame | None:
     """The asperity table that a scene names, None if it names none; see `read_asperities`."""
-    path = _asperities_file(scene)
+    path = _table(scene, "asperities")
     return None if path is None else read_asperities(path)
 
 
 def read_scene_loads(scene: Scene) -> list[float]:
     """The loads (N) in the table of a scene or in loads.csv beside it, if there is one; see `read_loads`."""
-    path = _loads_file(scene)
+    path = _table(scene, "loads")
     return [] if path is None else read_loads(path, pulled=True)["load_N"].dropna().tolist()
 
 
-def _asperities_file(scene: Scene) -> Path | None:
-    """Path of the asperity table."""
-    named = scene.asperities is not None and scene.asperities.file
-    return Path(scene.folder) / named if named else None
+def _table(scene: Scene, name: str) -> Path | None:
+    """Path of a table that the scene names, or of that of the usual name where it is there."""
+    section, key, usual = _TABLES[name]
+    named = getattr(getattr(scene, section), key, None)
+    path = Path(scene.folder) / (named or usual or "")
+    return path if named or path.is_file() else None
 
 
 def _list_frames(
@@ -275,14 +285,6 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSourc
     return frames
 
 
-def _loads_file(scene: Scene) -> Path | None:
-    """Path of the table of loads; without one in the scene, loads.csv if it is there."""
-    if scene.images.loads is not None:
-        return Path(scene.folder) / scene.images.loads
-    path = Path(scene.folder) / _LOADS_FILE
-    return path if path.is_file() else None
-
-
 def edits_file(scene: Scene) -> Path:
     """The table of corrections that a scene names, or edits.csv beside it."""
     return Path(scene.folder) / (scene.images.edits or EDITS_FILE)
@@ -315,14 +317,12 @@ def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFr
     InputError
         If two rows mean the same frame.
     """
-    present = set(names)
     stems = Counter(Path(name).stem for name in names)
-    by_stem = {Path(name).stem: name for name in names if stems[Path(name).stem] == 1}
-    by_number = _by_number(path, loads["frame"].tolist(), names)
-    meant = []
-    for given in loads["frame"]:
-        last = given if given in present else re.split(r"[/\\]", given)[-1]
-        meant.append(last if last in present else by_stem.get(last) or by_number.get(given, given))
+    known = _by_number(path, loads["frame"].tolist(), names)
+    known |= {Path(name).stem: name for name in names if stems[Path(name).stem] == 1}
+    known |= {name: name for name in names}
+    last = loads["frame"].str.split(r"[/\\]", regex=True).str[-1]
+    meant = [known.get(one, known.get(end, one)) for one, end in zip(loads["frame"], last, strict=True)]
     table = loads.assign(frame=meant)
     repeated = table[table.duplicated(["frame"])]
     if len(repeated):
@@ -389,10 +389,7 @@ def set_scene_keys(path: str | Path, section: str, keys: Mapping[str, str | floa
     '[measure]  # how\nthreshold = 0.4 # half\n'
     """
     path = Path(path)
-    try:
-        document = tomlkit.parse(read_bytes(path).decode("utf-8-sig"))
-    except (UnicodeDecodeError, TOMLKitError) as error:
-        raise InputError(f"{path}: is not valid TOML: {error}") from None
+    document = tomlkit.parse(_toml(path))
     if section not in document:
         document.add(tomlkit.nl())
         document.add(section, tomlkit.table())
@@ -490,7 +487,7 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
     frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
     tables = [path for path in files if path.suffix.lower() in TABLES and path.name not in OURS]
-    tables = sorted(tables, key=lambda path: path.name != _LOADS_FILE)[:TRIED_TABLES]
+    tables = sorted(tables, key=lambda path: path.name != "loads.csv")[:TRIED_TABLES]
     asperities, _ = _first_table(tables, read_asperities)
     others = [path for path in tables if path.name != asperities]
     file, loads = _first_table(others, partial(read_loads, pulled=True))

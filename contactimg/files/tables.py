@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import explaining, naming, read_bytes, replacing
+from contactimg.files.atomic import explaining, naming, read_bytes, write_text
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, Flag, Schema, flag_names
 from contactimg.timings import stage
@@ -326,7 +326,6 @@ def _check_unique(path: str | Path, table: pd.DataFrame, columns: list[str]) -> 
         raise InputError(f"{path}: {', '.join(columns)} {value} is there more than once; keep one row")
 
 
-@stage("writing")
 def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     r"""Write a table as CSV, whole or not at all.
 
@@ -354,17 +353,7 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     ...     path.read_text()
     'frame,load_N,friction_N,velocity_m_s,tangential_N,time_s\na.tif,0.1,,,,\n'
     """
-    with replacing(path) as part:
-        text = ",".join(schema.columns) + "\n" + text_of_rows(table, schema)
-        part.write_text(text, encoding="utf-8", errors="surrogateescape", newline="")
-
-
-def text_of_rows(table: pd.DataFrame, schema: Schema) -> str:
-    """The rows of a table as `write_table` writes them."""
-    whole = schema.conform(table)
-    if "flags" in whole:
-        whole["flags"] = flag_names(whole["flags"])
-    return str(whole.to_csv(header=False, index=False, lineterminator="\n"))
+    write_text(f"{','.join(schema.columns)}\n{encoded_rows(table, schema)}", path)
 
 
 # --- loads as laboratories write them
@@ -497,12 +486,19 @@ FORMATS: tuple[str, ...] = get_args(TableFormat)
 
 
 @stage("writing")
-def encoded_rows(table: pd.DataFrame, schema: Schema, table_format: TableFormat) -> str | pd.DataFrame:
+def encoded_rows(
+    table: pd.DataFrame, schema: Schema, table_format: TableFormat = "csv"
+) -> str | pd.DataFrame:
     """Rows of a table as a file has them: made in any process, written in one by a `TableWriter`.
 
     Text of CSV, or columns for Parquet; `InputError` if they do not fit the schema.
     """
-    return text_of_rows(table, schema) if table_format == "csv" else schema.conform(table)
+    whole = schema.conform(table)
+    if table_format == "parquet":
+        return whole
+    if "flags" in whole:
+        whole["flags"] = flag_names(whole["flags"])
+    return str(whole.to_csv(header=False, index=False, lineterminator="\n"))
 
 
 class TableWriter:
@@ -553,16 +549,13 @@ class TableWriter:
     @stage("writing")
     def append(self, rows: str | pd.DataFrame) -> None:
         """Add rows that were encoded for this table and its format."""
-        try:
+        with explaining(self.path, "written"):
             if self._format == "csv":
                 self._file.write(rows)
                 self._file.flush()
             else:
                 table = self._arrow.Table.from_pandas(rows, schema=self._columns, preserve_index=False)
                 self._file.write_table(table)
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise InputError(f"{self.path}: cannot be written ({reason})") from None
         self.empty &= not len(rows)
 
 
@@ -612,13 +605,10 @@ def read_run_table(
             raise InputError(f"{path}: column {name} is missing; repeat the run")
     with naming(path):
         found = schema.conform(table[[name for name in schema.columns if name in table]])
-    numbers = found.select_dtypes("float64")
-    beyond = numbers.columns[np.isinf(numbers.to_numpy()).any(axis=0)]
-    if len(beyond) and not infinite:
+    beyond = [name for name in found.select_dtypes("float64") if np.isinf(found[name]).any()]
+    if beyond and not infinite:
         raise InputError(f"{path}: column {beyond[0]} must hold finite numbers")
-    texts = [name for name, (dtype, _) in schema.columns.items() if dtype == "str"]
-    found[texts] = found[texts].fillna("")
-    return found
+    return found.fillna(dict.fromkeys(found.select_dtypes("str"), ""))
 
 
 def require_format(table_format: TableFormat) -> None:
