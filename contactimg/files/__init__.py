@@ -5,7 +5,7 @@ In: frames, scenes, tables and calibrations. Out: tables, frames, figures and ou
 Read in this order: `experiment` (a scene and the files it names), `sources` (frames of any format),
 `decoders` (their pixels), `corrections` (of pixels and contacts), `tables` (CSV or Parquet), `output` (the
 folder of a run, its provenance, its parts while it lasts, and how it replaces the earlier one), `runs`
-(reading results back), `exports` and `workbook` (for other programs), `height_maps`, `atomic` and `figures`.
+(reading results back), `exports` (for other programs), `height_maps`, `atomic` and `figures`.
 """
 
 import lazy_loader as _lazy

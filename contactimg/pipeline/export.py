@@ -20,8 +20,8 @@ from contactimg.files.exports import (
     write_napari_shapes,
     write_overlay_tiff,
     write_regions,
+    write_workbook,
 )
-from contactimg.files.workbook import write_workbook
 from contactimg.pipeline.pictures import file_stem
 from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED, Flag
 from contactimg.tables.outlines import (

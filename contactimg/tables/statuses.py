@@ -47,37 +47,22 @@ class Status(enum.StrEnum):
     """The frame is identical to its reference, so no contact can show."""
     BAD_REFERENCE = "reference without light", "take the reference again with light"
     """The reference is black or at full scale everywhere; the background was estimated from the frame."""
-    POOR_FIT = (
-        "poor fit",
-        'look at the picture; [measure] shape = "free" fits outlines, "threshold" counts pixels',
-    )
+    POOR_FIT = "poor fit", '[measure] shape = "free" fits outlines, method = "threshold" counts pixels'
     """More than a fifth of the contacts, or the only ones, are not the disks that were fitted: their pixels
     differ by more than the noise allows. Of counted regions: most are no ellipses."""
-    DISAGREES = (
-        "areas disagree",
-        "state gamma and air film if you know them; the uncertainties cover both areas",
-    )
+    DISAGREES = "areas disagree", "state gamma and air film if you know them; the uncertainties cover both"
     """The areas of many contacts, or of all together, differ from those measured without a model of the edge,
     by more than the errors. The uncertainties cover both."""
-    FALSE_CANDIDATES = (
-        "false candidates",
-        "look at the picture; exclude what is no contact in `contactimg review`",
-    )
+    FALSE_CANDIDATES = "false candidates", "exclude what is no contact by hand in `contactimg review`"
     """Much of what was measured proved to be no contact that can be seen, or a piece of a scratch; others may
     be left among the contacts."""
-    UNRESOLVED = (
-        "unresolved",
-        "look at the picture; split or add contacts in `contactimg review`, mask dirt, store without loss",
-    )
+    UNRESOLVED = "unresolved", "split or add contacts in `contactimg review`, mask dirt, store without loss"
     """Part of the light belongs to no contact that was found: groups of contacts were not resolved,
     something that is no contact stands out, compression hides small contacts, or the fit was cut off because
     the frame would have cost more than one of its size may."""
     WRONG_REFERENCE = "wrong reference", "name the frame without contact, of the same place, as the reference"
     """The reference does not belong to the frame: it is brighter in patches (contacts, another place)."""
-    SATURATED = (
-        "saturated",
-        "shorten the exposure; state [camera] full_scale_levels for 12 bits in 16-bit files",
-    )
+    SATURATED = "saturated", "shorten the exposure; state [camera] full_scale_levels of a 12-bit sensor"
     """More than a fifth of the contacts are at the full scale of the sensor, which hides how bright they are;
     the radii depend on that."""
     LIGHT_NOT_FOLLOWED = "light not followed", "take a reference under the same light, or mask reflections"
@@ -96,16 +81,10 @@ class Status(enum.StrEnum):
     wide as counted contacts. Where in it a contact ends cannot be seen in one image; the uncertainties,
     common to all contacts, include that."""
 
-    NO_POSE = (
-        "no pose",
-        "check the asperities and [camera] pixel_size_m; know rotation_deg to 3 degrees of a quarter turn",
-    )
+    NO_POSE = "no pose", "check asperities and pixel_size_m; know rotation_deg to 3 degrees of a quarter turn"
     """Fewer than half of the contacts fall on an asperity of the table, wherever the camera may look:
     contacts have no asperities. Radii and areas do not depend on that."""
-    OFF_LOAD = (
-        "forces off load",
-        "check unit and zero of the loads, young_modulus_Pa, pixel_size_m and the asperities' radii",
-    )
+    OFF_LOAD = "forces off load", "check unit and zero of the loads, modulus, pixel size, asperities' radii"
     """The local forces add up to less than two thirds or more than one and a half times the load, beyond the
     errors: the modulus, the load or its zero, the pixel size or the radii of the asperities are not what the
     scene says. Radii and areas in pixels do not depend on that."""

@@ -12,8 +12,7 @@ import tifffile
 from contactimg import Flag, read_run
 from contactimg.cli import main
 from contactimg.files import read_edits
-from contactimg.files.exports import label_image, read_regions, write_regions
-from contactimg.files.workbook import write_workbook
+from contactimg.files.exports import label_image, read_regions, write_regions, write_workbook
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES
 
 

@@ -1,7 +1,7 @@
-"""``contactimg design``: heights of equal caps whose contacts follow a wanted law."""
+"""Commands that make tables of asperities: `asperities` from a height map, `design` for a wanted law."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
@@ -15,11 +15,93 @@ from contactimg.scene import Scene, scene_from_dict
 if TYPE_CHECKING:
     from contactimg.design.laws import WantedLaw
     from contactimg.design.surface import DesignedSurface
+    from contactimg.summits import FoundSummits
 
 ASPERITIES_FILE, LAW_FILE = "asperities.csv", "law.csv"
 
 SHOWN_ROWS = 8
 """Loads between two printed rows. Chosen: five rows."""
+
+
+# --- asperities
+
+
+@shared.command()
+def asperities(
+    map_file: Annotated[shared.ExistingFile, "MAP"],
+    *,
+    output: shared.Output = None,
+    pixel_size_um: shared.Positive | None = None,
+    height_unit: Literal["nm", "um", "mm", "m"] | None = None,
+    form: Literal["plane", "sphere", "none"] = "plane",
+    min_height_um: shared.NonNegative = 0.0,
+    depth: Annotated[float, click.FloatRange(min=0, max=1, min_open=True)] = 0.5,
+) -> int:
+    """Find the summits on MAP and write their heights and radii of curvature with uncertainties.
+
+    MAP is a matrix of heights (.npy, or text with one line a row), or a TIFF of one channel. NaN and empty
+    cells are holes. Writes asperities.csv, which [asperities] file in a scene reads; x and y count from the
+    centre of the map.
+
+    Exit codes: 0 done, 2 nothing done.
+
+    \b
+    Examples:
+      contactimg asperities map.npy --pixel-size-um 0.5 --height-unit um -o surface
+      contactimg asperities map.tif --height-unit um --form sphere --min-height-um 1
+
+    Parameters
+    ----------
+    pixel_size_um
+        Distance between neighbouring heights, in micrometres.  [default: what the file says]
+    height_unit
+        Unit of the heights.
+    form
+        What is taken off the heights first: a tilt, a tilt and the sphere of a lens, or nothing.
+    min_height_um
+        Least height of a summit above the base, in micrometres; the noise sets another.
+    depth
+        How far down the sphere is fitted, as a share of the height of the summit.
+    """
+    from contactimg.summits import SummitSearch, find_summits
+
+    pixel = None if pixel_size_um is None else pixel_size_um * 1e-6
+    unit = None if height_unit is None else files.METRES[height_unit]
+    surface = files.read_height_map(map_file, pixel_size=pixel, height_unit=unit)
+    found = find_summits(surface, SummitSearch(form=form, least_height=min_height_um * 1e-6, depth=depth))
+    if found.table.empty:
+        raise InputError(
+            f"{map_file}: no summit found{_counted(found)}; see --form, --min-height-um, --depth"
+        )
+    file = Path(map_file)
+    with shared.results_in(output, file.parent, None, [file], main_files=[ASPERITIES_FILE]) as out:
+        out.record |= {"left_out": found.left_out, "noise_m": found.noise, "warnings": found.warnings}
+        files.write_table(found.table, tables.SUMMITS, out.folder / ASPERITIES_FILE)
+        _echo_summits(found)
+    for warning in found.warnings:
+        click.echo(f"contactimg: {warning}", err=True)
+    return 0
+
+
+def _counted(found: "FoundSummits") -> str:
+    """The sentence part on summits that were left out, in brackets."""
+    parts = [f"{count} {reason}" for reason, count in found.left_out.items()]
+    return f" (left out: {', '.join(parts)})" if parts else ""
+
+
+def _echo_summits(found: "FoundSummits") -> None:
+    """Print what was found."""
+    table = found.table
+    say(f"{len(table)} summits{_counted(found)}; noise of the map {found.noise * 1e9:.3g} nm")
+    for name, title in (("height", "heights"), ("radius", "radii of curvature")):
+        values, stds = table[f"{name}_m"] * 1e6, table[f"{name}_std_m"] * 1e6
+        say(
+            f"  {title}: {values.min():.4g} to {values.max():.4g} µm, median {values.median():.4g} µm; "
+            f"standard uncertainty {stds.median():.2g} µm (median), {stds.max():.2g} µm (largest)"
+        )
+
+
+# --- design
 
 
 @shared.command(
@@ -126,7 +208,7 @@ def design(
         made = {"asperities": (tables.ASPERITIES, found.asperities), "law": (tables.DESIGNED, found.law)}
         pipeline.write_results(out.folder, made, {"law": plots.plot_design(found.law)})
         files.write_scene(_designed_scene(described), out.folder / "scene.toml")
-        _echo(found, height_error_um)
+        _echo_law(found, height_error_um)
     return int(found.residual > tolerance)
 
 
@@ -159,7 +241,7 @@ def _designed_scene(described: Scene) -> dict[str, dict[str, object]]:
     return {"indenter": {"radius_m": "flat"}, "elastic": kept, "asperities": {"file": ASPERITIES_FILE}}
 
 
-def _echo(found: "DesignedSurface", height_error_um: float) -> None:
+def _echo_law(found: "DesignedSurface", height_error_um: float) -> None:
     """Print the laws at some loads, and how good the surface is."""
     table = found.law
     wanted = table["wanted_area_m2"]
