@@ -465,9 +465,9 @@ def unseen_force(contacts: pd.DataFrame, smallest: float) -> Total:
 def _unseen_sum(contacts: pd.DataFrame, smallest: float, *, power: float, factor: float) -> Total:
     """Sum of ``factor u^power`` over the contacts below the limit."""
     ratio = (contacts["radius_m"].to_numpy(float) / smallest) ** 2
-    low, high = WINDOW
-    middle, width = 0.5 * (low + high), high - low
-    near, far = (_count(ratio, *ends) for ends in ((low, middle), (middle, high)))
+    low, middle, high = halves = np.linspace(*WINDOW, 3)
+    width = high - low
+    near, far = np.histogram(ratio, halves)[0]
     number, trend = near + far + PRIOR_COUNT, near - far
     # a straight line through the two halves, to where the missing area is; shrunk as far as it is chance
     reach = (middle - MEAN_UNSEEN_RATIO) / (0.25 * width**2)
@@ -478,10 +478,6 @@ def _unseen_sum(contacts: pd.DataFrame, smallest: float, *, power: float, factor
     own = density * _missed_moment(2 * power)  # the unseen are a number of independent contacts themselves
     std = scale * np.sqrt(variance * _missed_moment(power) ** 2 + own)
     return Total(float(np.sign(factor) * scale * _missed_moment(power) * density), float(std))
-
-
-def _count(ratio: NDArray[np.float64], low: float, high: float) -> int:
-    return int(np.count_nonzero((ratio >= low) & (ratio < high)))
 
 
 def _missed_moment(power: float) -> float:

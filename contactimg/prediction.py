@@ -523,10 +523,8 @@ def see_contacts(
         Position in the frame minus position in the reference.
     """
     x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
-    radius, major, minor = (
-        contacts[name].to_numpy(float) / pose.pixel_size
-        for name in ("radius_m", "semi_major_m", "semi_minor_m")
-    )
+    lengths = contacts[["radius_m", "semi_major_m", "semi_minor_m"]].to_numpy(float)
+    radius, major, minor = lengths.T / pose.pixel_size
     return CONTACTS.conform(
         contacts.assign(
             x_px=x + shift_px[0],

@@ -314,11 +314,7 @@ def number(value: str) -> float | str:
 
 
 FRAMES = (
-    click.Option(
-        ["--scene"],
-        type=click.Path(exists=True, dir_okay=False),
-        help="Scene file to use instead of scene.toml in FOLDER.",
-    ),
+    option("scene", Annotated[ExistingFile | None, "Scene file to use instead of scene.toml in FOLDER."]),
     SceneOption("--reference", "images", "reference", "Can be repeated."),
     SceneOption("--frames", "images", "frames", 'A glob stands in quotes: "frame_*.tif".'),
     SceneOption("--loads", "images", "loads"),

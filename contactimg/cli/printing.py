@@ -90,12 +90,13 @@ def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, in
 
     With ``statuses`` (status -> number of frames, of all) it is said how many more there are.
     """
-    from contactimg.tables.statuses import CURES
+    from contactimg.tables import Status
 
     rows = [_frame_cells(row) for row in frames.to_dict("records")]
     echo_table(title, rows, left=2, forms={"load mN": "g", "forces/load": ".3f"})
     _echo_messages(frames)
-    say(*(f'"{status}": {CURES[status]}' for status in CURES if (frames["status"] == status).any()))
+    said = [status for status in Status if status.cure and (frames["status"] == status).any()]
+    say(*(f'"{status}": {status.cure}' for status in said))
     total = sum((statuses or {}).values())
     if total > len(frames):
         counts = ", ".join(f"{count:,} {status}" for status, count in (statuses or {}).items())
@@ -104,17 +105,12 @@ def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, in
 
 def _echo_messages(frames: "pd.DataFrame") -> None:
     """Print what several frames have in common once, and one line of each frame that is not "ok"."""
-    remarks = dict[str, list[str]]()
-    for frame, message in zip(frames["frame"], frames["message"], strict=True):
-        for remark in filter(None, message.split("; ")):
-            remarks.setdefault(remark, []).append(frame)
-    lines = dict[tuple[str, ...], list[str]]()
-    for remark, names in remarks.items():
-        lines.setdefault(tuple(names), []).append(remark)
+    remarks = frames.assign(remark=frames["message"].str.split("; ")).explode("remark")
+    shared = remarks[remarks["remark"] != ""].groupby("remark", sort=False)["frame"].agg(tuple)
     fine = set(frames.loc[frames["status"] == "ok", "frame"])
     whole = logging.getLogger("contactimg").isEnabledFor(logging.INFO)
     untold = 0
-    for those, said in lines.items():
+    for those, said in shared.index.to_series().groupby(shared, sort=False):
         many = "all frames" if len(those) == len(frames) else f"{len(those)} frames from {those[0]} on"
         text = f"{those[0] if len(those) == 1 else many}: {'; '.join(said)}"
         if whole:

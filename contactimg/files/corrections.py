@@ -151,24 +151,25 @@ def find_areas(masks: Mapping[str, Source], folder: Path, names: Sequence[str]) 
 
 
 @lru_cache(maxsize=16)
-def _mask(path: Path) -> "NDArray | list[Region]":
+def _mask(path: Path) -> "Frame | list[Region]":
     """The pixels of a mask, or the regions of an ImageJ file."""
     if path.suffix.lower() in ROI_SUFFIXES:
         from contactimg.files.exports import read_regions  # noqa: PLC0415 - most runs have no mask
 
         return read_regions(path)
-    return FrameSource(path.name, path).read().image
+    return FrameSource(path.name, path).read()
 
 
 @lru_cache(maxsize=4)
-def _mean(sources: tuple[FrameSource, ...]) -> NDArray[np.float32]:
-    """Mean of images of one size."""
-    total = np.zeros(sources[0].read().shape)
+def _mean(sources: tuple[FrameSource, ...]) -> Frame:
+    """Mean of images of one size, with name and full scale of the first."""
+    first = sources[0].read()
+    total = np.zeros(first.shape)
     for source in sources:
-        image = source.read().image
-        _check_size(source.name, image, total.shape, sources[0].name)
-        total += image
-    return np.asarray(total / len(sources), np.float32)
+        frame = source.read()
+        _check_size(frame, first)
+        total += frame.image
+    return replace(first, image=np.asarray(total / len(sources), np.float32))
 
 
 def _covered(area: MaskedArea, number: int, frame: Frame) -> NDArray[np.bool_]:
@@ -178,9 +179,9 @@ def _covered(area: MaskedArea, number: int, frame: Frame) -> NDArray[np.bool_]:
     polygons: list[NDArray] = [np.array(area.points)]
     if area.path is not None:
         mask = _mask(area.path)
-        if isinstance(mask, np.ndarray):
-            _check_size(area.path.name, mask, frame.shape, frame.name)
-            return np.asarray(mask != 0)
+        if isinstance(mask, Frame):
+            _check_size(mask, frame)
+            return np.asarray(mask.image != 0)
         polygons = [region.outline for region in mask if region.image in (0, number)]
     out = np.zeros(frame.shape, np.bool_)
     for corners in polygons:
@@ -189,12 +190,12 @@ def _covered(area: MaskedArea, number: int, frame: Frame) -> NDArray[np.bool_]:
     return out
 
 
-def _check_size(name: str, image: NDArray, shape: tuple[int, int], frame: str) -> None:
+def _check_size(image: Frame, frame: Frame) -> None:
     """Raise if an image has another size than the frame."""
-    if image.shape != shape:
+    if image.shape != frame.shape:
         raise FrameError(
-            f"{name} has {image.shape[1]} x {image.shape[0]} pixels, the frame {frame} has "
-            f"{shape[1]} x {shape[0]}; it must have the size of the frames"
+            f"{image.name} has {image.shape[1]} x {image.shape[0]} pixels, the frame {frame.name} has "
+            f"{frame.shape[1]} x {frame.shape[0]}; it must have the size of the frames"
         )
 
 
@@ -206,21 +207,17 @@ def _fields(
 
     Those are saturated in the dark or without light.
     """
-    shape = (*dark_sources, *flat_sources)[0].read().shape
-    dark, useless = np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
-    if dark_sources:
-        dark, scale = _mean(dark_sources), dark_sources[0].read().full_scale
-        useless |= dark >= (np.inf if scale is None else scale)
-    gain = np.ones(shape, np.float32)
+    first = _mean(dark_sources or flat_sources)
+    dark = first.image if dark_sources else np.zeros(first.shape, np.float32)
+    useless = dark >= (np.inf if first.full_scale is None else first.full_scale)
+    gain = np.ones(first.shape, np.float32)
     if flat_sources:
         flat = _mean(flat_sources)
-        _check_size(flat_sources[0].name, flat, shape, dark_sources[0].name if dark_sources else "")
-        light = flat - dark
+        _check_size(flat, first)
+        light = flat.image - dark
         middle = float(np.median(light))
         if not middle > 0:
-            raise FrameError(
-                f"{flat_sources[0].name} is not brighter than the dark frame; it must show light"
-            )
+            raise FrameError(f"{flat.name} is not brighter than the dark frame; it must show light")
         gain = light / np.float32(middle)
         useless |= gain < LEAST_FLAT_FRACTION
         gain[useless] = 1.0
@@ -236,7 +233,7 @@ def _subtract_and_divide(
     new full scale. A frame with one value everywhere keeps one value: black stays black.
     """
     dark, gain, level, useless = _fields(dark_sources, flat_sources)
-    _check_size((*dark_sources, *flat_sources)[0].name, dark, frame.shape, frame.name)
+    _check_size(_mean(dark_sources or flat_sources), frame)
     scale = np.inf if frame.full_scale is None else frame.full_scale
     raw = frame.image
     if raw.min() == raw.max() and raw[0, 0] < scale:

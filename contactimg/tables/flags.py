@@ -52,10 +52,6 @@ class Flag(enum.IntFlag):
     """No model describes it: its area is that of its pixels above half of its own plateau."""
 
 
-FLAG_CURES = {flag: flag.cure for flag in Flag}
-"""Flag -> what to do about it."""
-
-
 def flag_names(flags: Iterable[int]) -> list[str]:
     """Flag names joined by ``|`` for each row, as in the CSV files."""
     return [_names(int(value)) for value in flags]

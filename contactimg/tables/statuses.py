@@ -94,6 +94,3 @@ FAILED = Status.FAILED
 _NOTHING_SEEN = {Status.ALL_HOLES, Status.BLACK, Status.WHITE, Status.CONSTANT, Status.IDENTICAL}
 NO_RESULT = frozenset({FAILED, Status.NO_CONTACT, Status.NO_POSE, Status.OFF_LOAD, *_NOTHING_SEEN})
 """Statuses of frames that have no result to rely on, or not the one that the scene asks for."""
-
-CURES = {status: status.cure for status in Status if status.cure}
-"""Status -> what to do about it: what the terminal and the page of messages say."""

@@ -20,7 +20,6 @@ from sphinx.util import logging
 import contactimg
 from contactimg import cli, tables
 from contactimg.scene import Scene
-from contactimg.tables import flags, statuses
 
 LOG = logging.getLogger(__name__)
 TARGET = Path(__file__).parents[1] / "reference" / "generated"
@@ -244,13 +243,10 @@ def enum_page():
 def message_page():
     """Lines for every status and flag with cause and cure, and for every warning of the package."""
     lines = []
-    for title, kind, cures in (
-        ("Statuses", tables.Status, statuses.CURES),
-        ("Flags", tables.Flag, flags.FLAG_CURES),
-    ):
+    for title, kind in (("Statuses", tables.Status), ("Flags", tables.Flag)):
         causes = member_docstrings(kind)
-        names = {member: member.name if kind is tables.Flag else member.value for member in cures}
-        rows = [(f"`{names[member]}`", causes[member.name], _plain(cure)) for member, cure in cures.items()]
+        names = {one: one.name if kind is tables.Flag else one.value for one in kind if one.cure}
+        rows = [(f"`{name}`", causes[one.name], _plain(one.cure)) for one, name in names.items()]
         lines += [f"## {title}", "", *markdown_table(["message", "cause", "cure"], rows)]
     rows = sorted({(_plain(text), room) for text, room in _warnings()}, key=lambda row: row[::-1])
     return [*lines, "## Warnings", "", *markdown_table(["warning", "from"], rows)]
