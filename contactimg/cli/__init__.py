@@ -22,10 +22,10 @@ INTERRUPTED = "interrupted; earlier results are as they were, and `process` take
 """What a command says that was asked to end."""
 
 COMMANDS = {
-    "init": ("init", "Write a first scene.toml for a folder of frames."),
+    "init": ("folders", "Write a first scene.toml for a folder of frames."),
     "asperities": ("surfaces", "Find the asperities on a profilometer's height map."),
-    "process": ("process", "Measure the contacts on every frame of a folder."),
-    "check": ("process", "Test the measurement on contacts of known radius drawn into your own frames."),
+    "process": ("folders", "Measure the contacts on every frame of a folder."),
+    "check": ("folders", "Test the measurement on contacts of known radius drawn into your own frames."),
     "calibrate": ("calibrate", "Calibrate the modulus, the threshold or the plateau on a folder of frames."),
     "predict": ("models", "Predict the contacts at given loads with a contact model."),
     "design": ("surfaces", "Design a surface whose contact area follows a wanted law of the load."),

@@ -549,13 +549,16 @@ class TableWriter:
     @stage("writing")
     def append(self, rows: str | pd.DataFrame) -> None:
         """Add rows that were encoded for this table and its format."""
-        with explaining(self.path, "written"):
+        try:
             if self._format == "csv":
                 self._file.write(rows)
                 self._file.flush()
             else:
                 table = self._arrow.Table.from_pandas(rows, schema=self._columns, preserve_index=False)
                 self._file.write_table(table)
+        except (OSError, ValueError) as error:  # also of a name that the format cannot hold
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"{self.path}: cannot be written ({reason})") from None
         self.empty &= not len(rows)
 
 

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from contactimg.cli.process import _film_sentence
+from contactimg.cli.folders import _film_sentence
 
 
 @pytest.mark.parametrize(
