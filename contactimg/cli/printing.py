@@ -2,7 +2,7 @@
 
 import logging
 import textwrap
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from math import floor, isnan, log10
 from types import MappingProxyType
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from contactimg.effects.plan import Plan
 
 Cells = Mapping[Any, Any]
-"""Heading -> what stands in one row below it; nothing for a number that is missing."""
+"""Heading -> what stands in one row, or in all rows, below it; nothing for a number that is missing."""
 
 QUIET = "contactimg.quiet"
 """Where the context of a command holds that it is quiet."""
@@ -92,8 +92,17 @@ def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, in
     """
     from contactimg.tables import Status
 
-    rows = [_frame_cells(row) for row in frames.to_dict("records")]
-    echo_table(title, rows, left=2, forms={"load mN": "g", "forces/load": ".3f"})
+    load, force = frames["load_N"], frames["force_sum_N"]
+    columns = {
+        "frame": frames["frame"],
+        "status": frames["status"],
+        "load mN": 1e3 * load,
+        "contacts": frames["n_contacts"],
+        "area mm²": [*map(_with_std, 1e6 * frames["area_m2"], 1e6 * frames["area_std_m2"])],
+        "forces mN": [*map(_with_std, 1e3 * force, 1e3 * frames["force_sum_std_N"])],
+        "forces/load": (force / load).where(load > 0),
+    }
+    echo_table(title, columns, left=2, forms={"load mN": "g", "forces/load": ".3f"})
     _echo_messages(frames)
     said = [status for status in Status if status.cure and (frames["status"] == status).any()]
     say(*(f'"{status}": {status.cure}' for status in said))
@@ -121,18 +130,6 @@ def _echo_messages(frames: "pd.DataFrame") -> None:
             say(textwrap.shorten(text, WIDTH_OF_FILES, placeholder=" ... (--verbose)"))
     if untold:
         say(f"remarks on {untold} of these frames are in frames.csv; --verbose prints them")
-
-
-def _frame_cells(row: Mapping[Hashable, Any]) -> Cells:
-    return {
-        "frame": row["frame"],
-        "status": row["status"],
-        "load mN": 1e3 * row["load_N"],
-        "contacts": row["n_contacts"],
-        "area mm²": _with_std(1e6 * row["area_m2"], 1e6 * row["area_std_m2"]),
-        "forces mN": _with_std(1e3 * row["force_sum_N"], 1e3 * row["force_sum_std_N"]),
-        "forces/load": row["force_sum_N"] / row["load_N"] if row["load_N"] > 0 else None,
-    }
 
 
 def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
@@ -167,16 +164,14 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
 
 def echo_plan(plan: "Plan", *, title: str) -> None:
     """Print the decision on each effect, what matters most first; then limits and messages."""
-    rows = [
-        {
-            "effect": row["effect"],
-            "number that decides": row["reason"],
-            "decision": row["decision"] + (" (scene)" if row["switch"] in ("on", "off") else ""),
-            "if left out": f"{100 * row['change']:.2g} %",
-        }
-        for row in plan.table().sort_values("change", ascending=False, kind="stable").to_dict("records")
-    ]
-    echo_table(title, rows, left=3)
+    table = plan.table().sort_values("change", ascending=False, kind="stable")
+    columns = {
+        "effect": table["effect"],
+        "number that decides": table["reason"],
+        "decision": table["decision"] + table["switch"].map({"on": " (scene)", "off": " (scene)"}).fillna(""),
+        "if left out": (100 * table["change"]).map("{:.2g} %".format),
+    }
+    echo_table(title, columns, left=3)
     say(*plan.limits, *plan.messages)
 
 
@@ -186,20 +181,16 @@ def echo_tradeoff(table: "pd.DataFrame") -> None:
 
     for knob, part in table.groupby("knob", sort=False):
         usual = part["reference"].iloc[0]
-        rows = []
-        for row in part.to_dict("records"):
-            other = "" if row["reference"] == usual else f"against {row['reference']}"
-            rows.append(
-                {
-                    "setting": ("* " if row["pareto"] == 1 else "  ") + row["setting"],
-                    "": row["message"] if isnan(row["error"]) else other,
-                    "error": None if isnan(row["error"]) else error_text(row["error"]),
-                    "time": None if isnan(row["time_s"]) else time_text(row["time_s"]),
-                    "ratio": row["time_ratio"],
-                }
-            )
+        other = ("against " + part["reference"]).where(part["reference"] != usual, "")
+        columns = {
+            "setting": part["pareto"].map({1: "* "}).fillna("  ") + part["setting"],
+            "": part["message"].where(part["error"].isna(), other),
+            "error": part["error"].map(error_text, na_action="ignore"),
+            "time": part["time_s"].map(time_text, na_action="ignore"),
+            "ratio": part["time_ratio"],
+        }
         output = {"all": "worst output"}.get(part["output"].iloc[0], part["output"].iloc[0])
-        echo_table(f"{knob}: error of the {output} against {usual}", rows, left=2, forms={"ratio": ".3g"})
+        echo_table(f"{knob}: error of the {output} against {usual}", columns, left=2, forms={"ratio": ".3g"})
 
 
 def echo_timings(timings: Timings) -> None:
@@ -215,7 +206,7 @@ def echo_timings(timings: Timings) -> None:
 
 def echo_table(
     title: str,
-    rows: "pd.DataFrame | Sequence[Cells]",
+    rows: "pd.DataFrame | Sequence[Cells] | Cells",
     *,
     left: int,
     forms: Mapping[str, str] = MappingProxyType({}),
@@ -223,7 +214,8 @@ def echo_table(
 ) -> None:
     """Print a table without its empty columns; the first ``left`` columns are text, the others numbers.
 
-    ``forms`` says how the numbers below a heading are written.
+    ``rows`` are a table, its rows, or its columns by their headings. ``forms`` says how the numbers below a
+    heading are written.
     """
     if is_quiet() and not stderr:
         return

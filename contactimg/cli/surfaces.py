@@ -243,21 +243,18 @@ def _designed_scene(described: Scene) -> dict[str, dict[str, object]]:
 
 def _echo_law(found: "DesignedSurface", height_error_um: float) -> None:
     """Print the laws at some loads, and how good the surface is."""
-    table = found.law
-    wanted = table["wanted_area_m2"]
-    rows = [
-        {
-            "load mN": 1e3 * row["load_N"],
-            "contacts": row["n_contacts"],
-            "wanted mm²": 1e6 * row["wanted_area_m2"],
-            "designed mm²": 1e6 * row["coupled_area_m2"],
-            "scatter": f"{100 * row['coupled_std_m2'] / row['coupled_area_m2']:.2g} %",
-        }
-        for row in table.iloc[::SHOWN_ROWS].to_dict("records")
-    ]
+    table, shown = found.law, found.law.iloc[::SHOWN_ROWS]
+    columns = {
+        "load mN": 1e3 * shown["load_N"],
+        "contacts": shown["n_contacts"],
+        "wanted mm²": 1e6 * shown["wanted_area_m2"],
+        "designed mm²": 1e6 * shown["coupled_area_m2"],
+        "scatter": (100 * shown["coupled_std_m2"] / shown["coupled_area_m2"]).map("{:.2g} %".format),
+    }
     forms = dict.fromkeys(("load mN", "wanted mm²", "designed mm²"), ".4g")
-    echo_table("area against load", rows, left=0, forms=forms)
-    heights, off = found.asperities["height_m"] * 1e6, (table["coupled_area_m2"] / wanted - 1).abs().max()
+    echo_table("area against load", columns, left=0, forms=forms)
+    heights = found.asperities["height_m"] * 1e6
+    off = (table["coupled_area_m2"] / table["wanted_area_m2"] - 1).abs().max()
     say(
         f"{len(heights)} caps with heights from {heights.min():.1f} to {heights.max():.1f} µm: "
         f"the area is within {100 * off:.2g} % of the wanted law",
