@@ -101,10 +101,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         error.show()
         return 2
-    except (ContactimgError, OSError) as error:
-        sys.stderr.write(f"contactimg: {error}\n")
-        return 2
-    except (click.Abort, KeyboardInterrupt):
-        sys.stderr.write(f"contactimg: {INTERRUPTED}\n")
+    except (ContactimgError, OSError, click.Abort, KeyboardInterrupt) as error:
+        said = error if isinstance(error, ContactimgError | OSError) else INTERRUPTED
+        sys.stderr.write(f"contactimg: {said}\n")
         return 2
     return int(result) if isinstance(result, int) else 0

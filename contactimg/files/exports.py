@@ -232,11 +232,9 @@ def label_image(
 
 def _window(outline: Outline, shape: tuple[int, ...]) -> tuple[slice, ...]:
     """Rows and columns of the image that a contact may cover."""
-    line = outline.polygon
-    box = np.stack([line.min(axis=0), line.max(axis=0)])
-    low = np.maximum(np.floor(box[0, ::-1] - 1.0).astype(int), 0)
-    high = np.maximum(np.ceil(box[1, ::-1] + 1.0).astype(int) + 1, 0)
-    return tuple(slice(int(a), min(int(b), size)) for a, b, size in zip(low, high, shape, strict=True))
+    line = outline.polygon[:, ::-1]
+    ends = zip(np.floor(line.min(axis=0)) - 1, np.ceil(line.max(axis=0)) + 2, shape, strict=True)
+    return tuple(slice(int(max(low, 0)), int(np.clip(high, 0, size))) for low, high, size in ends)
 
 
 def _power(outline: Outline, columns: NDArray[np.intp], rows: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -270,13 +268,12 @@ def write_napari_shapes(contacts: pd.DataFrame, outlines: pd.DataFrame, path: Pa
     An ellipse is given by the four corners around it; a free shape is a polygon, each of its holes a path.
     """
     shapes = [shape for outline in contact_outlines(contacts, outlines) for shape in napari_shapes(outline)]
-    parts = [
-        pd.DataFrame({"index": index, "shape-type": kind, "axis-0": points[:, 1], "axis-1": points[:, 0]})
+    rows = [
+        (index, kind, vertex, y, x)
         for index, (kind, points) in enumerate(shapes)
+        for vertex, (x, y) in enumerate(points.tolist())
     ]
-    columns = ["index", "shape-type", "vertex-index", "axis-0", "axis-1"]
-    rows = [part.rename_axis("vertex-index").reset_index()[columns] for part in parts]
-    table = pd.concat(rows) if rows else pd.DataFrame(columns=columns)
+    table = pd.DataFrame(rows, columns=["index", "shape-type", "vertex-index", "axis-0", "axis-1"])
     write_text(table.to_csv(index=False, lineterminator="\n"), path)
 
 

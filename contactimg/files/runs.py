@@ -349,26 +349,20 @@ def _read_run(folder: Path) -> Run:
 
 def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) -> None:
     """Raise if the tables of a run do not belong together."""
-    repeated = frames["frame"][frames["frame"].duplicated()]
+    names, file = frames["frame"], table_file(folder, FRAMES)
+    repeated, unknown = names[names.duplicated()], contacts["frame"][~contacts["frame"].isin(names)]
     if len(repeated):
-        raise InputError(f"{table_file(folder, FRAMES)}: names frame {repeated.iloc[0]!r} more than once")
-    unknown = contacts["frame"][~contacts["frame"].isin(frames["frame"])]
+        raise InputError(f"{file}: names frame {repeated.iloc[0]!r} more than once")
+    placed, wrong = np.isfinite(contacts[["x_m", "y_m"]].to_numpy(float)).all(axis=1), ""
     if len(unknown):
-        raise InputError(
-            f"{table_file(folder, CONTACTS)}: names frame {unknown.iloc[0]!r}, which "
-            f"{table_file(folder, FRAMES).name} does not; "
-            "repeat the run"
-        )
-    if (contacts["asperity"] < 0).any():
-        raise InputError(
-            f"{table_file(folder, CONTACTS)}: column asperity must not be negative; repeat the run"
-        )
-    placed = np.isfinite(contacts[["x_m", "y_m"]].to_numpy(float)).all(axis=1)
-    if placed.any() and not placed.all():
-        raise InputError(
-            f"{table_file(folder, CONTACTS)}: row {int(np.argmin(placed)) + 1} of {len(placed)} has no x_m "
-            "and y_m, others have; delete the row or repeat the run"
-        )
+        wrong = f"names frame {unknown.iloc[0]!r}, which {file.name} does not;"
+    elif (contacts["asperity"] < 0).any():
+        wrong = "column asperity must not be negative;"
+    elif placed.any() and not placed.all():
+        row = int(np.argmin(placed)) + 1
+        wrong = f"row {row} of {len(placed)} has no x_m and y_m, others have; delete the row or"
+    if wrong:
+        raise InputError(f"{table_file(folder, CONTACTS)}: {wrong} repeat the run")
 
 
 # --- calibrations
