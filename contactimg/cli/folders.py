@@ -156,18 +156,17 @@ def _distinct_names(folders: tuple[str, ...]) -> list[str]:
 
 def _film_sentence(frames: "pd.DataFrame", films: dict[str, dict[str, Any]]) -> str:
     """One sentence where an air film changes areas by more than their uncertainty; nothing otherwise."""
+    import pandas as pd
+
     from contactimg.imaging.fit.film_choice import DECIDED_DOUBT
 
-    rows = frames.set_index("frame")
-    doubtful = {name: film for name, film in films.items() if film["doubt"] > DECIDED_DOUBT}
-    changes = [
-        100 * film["area_change"]
-        for name, film in doubtful.items()
-        if abs(film["area_change"]) * rows.loc[name, "area_m2"] > rows.loc[name, "area_std_m2"]
-    ]
-    if not changes:
+    table = pd.DataFrame.from_dict(films, orient="index", columns=["doubt", "taken", "area_change"])
+    doubtful = table[table["doubt"] > DECIDED_DOUBT].join(frames.set_index("frame"))
+    beyond = doubtful["area_change"].abs() * doubtful["area_m2"] > doubtful["area_std_m2"]
+    changes = 100 * doubtful["area_change"][beyond]
+    if changes.empty:
         return ""
-    other = "without" if any(film["taken"] for film in doubtful.values()) else "with"
+    other = "without" if doubtful["taken"].any() else "with"
     return (
         f"air film: {other} it the areas of {len(changes)} frames would change by {min(changes):+.2g} to "
         f'{max(changes):+.2g} %, beyond their uncertainty; state [effects] film = "on" or "off" if you know'
