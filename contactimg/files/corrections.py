@@ -174,8 +174,6 @@ def _mean(sources: tuple[FrameSource, ...]) -> Frame:
 
 def _covered(area: MaskedArea, number: int, frame: Frame) -> NDArray[np.bool_]:
     """Masked pixels of a frame: those other than 0 of an image, or with their centres in a polygon."""
-    from skimage.draw import polygon  # noqa: PLC0415 - most runs have no mask
-
     polygons: list[NDArray] = [np.array(area.points)]
     if area.path is not None:
         mask = _mask(area.path)
@@ -183,6 +181,8 @@ def _covered(area: MaskedArea, number: int, frame: Frame) -> NDArray[np.bool_]:
             _check_size(mask, frame)
             return np.asarray(mask.image != 0)
         polygons = [region.outline for region in mask if region.image in (0, number)]
+    from skimage.draw import polygon  # noqa: PLC0415 - most runs have no such mask
+
     out = np.zeros(frame.shape, np.bool_)
     for corners in polygons:
         x, y = corners.T
