@@ -4,7 +4,6 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -313,10 +312,9 @@ def _average_load(
     name, load, scene = str(frames["group_name"].iloc[0]), frames["group_load"].iloc[0], places[0].scene
     shots = {model: table[table["group_load"] == load] for model, (_, table) in seen.items()}
     kept = {model: table.merge(shots[model][["place", "frame"]]) for model, (table, _) in seen.items()}
-    edges = np.empty(0)  # of the annuli that hold the contacts of all places
-    for table, place in product(kept.values(), places):
-        one = table[table["place"] == place.name]
-        edges = max(edges, annulus_edges(one, centre=place.centre, width=options.annulus), key=len)
+    own = ((table[table["place"] == place.name], place) for table in kept.values() for place in places)
+    every = (annulus_edges(one, centre=place.centre, width=options.annulus) for one, place in own)
+    edges = max(every, key=len)  # of the annuli that hold the contacts of all places
     moments = {
         model: {
             place.name: annuli_of(kept[model], table, place, edges, options.min_radius_px)
