@@ -353,22 +353,16 @@ POINT_COLUMNS = {"r": "r_m", "n": "n_contacts"} | {
 
 def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.DataFrame:
     """Density and mean radius against the local pressure, columns of `contactimg.tables.PRESSURE_LAW`."""
-    parts = [PRESSURE_LAW.empty()]
+    parts = [pd.DataFrame()]
     for model, places in average.moments.items():
         if model == "uncoupled" or not places:
             continue
         sums = sum_moments(places.values())
         found = pressure_points(sums, min_contacts=min_contacts, by_those_beside=True)
-        found = found.assign(
-            density_ratio=found["density"] / density,
-            density_ratio_std=found["density_std"] / density,
-            frame=average.name,
-            model=model,
-            load_N=average.load,
-        )
-        table = found.rename(columns=POINT_COLUMNS)[list(PRESSURE_LAW.columns)]
-        parts.append(PRESSURE_LAW.conform(table))
-    return joined(parts, PRESSURE_LAW)
+        ratios = {f"density_ratio{std}": found[f"density{std}"] / density for std in ("", "_std")}
+        parts.append(found.assign(**ratios, frame=average.name, model=model, load_N=average.load))
+    points = pd.concat(parts).rename(columns=POINT_COLUMNS)
+    return PRESSURE_LAW.conform(points.filter(list(PRESSURE_LAW.columns)))
 
 
 # --- tables and laws
@@ -430,17 +424,13 @@ def _contact_laws(
 
 def _friction_table(places: Sequence[Place]) -> pd.DataFrame:
     """Frames with a friction force and an area."""
-    parts = [FRICTION.empty()]
-    for place in places:
-        slid = place.loads[place.loads["friction_N"].notna()]
-        both = slid[["frame", "friction_N", "velocity_m_s"]].merge(
-            place.frames[["frame", "load_N", "area_m2", "area_std_m2"]].dropna(subset="area_m2"), on="frame"
-        )
-        area = both["area_m2"].where(both["area_m2"] > 0)
-        parts.append(
-            FRICTION.conform(both.assign(place=place.name, stress_Pa=both["friction_N"].abs() / area))
-        )
-    return joined(parts, FRICTION)
+    columns, own = ["frame", "friction_N", "velocity_m_s"], ["frame", "load_N", "area_m2", "area_std_m2"]
+    tables = [
+        place.loads[columns].merge(place.frames[own], on="frame").assign(place=place.name) for place in places
+    ]
+    both = pd.concat(tables).dropna(subset=["friction_N", "area_m2"])
+    stress = both["friction_N"].abs() / both["area_m2"].where(both["area_m2"] > 0)
+    return FRICTION.conform(both.assign(stress_Pa=stress))
 
 
 def _shear_stress(friction: pd.DataFrame, options: AnalysisOptions) -> ShearStress:
