@@ -92,13 +92,15 @@ def draw_frames(
     workers: int | None,
 ) -> None:
     """Read frames again, and write what a function draws of each."""
+    draw = partial(_draw_frame, folder)
+    deque(in_parallel(draw, jobs, count=count, workers=workers, shown="drawing overlays"), maxlen=0)
 
-    @stage("pictures")
-    def write(source: FrameSource, draw: Callable[[NDArray], Picture]) -> None:
-        picture = draw(source.read().image)
-        write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(source.name)}.png")
 
-    deque(in_parallel(write, jobs, count=count, workers=workers, shown="drawing overlays"), maxlen=0)
+@stage("pictures")
+def _draw_frame(folder: Path, source: FrameSource, draw: Callable[[NDArray], Picture]) -> None:
+    """Read one frame again and draw it."""
+    picture = draw(source.read().image)
+    write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(source.name)}.png")
 
 
 @stage("pictures")
