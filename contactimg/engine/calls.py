@@ -92,14 +92,12 @@ def in_parallel(
     -----
     Local workers end with this process, whatever ends it (`contactimg.engine.processes`).
     """
-    cluster, items = cluster_in_use(), iter(arguments)
-    if cluster is not None:
-        results = _shared(cluster, function, items, lost)
-    elif workers is not None and _processes(workers) > 1:
-        results = _shared(_Processes(_processes(workers)), function, items, lost)
-    else:
-        results = _begun_alone(function, items, count, _processes(workers), lost)
-    return counted(results, shown, count)
+    items, processes = iter(arguments), _processes(workers)
+    asked = _Processes(processes) if workers is not None and processes > 1 else None
+    takers = cluster_in_use() or asked
+    if takers is None:
+        return counted(_begun_alone(function, items, count, processes, lost), shown, count)
+    return counted(_shared(takers, function, items, lost), shown, count)
 
 
 def _processes(workers: int | None) -> int:

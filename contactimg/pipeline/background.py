@@ -317,15 +317,6 @@ class _Anchored:
         squares = [*(view.squares() for view in self.first), *(squares for _, squares in self.shown.values())]
         return compare_views(squares, sign=self.sign)
 
-    @property
-    def contacts_show_the_surface(self) -> bool:
-        """Whether the surface is seen inside the contacts as well as outside."""
-        shape = (self.image.shape[0], self.image.shape[1])
-        return bool(np.median([
-            self.agreement.scatter_inside(own.on_anchor(shape), view=n)
-            for n, (own, _) in enumerate(self.shown.values(), start=bool(self.references))
-        ]) <= INSIDE_SCATTER)  # fmt: skip
-
 
 def _place_views(
     experiment: Experiment, options: FrameOptions, parts: Sequence[MeasuredFrame], workers: int | None
@@ -357,7 +348,11 @@ def _place_views(
         anchored = _Anchored(image, 0, source, sign, place(contacts, image))
     if len(anchored.shown) < FEWEST_VIEWS:
         raise FrameError(f"only {len(anchored.shown)} different frames show it")
-    if not anchored.contacts_show_the_surface:
+    scatter = [
+        anchored.agreement.scatter_inside(own.on_anchor(anchored.image.shape), view=n)
+        for n, (own, _) in enumerate(anchored.shown.values(), start=bool(anchored.references))
+    ]
+    if np.median(scatter) > INSIDE_SCATTER:
         logger.info("contacts do not show the surface as their surroundings do: they are left out")
         hidden = {k: own.contacts.left_out() for k, (own, _) in anchored.shown.items()}
         anchored = replace(anchored, shown=place(hidden, anchored.image))

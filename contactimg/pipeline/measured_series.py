@@ -295,9 +295,7 @@ class MeasuredSeries:
     ----------
     scene : Scene
     parts : sequence of MeasuredFrame
-        In order.
-    loads : ndarray, shape (n,)
-        Load of each frame, N; NaN where it is not known.
+        In order, with the load of each in its row.
     sites : DataFrame or None
         Composite summits of the asperities.
     pose : PoseFit or None
@@ -314,7 +312,6 @@ class MeasuredSeries:
 
     scene: Scene
     parts: Sequence[MeasuredFrame]
-    loads: NDArray[np.float64]
     sites: pd.DataFrame | None
     pose: PoseFit | None = None
     apex: Apex | None = None
@@ -332,10 +329,10 @@ class MeasuredSeries:
             return self
         counts = [part.row.get("n_contacts", pd.NA) for part in self.parts]
         most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
-        run = self._part(most, most + 1)._in_pixels
+        run = replace(self, parts=[self.parts[most]])._in_pixels
         pose = find_pose(run, self.sites, self.scene.pose(shape))
         places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
-        several = replace(self, parts=[self.parts[k] for k in places], loads=self.loads[places])
+        several = replace(self, parts=[self.parts[k] for k in places])
         located = with_pose(several._in_pixels, self.sites, pose)
         shown = shown_apex(located, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
@@ -382,11 +379,7 @@ class MeasuredSeries:
         if len(self.parts) <= BLOCK_FRAMES:
             return iter((self,))
         firsts = range(0, len(self.parts), BLOCK_FRAMES)
-        return (replace(self._part(first, first + BLOCK_FRAMES), decided=law) for first in firsts)
-
-    def _part(self, first: int, end: int) -> "MeasuredSeries":
-        """Some of the frames as a series."""
-        return replace(self, parts=self.parts[first:end], loads=self.loads[first:end])
+        return (replace(self, parts=self.parts[k : k + BLOCK_FRAMES], decided=law) for k in firsts)
 
     @cached_property
     def _finished(self) -> Run:
@@ -405,7 +398,7 @@ class MeasuredSeries:
         frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
         contacts, rejected, outlines = (_joined(schema, tables) for schema in (CONTACTS, REJECTED, OUTLINES))
         more = {"rejected": rejected, "outlines": outlines}
-        return Run(self.scene, contacts, frames.assign(load_N=self.loads), tables=more)
+        return Run(self.scene, contacts, frames, tables=more)
 
 
 def _joined(schema: Schema, parts: Sequence[object]) -> pd.DataFrame:

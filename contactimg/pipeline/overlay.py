@@ -150,6 +150,7 @@ def compare_frame(
     counted = pairs["radius_predicted_m"] >= min_radius_px * pixel_size
     n_measured, n_predicted = len(measured) - int((~counted).sum()), int(visible.sum())
     n_matched, good = int(counted.sum()), pairs[counted]
+    apart = good["radius_measured_m"] - good["radius_predicted_m"]
     return pairs, {
         "n_measured": n_measured,
         "n_predicted": n_predicted,
@@ -157,8 +158,8 @@ def compare_frame(
         "precision": n_matched / n_predicted if n_predicted else np.nan,
         "recall": n_matched / n_measured if n_measured else np.nan,
         "f1": 2 * n_matched / (n_measured + n_predicted) if n_measured + n_predicted else np.nan,
-        "position_rms_m": _rms(good["distance_m"]),
-        "radius_rms_m": _rms(good["radius_measured_m"] - good["radius_predicted_m"]),
+        "position_rms_m": float(np.sqrt((good["distance_m"] ** 2).mean())),
+        "radius_rms_m": float(np.sqrt((apart**2).mean())),
     }
 
 
@@ -167,11 +168,6 @@ def _in_view(contacts: pd.DataFrame, shape: tuple[int, int]) -> pd.DataFrame:
     rows, columns = shape
     inside = contacts["x_px"].between(-0.5, columns - 0.5) & contacts["y_px"].between(-0.5, rows - 0.5)
     return contacts[inside].reset_index(drop=True)
-
-
-def _rms(values: pd.Series) -> float:
-    """Root mean square; nan of nothing."""
-    return float(np.sqrt(np.mean(values.to_numpy(float) ** 2))) if len(values) else np.nan
 
 
 def draw_comparison(

@@ -74,9 +74,10 @@ def measure_parts(
     edits = edits_by_frame(experiment)
     options = FrameOptions.of(scene, sites)
     parts, shape = _measure_frames(experiment, options, edits, workers=workers, store=store)
-    parts = [replace(part, own_optics=None) for part in parts]  # which is the largest part of a frame
-    loads = np.array([experiment.load_of(part.row["frame"]) for part in parts])
-    return MeasuredSeries(scene, parts, loads, sites, workers=workers).posed(shape, asperities)
+    for k, part in enumerate(parts):  # own_optics is the largest part of a frame
+        row = part.row | {"load_N": experiment.load_of(part.row["frame"])}
+        parts[k] = replace(part, row=row, own_optics=None)
+    return MeasuredSeries(scene, parts, sites, workers=workers).posed(shape, asperities)
 
 
 def edits_by_frame(experiment: Experiment) -> dict[str, Edits]:

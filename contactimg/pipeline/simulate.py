@@ -115,8 +115,8 @@ def write_simulation(
     if simulate.tangential and asperities is None:
         raise InputError("[simulate] tangential_N needs asperities; give [asperities], or leave it out")
     count = len(simulate.loads)
-    loads = pd.DataFrame({"load_N": simulate.loads})
-    loads.insert(0, "frame", [f"frame_{k:0{len(str(count))}d}.tif" for k in range(1, count + 1)])
+    names = [f"frame_{k:0{len(str(count))}d}.tif" for k in range(1, count + 1)]
+    loads = pd.DataFrame({"frame": names, "load_N": simulate.loads})
     if simulate.tangential:
         loads["tangential_N"] = simulate.tangential
     if simulate.interval:

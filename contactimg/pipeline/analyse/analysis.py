@@ -4,7 +4,6 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -313,10 +312,9 @@ def _average_load(
     name, load, scene = str(frames["group_name"].iloc[0]), frames["group_load"].iloc[0], places[0].scene
     shots = {model: table[table["group_load"] == load] for model, (_, table) in seen.items()}
     kept = {model: table.merge(shots[model][["place", "frame"]]) for model, (table, _) in seen.items()}
-    edges = np.empty(0)  # of the annuli that hold the contacts of all places
-    for table, place in product(kept.values(), places):
-        one = table[table["place"] == place.name]
-        edges = max(edges, annulus_edges(one, centre=place.centre, width=options.annulus), key=len)
+    own = ((table[table["place"] == place.name], place) for table in kept.values() for place in places)
+    every = (annulus_edges(one, centre=place.centre, width=options.annulus) for one, place in own)
+    edges = max(every, key=len)  # of the annuli that hold the contacts of all places
     moments = {
         model: {
             place.name: annuli_of(kept[model], table, place, edges, options.min_radius_px)
@@ -355,22 +353,16 @@ POINT_COLUMNS = {"r": "r_m", "n": "n_contacts"} | {
 
 def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.DataFrame:
     """Density and mean radius against the local pressure, columns of `contactimg.tables.PRESSURE_LAW`."""
-    parts = [PRESSURE_LAW.empty()]
+    parts = [pd.DataFrame()]
     for model, places in average.moments.items():
         if model == "uncoupled" or not places:
             continue
         sums = sum_moments(places.values())
         found = pressure_points(sums, min_contacts=min_contacts, by_those_beside=True)
-        found = found.assign(
-            density_ratio=found["density"] / density,
-            density_ratio_std=found["density_std"] / density,
-            frame=average.name,
-            model=model,
-            load_N=average.load,
-        )
-        table = found.rename(columns=POINT_COLUMNS)[list(PRESSURE_LAW.columns)]
-        parts.append(PRESSURE_LAW.conform(table))
-    return joined(parts, PRESSURE_LAW)
+        ratios = {f"density_ratio{std}": found[f"density{std}"] / density for std in ("", "_std")}
+        parts.append(found.assign(**ratios, frame=average.name, model=model, load_N=average.load))
+    points = pd.concat(parts).rename(columns=POINT_COLUMNS)
+    return PRESSURE_LAW.conform(points.filter(list(PRESSURE_LAW.columns)))
 
 
 # --- tables and laws
@@ -432,17 +424,13 @@ def _contact_laws(
 
 def _friction_table(places: Sequence[Place]) -> pd.DataFrame:
     """Frames with a friction force and an area."""
-    parts = [FRICTION.empty()]
-    for place in places:
-        slid = place.loads[place.loads["friction_N"].notna()]
-        both = slid[["frame", "friction_N", "velocity_m_s"]].merge(
-            place.frames[["frame", "load_N", "area_m2", "area_std_m2"]].dropna(subset="area_m2"), on="frame"
-        )
-        area = both["area_m2"].where(both["area_m2"] > 0)
-        parts.append(
-            FRICTION.conform(both.assign(place=place.name, stress_Pa=both["friction_N"].abs() / area))
-        )
-    return joined(parts, FRICTION)
+    columns, own = ["frame", "friction_N", "velocity_m_s"], ["frame", "load_N", "area_m2", "area_std_m2"]
+    tables = [
+        place.loads[columns].merge(place.frames[own], on="frame").assign(place=place.name) for place in places
+    ]
+    both = pd.concat(tables).dropna(subset=["friction_N", "area_m2"])
+    stress = both["friction_N"].abs() / both["area_m2"].where(both["area_m2"] > 0)
+    return FRICTION.conform(both.assign(stress_Pa=stress))
 
 
 def _shear_stress(friction: pd.DataFrame, options: AnalysisOptions) -> ShearStress:

@@ -176,16 +176,14 @@ def _centre(run: Run, pose: Pose | None, centre_px: Point | None) -> Point:
 
 def radius_ratios(contacts: pd.DataFrame, scene: Scene, asperities: pd.DataFrame | None) -> pd.Series:
     """Contact radius over the radius of curvature of its asperity, NaN where that is not known."""
-    section = scene.asperities
-    radii = np.full(len(contacts), np.nan if section is None or section.radius is None else section.radius)
+    radii = pd.Series(np.nan if scene.asperities is None else scene.asperities.radius, contacts.index, float)
     if asperities is not None:
-        known = contacts["asperity"].notna().to_numpy()
-        last = contacts["asperity"].max()
-        if known.any() and last >= len(asperities):
+        row = contacts["asperity"].dropna().astype(int)
+        if row.max() >= len(asperities):
             raise InputError(
-                f"contacts.csv names asperity {last}, but their table has {len(asperities)} rows"
+                f"contacts.csv names asperity {row.max()}, but their table has {len(asperities)} rows"
             )
-        radii[known] = asperities["radius_m"].to_numpy(float)[contacts["asperity"][known].to_numpy(int)]
+        radii.loc[row.index] = asperities["radius_m"].to_numpy(float)[row]
     return contacts["radius_m"] / radii
 
 
@@ -258,10 +256,8 @@ def grouped(places: Sequence[Place], *, tolerance: float) -> Tables:
     shots["group"] = group_loads(shots["load_N"].tolist(), tolerance=tolerance)
     load = shots.groupby(["group", "place"])["load_N"].mean().groupby("group").mean()
     shots["group_load"] = shots["group"].map(load)
-    names = []
-    for k, frames in enumerate(shots.groupby("group")["frame"].unique()):
-        names.append(str(frames[0]) if len(frames) == 1 else load_name(float(load.iloc[k])))
-    shots["group_name"] = [names[k] for k in shots["group"]]
+    alone = shots.groupby("group")["frame"].transform("nunique") == 1
+    shots["group_name"] = shots["frame"].where(alone, shots["group_load"].map(load_name))
     tables = [place.contacts.assign(place=place.name) for place in places]
     return pd.concat([table for table in tables if len(table)] or tables, ignore_index=True), shots
 
@@ -309,10 +305,12 @@ def predict_places(
     list of str
         Why frames were left out.
     """
-    known, surfaces = {place.name: place for place in places}, dict[str, tuple[Scene, pd.DataFrame]]()
-    for place in places:
-        if place.asperities is not None:
-            surfaces[place.name] = scene_of_model(place.scene, model), place.asperities
+    known = {place.name: place for place in places}
+    surfaces = {
+        name: (scene_of_model(place.scene, model), place.asperities)
+        for name, place in known.items()
+        if place.asperities is not None
+    }
     shots, contacts, solved, notes = frames.to_dict("records"), list[pd.DataFrame](), [], list[str]()
     jobs = [
         (row["place"], row["frame"], row["load_N"], known[row["place"]].field(row["frame"])) for row in shots

@@ -21,7 +21,7 @@ from contactimg.imaging.measure import count_again
 from contactimg.pipeline.calibrate.result import Calibrated, cell_notes
 from contactimg.pipeline.frame import frame_row, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites
-from contactimg.pipeline.measured_series import find_pose, local_law, locate_frames, with_forces
+from contactimg.pipeline.measured_series import find_pose, local_law, with_forces, with_pose
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import doubts_about_forces, settle
@@ -91,52 +91,38 @@ def measure_thresholds(
     scene.need("camera", "a calibration")
     measure = partial(_count_frame, scene=scene, thresholds=levels)
     parts = list(for_each_frame(experiment, measure, workers=workers, shown="measuring frames"))
-    measured = [part for part in parts if not isinstance(part, FailedFrame)]
     rows = [part.row if isinstance(part, FailedFrame) else part[0] for part in parts]
     frames = FRAMES.conform(pd.DataFrame(rows))
     frames["load_N"] = [experiment.load_of(name) for name in frames["frame"]]
-    if not measured:
-        raise InputError(f"no frame could be measured; the first: {frames['message'].iloc[0]}")
     good = frames["status"] != FAILED
+    if not good.any():
+        raise InputError(f"no frame could be measured; the first: {frames['message'].iloc[0]}")
     kept = frames[good].reset_index(drop=True)
-    # each threshold has its own frames in one run, all under the pose and the law found near half height
-    every = pd.concat([_named_by(k, kept) for k in range(len(levels))], ignore_index=True)
-    run = Run(scene, pd.concat([contacts for _, contacts, _ in measured], ignore_index=True), every)
-    half = _named_by(int(np.abs(levels - 0.5).argmin()), kept)
+    _, counted, shapes = zip(*(part for part in parts if not isinstance(part, FailedFrame)), strict=True)
+    runs = [Run(scene, pd.concat(parts, ignore_index=True), kept) for parts in zip(*counted, strict=True)]
+    half = int(np.abs(levels - 0.5).argmin())
     _, sites = asperities_and_sites(experiment)
-    pose = find_pose(_only(run, half), sites, scene.pose(measured[0][2])).pose
-    targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
-    located = locate_frames(run.contacts, every, pose, targets)
-    run = replace(run, contacts=CONTACTS.conform(located))
-    sums = with_forces(run, sites, local_law(_only(run, half), sites)).frames
+    pose = find_pose(runs[half], sites, scene.pose(shapes[0]))
+    runs = [with_pose(run, sites, pose) for run in runs]
+    law = local_law(runs[half], sites)
+    sums = [with_forces(run, sites, law).frames for run in runs]
     areas, forces = (
-        sums[name].to_numpy(float).reshape(len(levels), len(kept)) for name in ("area_m2", "force_sum_N")
+        np.array([table[name].to_numpy(float) for table in sums]) for name in ("area_m2", "force_sum_N")
     )
     return ThresholdSeries(levels, areas, forces, kept, frames[~good].reset_index(drop=True))
 
 
-def _named_by(threshold: int, table: pd.DataFrame) -> pd.DataFrame:
-    """A table of frames or contacts with the names that frames have at the threshold of this number."""
-    return table.assign(frame=[f"{name} at threshold {threshold}" for name in table["frame"]])
-
-
-def _only(run: Run, frames: pd.DataFrame) -> Run:
-    """The part of a run that is about these frames."""
-    return replace(run, contacts=run.contacts[run.contacts["frame"].isin(frames["frame"])], frames=frames)
-
-
 def _count_frame(
     frame: Frame, reference: NDArray | None, *, scene: Scene, thresholds: Values
-) -> tuple[dict[str, object], pd.DataFrame, tuple[int, int]]:
+) -> tuple[dict[str, object], list[pd.DataFrame], tuple[int, int]]:
     """Register one frame and count it: its row, its contacts at every threshold, and its shape."""
     measurement = measure_prepared(frame, reference, scene, count_at=0.5)
     if not measurement.contrast:
         raise FrameError(measurement.message or "nothing stands out of the noise")
     counted = (count_again(measurement.foreground, float(level)).disks for level in thresholds)
-    contacts = [_named_by(k, disks.assign(frame=frame.name)) for k, disks in enumerate(counted)]
-    own = {"n_contacts": len(measurement.disks), "smallest_px": np.nan}
-    row = frame_row(measurement, frame.name) | own
-    return row, pd.concat(map(CONTACTS.conform, contacts), ignore_index=True), frame.shape
+    contacts = [CONTACTS.conform(disks.assign(frame=frame.name)) for disks in counted]
+    row = frame_row(measurement, frame.name) | {"n_contacts": len(measurement.disks), "smallest_px": np.nan}
+    return row, contacts, frame.shape
 
 
 # --- the calibrations
