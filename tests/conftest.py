@@ -21,18 +21,21 @@ gc.disable()  # until the tests are collected
 
 
 WITHOUT_IMAGES = {Path(__file__).parent / name for name in ("analysis", "mechanics", "models")}
+LONG = {Path(__file__).parent / name for name in ("test_documentation.py", "test_notebooks.py")}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Of two processes, which begin with half of the tests each, one compiles what measures images.
 
-    The second half begins with tests that need none of that; later it finds the machine code stored.
+    The second half begins with tests that need none of that; later it finds the machine code stored. Then the
+    longest come: the last of the tests, which either process may take, are short.
     """
-    other = [item for item in items if WITHOUT_IMAGES & set(item.path.parents)]
-    chosen = set(map(id, other))
-    rest = [item for item in items if id(item) not in chosen]
+    parts: tuple[list[pytest.Item], ...] = [], [], []
+    for item in items:
+        parts[1 if WITHOUT_IMAGES & set(item.path.parents) else 2 * (item.path in LONG)].append(item)
+    rest, other, long = parts
     half = len(items) // 2
-    items[:] = [*rest[:half], *other, *rest[half:]]
+    items[:] = [*rest[:half], *other, *long, *rest[half:]]
 
 
 def pytest_collection_finish() -> None:
