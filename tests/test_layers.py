@@ -1,6 +1,7 @@
 """Every import points down: a module imports only from rooms below its own, function-level included."""
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -89,7 +90,8 @@ def room_of(module: str) -> str:
     return module.split(".")[1] if module.count(".") else "__init__"
 
 
-def modules_imported_by(path: Path) -> set[str]:
+@cache
+def modules_imported_by(path: Path) -> frozenset[str]:
     """Modules of the package that a module imports, wherever in the module the import stands."""
     modules = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -104,9 +106,10 @@ def modules_imported_by(path: Path) -> set[str]:
         else:
             continue
         modules |= {name for name in names if name.startswith("contactimg") and is_module(name)}
-    return modules
+    return frozenset(modules)
 
 
+@cache
 def is_module(name: str) -> bool:
     """Whether a dotted name is a module or a package, not something defined in one."""
     path = PACKAGE.parent.joinpath(*name.split("."))

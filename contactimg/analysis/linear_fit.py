@@ -161,11 +161,11 @@ def fit_linear(basis: Basis, points: Points, *, scatter: float | None = None) ->
 
     @cache  # the root is sought between two values that are known before
     def surplus(extra: float) -> float:
-        return float(_solve(basis, points, extra**0.5, freedom, settled=False).chi_square) - freedom
+        return float(least_chi_square(basis, points, scatter=extra**0.5, settled=False)) - freedom
 
     stated = np.asarray(points.spread) == 0
     plain = replace(points, x_std=0.0, y_std=np.where(stated, points.y_std, 0.0))
-    most = float(_solve(basis, plain, 1.0, freedom).chi_square) / max(freedom, 1)
+    most = float(least_chi_square(basis, plain, scatter=1.0)) / max(freedom, 1)
     if freedom == 0 or surplus(0.0) <= 0 or most <= _floor(y):
         return _solve(basis, points, 0.0, freedom)
 
@@ -194,20 +194,40 @@ def solve_moments(instrument: Values, terms: Values, y: Values, weights: Values)
         return np.asarray((np.linalg.pinv(matrix) @ side)[..., 0])
 
 
-def _solve(basis: Basis, points: Points, scatter: float, freedom: int, *, settled: bool = True) -> LinearFit:
-    """The fit with a given excess scatter; one that need not have settled bounds the scatter only."""
+def least_chi_square(basis: Basis, points: Points, *, scatter: float, settled: bool = True) -> Values:
+    """Chi-square of the fit with a given scatter; one that need not have settled bounds the scatter only."""
+    _, _, weights, residuals = _settle(basis, points, scatter, settled=settled)
+    return np.asarray(np.sum(weights * residuals**2, axis=-1))
+
+
+def _solve(basis: Basis, points: Points, scatter: float, freedom: int) -> LinearFit:
+    """The fit with a given excess scatter."""
+    parameters, instrument, weights, residuals = _settle(basis, points, scatter)
+    information = np.swapaxes(instrument * weights[..., None], -1, -2) @ instrument
+    unit = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), np.finfo(float).tiny))
+    unit = unit[..., None] * unit[..., None, :]
+    # degenerate parameters get the covariance of least norm
+    covariance = np.linalg.pinv(information / unit, rcond=1e-12, hermitian=True) / unit
+    return LinearFit(parameters, covariance, weights, residuals, scatter, freedom)
+
+
+def _settle(
+    basis: Basis, points: Points, scatter: float, *, settled: bool = True
+) -> tuple[Values, Values, Values, Values]:
+    """Parameters with a given excess scatter, the terms at the likely x, the weights and the residuals."""
     x, y, often = np.asarray(points.x), np.asarray(points.y), np.asarray(points.weight)
     x_variance = np.asarray(points.x_std) ** 2
     mixed = np.asarray(points.correlation) * np.asarray(points.x_std) * np.asarray(points.y_std)
     farthest = FARTHEST * np.asarray(points.x_std)
     terms, derivatives = basis(x)
-    size = float(np.abs(y).max()) or 1.0
+    size, floor = float(np.abs(y).max()) or 1.0, _floor(y)
+    excess = (scatter * np.asarray(points.spread)) ** 2
     fitted = np.zeros_like(y)
     parameters = solve_moments(terms, terms, y, often)
     for count in range(MOST_PASSES):
         slope = (derivatives @ parameters[..., None])[..., 0]
         before, fitted = fitted, (terms @ parameters[..., None])[..., 0]
-        weights = 1 / (points.variance(slope) + (scatter * np.asarray(points.spread)) ** 2 + _floor(y))
+        weights = 1 / (points.variance(slope) + excess + floor)
         shift = (slope * x_variance - mixed) * (y - fitted) * weights
         instrument = basis(x + np.clip(shift, -farthest, farthest))[0]
         if np.abs(fitted - before).max() < PASS_TOLERANCE * size:
@@ -220,13 +240,7 @@ def _solve(basis: Basis, points: Points, scatter: float, freedom: int, *, settle
                 f"the fit of a law did not converge in {MOST_PASSES} passes; "
                 "leave out outliers or narrow the range"
             )
-    weights = often * weights
-    information = np.swapaxes(instrument * weights[..., None], -1, -2) @ instrument
-    unit = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), np.finfo(float).tiny))
-    unit = unit[..., None] * unit[..., None, :]
-    # degenerate parameters get the covariance of least norm
-    covariance = np.linalg.pinv(information / unit, rcond=1e-12, hermitian=True) / unit
-    return LinearFit(parameters, covariance, weights, y - fitted, scatter, freedom)
+    return parameters, instrument, often * weights, y - fitted
 
 
 def line(x: Values) -> tuple[Values, Values]:

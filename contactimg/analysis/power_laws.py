@@ -10,7 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, special
 
 from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights, student_estimate
-from contactimg.analysis.linear_fit import LinearFit, Points, fit_line, fit_linear, two_lines
+from contactimg.analysis.linear_fit import (
+    LinearFit,
+    Points,
+    fit_line,
+    fit_linear,
+    least_chi_square,
+    two_lines,
+)
 from contactimg.errors import ConvergenceError, InputError
 
 Values = NDArray[np.float64]
@@ -271,7 +278,7 @@ def fit_broken_law(
         """Chi-square; infinite where the points on one side do not decide on an exponent."""
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                return float(fit_linear(two_lines(place), logs, scatter=scatter).chi_square)
+                return float(least_chi_square(two_lines(place), logs, scatter=scatter))
         except ConvergenceError:
             return np.inf
 

@@ -133,14 +133,15 @@ class JkrSeries:
         return replace(self, extra=np.column_stack([self.extra, column]))
 
     def terms(self, radius: Values) -> Values:
-        """Load per unit of K/R, sqrt(6 pi) S, the extra parameters and the zero, shape (n, k)."""
-        pressing, adhesive = np.ones((2, len(radius)))
+        """Load per unit of K/R, sqrt(6 pi) S, the extra parameters and the zero, shape (..., n, k)."""
+        pressing, adhesive = np.ones((2, *radius.shape))
         layer = self.sphere.thickness
         if layer is not None:
             pressing, adhesive = layer_factors(radius / layer, poisson_ratio=self.sphere.poisson_ratio)
-        adhesion = -(adhesive * radius**1.5)[:, None] * self.branches
-        zero = np.ones((len(radius), int(self.zero_std > 0)))
-        return np.column_stack([pressing * radius**3, adhesion, self.extra, zero])
+        adhesion = -(adhesive * radius**1.5)[..., None] * self.branches
+        extra = np.broadcast_to(self.extra, (*radius.shape, self.extra.shape[-1]))
+        zero = np.ones((*radius.shape, int(self.zero_std > 0)))
+        return np.concatenate([(pressing * radius**3)[..., None], adhesion, extra, zero], axis=-1)
 
     def slope(self, parameters: Values) -> Values:
         """Derivative of the load by the radius, N/m."""
@@ -164,8 +165,8 @@ class JkrSeries:
         def basis(x: Values) -> tuple[Values, Values]:
             radius = np.maximum(x[: len(self.radius)], 0.5 * self.radius)
             step = SLOPE_STEP * radius
-            terms = self.terms(radius)
-            slopes = (self.terms(radius + step) - self.terms(radius - step)) / (2 * step)[:, None]
+            terms, above, below = self.terms(np.stack([radius, radius + step, radius - step]))
+            slopes = (above - below) / (2 * step)[:, None]
             row = np.zeros((datum, terms.shape[1]))
             row[:, -1] = 1.0
             return np.vstack([terms, row]) / scale / size, np.vstack([slopes, 0 * row]) / scale / size

@@ -240,5 +240,6 @@ def _disc_displacement(r: Values, c: Values | float) -> Values:
     """Displacement at ``r`` by unit pressure on a disc of radius ``c`` (Johnson, Contact Mechanics, 3.4)."""
     larger = np.maximum(r, c)
     m = np.minimum((np.minimum(r, c) / larger) ** 2, 1 - 1e-15)
-    outside = ellipe(m) - (1 - m) * ellipk(m)
-    return 4 / np.pi * larger * np.where(r <= c, ellipe(m), outside)
+    shape, outside = ellipe(m), np.broadcast_to(r > c, m.shape)
+    shape[outside] -= (1 - m[outside]) * ellipk(m[outside])
+    return 4 / np.pi * larger * shape

@@ -4,6 +4,8 @@ Texture and dust move with the sample, vignetting does not. Texture and dust are
 scene, each from its own stream, so that they are the same in the reference and in every frame.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -46,17 +48,31 @@ def surface_texture(
     >>> bool(np.allclose(moved[:, 1:], texture[:, :-1]))
     True
     """
-    size = [fft.next_fast_len(n, real=True) for n in shape]
+    size = tuple(fft.next_fast_len(n, real=True) for n in shape)
+    spectrum, std = _texture_spectrum(size, blur_px, seed)
+    if std == 0:  # a single pixel
+        return np.zeros(shape)
+    rows, columns = _frequencies(size)
+    phase = np.exp(-2j * np.pi * (columns * shift_px[0] + rows * shift_px[1]))
+    return (rms / std) * fft.irfft2(spectrum * phase, s=size)[: shape[0], : shape[1]]
+
+
+@lru_cache(maxsize=1)  # of the frames of a series, which follow each other
+def _texture_spectrum(
+    size: tuple[int, ...], blur_px: float, seed: int
+) -> tuple[NDArray[np.complex128], float]:
+    """Spectrum of the texture in its place, and the standard deviation."""
     white = np.random.default_rng([seed, TEXTURE_STREAM]).standard_normal(size)
-    rows, columns = fft.fftfreq(size[0])[:, None], fft.rfftfreq(size[1])
+    rows, columns = _frequencies(size)
     gain = np.exp(-2 * np.pi**2 * blur_px**2 * (rows**2 + columns**2))
     gain[0, 0] = 0.0
-    phase = np.exp(-2j * np.pi * (columns * shift_px[0] + rows * shift_px[1]))
     spectrum = fft.rfft2(white) * gain
-    still = np.sqrt(np.mean(fft.irfft2(spectrum, s=size) ** 2))
-    if still == 0:  # a single pixel
-        return np.zeros(shape)
-    return (rms / still) * fft.irfft2(spectrum * phase, s=size)[: shape[0], : shape[1]]
+    return spectrum, float(np.sqrt(np.mean(fft.irfft2(spectrum, s=size) ** 2)))
+
+
+def _frequencies(size: tuple[int, ...]) -> tuple[Values, Values]:
+    """Frequencies of the rows and columns of a spectrum, per pixel."""
+    return fft.fftfreq(size[0])[:, None], fft.rfftfreq(size[1])
 
 
 def dust_shadow(
