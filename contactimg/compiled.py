@@ -2,9 +2,8 @@
 
 numba notices a change of the file that a function stands in, but none of a function or constant that comes
 from another file. Therefore the code of each module lies in a folder named by a digest of the module and of
-all modules of this package that it imports, directly or through others. Copies of the package of the same
-sources, in several environments say, share it. A folder that belongs to another state of the sources and was
-not used for a week is removed.
+all modules of this package that it imports, directly or through others. A folder that belongs to another
+state of the sources and was not used for a week is removed.
 
 The folders lie in NUMBA_CACHE_DIR where it is set, else in the user's cache directory; where neither can be
 written, in the directory of temporary files, or nowhere: then each process compiles anew.
@@ -25,7 +24,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.core import caching, event
+from numba.core import event
 from platformdirs import user_cache_path
 
 PACKAGE = Path(__file__).parent
@@ -39,7 +38,6 @@ _IMPORT = re.compile(
 )
 
 _settings: Any = numba.config
-_places: list[Any] = caching.CacheImpl._locator_classes
 _folders: dict[str, Path | None] = {}
 _declared: list[str] = []
 
@@ -55,35 +53,15 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def declare(function: Callable[..., Any]) -> Any:
         folder = _folder_of(function.__module__, Path(function.__code__.co_filename))
+        usual = _settings.CACHE_DIR
+        _settings.CACHE_DIR = str(folder or usual)
         _declared.append(function.__name__)
-        usual = _places.copy()
-        _places[:] = [_FolderOfSources]
         try:
             return numba.njit(**options | {"cache": folder is not None})(function)
         finally:
-            _places[:] = usual
+            _settings.CACHE_DIR = usual
 
     return declare
-
-
-class _FolderOfSources(caching._CacheLocator):
-    """Where numba stores and finds the code of a function: for any copy of the package the same place."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.function = function
-
-    @classmethod
-    def from_function(cls, function: Callable[..., Any], _path: str) -> "_FolderOfSources":
-        return cls(function)
-
-    def get_cache_path(self) -> str:
-        return str(_folders[self.function.__module__])
-
-    def get_source_stamp(self) -> str:
-        return ""  # the name of the folder says it
-
-    def get_disambiguator(self) -> str:
-        return str(self.function.__code__.co_firstlineno)
 
 
 @contextmanager
@@ -110,7 +88,7 @@ def is_stored(room: str) -> bool:
     Where numba is switched off, there is nothing to store.
     """
     folders = [folder for name, folder in _folders.items() if name.startswith(room) and folder is not None]
-    return bool(_settings.DISABLE_JIT) or any(any(folder.glob("*.nbi")) for folder in folders)
+    return bool(_settings.DISABLE_JIT) or any(any(folder.glob("*/*.nbi")) for folder in folders)
 
 
 def digest_of_sources(path: Path) -> str:

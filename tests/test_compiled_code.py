@@ -84,16 +84,6 @@ def test_a_change_of_what_a_function_calls_takes_effect_in_the_next_process(pack
     assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == f"20.0 1 {str(cache)!r}"
 
 
-def test_copies_of_the_same_sources_share_their_code(package, tmp_path):
-    cache, copy = tmp_path / "cache", tmp_path / "another environment" / "contactimg"
-    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == f"8.0 0 {str(cache)!r}"
-    shutil.copytree(package, copy, copy_function=shutil.copyfile)  # times of the files are others
-    assert run(copy, VALUE, NUMBA_CACHE_DIR=cache) == f"8.0 1 {str(cache)!r}"
-    (copy / "factor.py").write_text(CALLED.format(factor=5.0))
-    assert run(copy, VALUE, NUMBA_CACHE_DIR=cache) == f"20.0 0 {str(cache)!r}"
-    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == f"8.0 1 {str(cache)!r}"
-
-
 def left_by_earlier_runs(cache):
     """Leave code of other sources in the cache; what is returned asserts which of it a run has removed."""
     now = time.time()

@@ -543,7 +543,8 @@ from pathlib import Path
 from contactimg.cli.printing import echo_first_run
 print("nothing is stored")
 echo_first_run()
-folder = next(Path({!r}).glob("contactimg.imaging.kernels.*"))
+folder = next(Path({!r}).glob("contactimg.imaging.kernels.*")) / "place"
+folder.mkdir()
 (folder / "some_kernel.py312.nbi").touch()
 print("something is stored")
 echo_first_run()
