@@ -45,7 +45,6 @@ def pytest_collection_finish() -> None:
     """
     gc.enable()
     gc.freeze()
-    gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.fixture(autouse=True)

@@ -95,6 +95,7 @@ def commands() -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line; return its exit code: 0 done, 1 some frames failed, 2 nothing done."""
+    usual = gc.get_threshold()
     gc.set_threshold(OBJECTS_BETWEEN_SEARCHES)
     logging.basicConfig(format="contactimg: %(message)s", force=True)
     logging.getLogger("contactimg").setLevel(logging.WARNING)
@@ -111,4 +112,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         said = error if isinstance(error, ContactimgError | OSError) else INTERRUPTED
         sys.stderr.write(f"contactimg: {said}\n")
         return 2
+    finally:
+        gc.set_threshold(*usual)
     return int(result) if isinstance(result, int) else 0
