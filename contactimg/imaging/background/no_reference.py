@@ -33,7 +33,7 @@ from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.detect.foreign import label_regions
-from contactimg.imaging.pixels.blocks import BLOCK, block_means, rounding_of_blocks
+from contactimg.imaging.pixels.blocks import BLOCK, SignedImage, block_means, rounding_of_blocks
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import MANY, robust_std
 
@@ -242,7 +242,7 @@ def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
     if valid is not None:
         image = np.where(valid > 0, image, np.float32(0.0))
     noise = estimate_noise(image, difference.illumination.background)
-    contrast = measure_contrast(image, noise, valid, rounding=difference.rounding)
+    contrast = measure_contrast(SignedImage(image, noise, valid, rounding=difference.rounding))
     if contrast.plateau <= 0.0:
         return 0.0
     regions = label_regions(image > 0.5 * contrast.plateau)

@@ -12,6 +12,7 @@ from contactimg.imaging.evidence.rules import Columns
 from contactimg.imaging.fit.edge_profile import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.tables import Flag, Status
 
 RESOLVED = 0.05
@@ -278,10 +279,7 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             f"{faint} of {seen.count} contacts are no wider than the blur and hardly stand out of the noise"
         )
         yield Status.FALSE_CANDIDATES, text
-    dark = dark_spots(
-        foreground.image, foreground.contrast.plateau, foreground.noise, foreground.frame_pair.valid,
-        rounding=foreground.difference.rounding,
-    )  # fmt: skip
+    dark = dark_spots(foreground.seen, foreground.contrast.plateau)
     area = np.pi * float(np.sum(np.asarray(seen.contacts["radius_px"], float) ** 2))
     if len(dark) >= FEWEST_DARK and dark.sum() > DARK_AREA * area:
         against = "darker" if foreground.sign > 0 else "brighter"
@@ -374,16 +372,12 @@ def _why_no_contact(foreground: Foreground) -> str:
     if foreground.shown.resolved:
         level = foreground.shown.plateau * foreground.frame_pair.unit
         return f"something stands out by {level:.3g} grey levels, but it is no contact for the assumed optics"
-    opposite = measure_contrast(
-        -foreground.image,
-        foreground.noise,
-        foreground.frame_pair.valid,
-        rounding=foreground.difference.rounding,
-    )
+    one = foreground.seen
+    opposite = measure_contrast(SignedImage(-one.image, one.noise, one.valid, rounding=one.rounding))
     if not opposite.resolved:
         return "nothing stands out of the noise"
-    one, other = ("brighter", "darker")[:: foreground.sign]
-    return f"nothing {one} than the background stands out, but something {other}: is the polarity right?"
+    same, other = ("brighter", "darker")[:: foreground.sign]
+    return f"nothing {same} than the background stands out, but something {other}: is the polarity right?"
 
 
 def unexplained_share(foreground: Foreground, model: NDArray[np.float32]) -> float:

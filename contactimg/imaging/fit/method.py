@@ -39,6 +39,7 @@ from contactimg.imaging.fit.shared_optics import (
     settle_optics,
 )
 from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import FilmSetting, film_table
 from contactimg.imaging.profile.limits import FEW, FEWEST, ITERATIONS, LEAST_NOISE_FRACTION
@@ -149,6 +150,7 @@ class _Frame:
 
     foreground: Foreground
     problem: FitProblem
+    seen: SignedImage
     blur: float
     free_blur: bool
     prior: OpticsPrior
@@ -180,7 +182,9 @@ class _Frame:
         # shot noise, and texture that a contact makes brighter, go with the light
         problem = replace(problem, noise=Noise(noise**2, contrast / level))
         prior = OpticsPrior.of(foreground.prior_optics, problem, blur=blur)
-        return cls(foreground, problem, blur, free, prior, level, film, edits, shape)
+        binned = SignedImage(problem.image, noise, problem.valid, rounding=problem.rounding)
+        seen = foreground.seen if binning == 1 else binned
+        return cls(foreground, problem, seen, blur, free, prior, level, film, edits, shape)
 
     def settle(
         self, problem: FitProblem, blur: float, prior: OpticsPrior, *, has_film: bool = False
@@ -190,7 +194,7 @@ class _Frame:
         With a film, whose fringes look like one, no halo is looked for.
         """
         known, free = self.foreground.prior_optics, self.free_blur and not has_film
-        found = assemble_disks(problem, blur=blur, free_blur=free, shapes=self.shape)
+        found = assemble_disks(problem, self.seen, blur=blur, free_blur=free, shapes=self.shape)
         fit, dropped, edited, halo = found.fit, found.dropped, None, None
         problem = allow_for_coarse_rims(found.problem, fit, share=0.5)
         if self.edits and not len(fit.disks):
