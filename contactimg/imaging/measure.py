@@ -38,7 +38,7 @@ from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.fit.shapes import made_round
 from contactimg.imaging.foreground import Foreground, find_foreground
 from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
-from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.blocks import block_means, side_of
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
     find_unlit,
@@ -60,6 +60,9 @@ LINEARITY = 0.01
 for CCD cameras."""
 BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}
 """Level of the background among those of a frame, by the polarity of the contacts."""
+CLIPPED_SHARE = 0.5
+"""Share of the pixels of a block at the lowest or highest level of the frame from which it shows no noise. By
+hand."""
 OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
 """Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes
 shorter."""
@@ -248,6 +251,7 @@ def measure_image(
     pair = _without_sensor(FramePair.of(image, _match_levels(image, reference), full_scale))
     registered, whole = "position_drift" in absent, registration == "whole"
     difference, sign = _subtract_background(pair, polarity, registered=registered, whole=whole)
+    difference = _without_clipped(difference, pair.frame)
     pair = pair if difference.valid is None else pair.within(difference.valid)
     prior, dust = prior.scaled(1.0 / pair.unit), "dust" not in absent
     foreground = find_foreground(pair, difference, sign, prior, dust=dust)
@@ -424,6 +428,19 @@ def _without_sensor(pair: FramePair) -> FramePair:
     if valid is not None and not valid.any():
         return pair
     return replace(pair, frame=frame, reference=reference, valid=valid, saturated=saturated)
+
+
+def _without_clipped(difference: DifferenceImage, frame: NDArray) -> DifferenceImage:
+    """The difference without the background blocks most of whose pixels are clipped, which shows no noise."""
+    extremes = float(frame.min()), float(frame.max())
+    background = difference.illumination.background
+    if not any(np.mean(frame[::7, ::11] == level) > CLIPPED_SHARE / 4.0 for level in extremes):
+        return difference
+    clipped = ((frame == extremes[0]) | (frame == extremes[1])).astype(np.float32)
+    shown = background & (block_means(clipped, side=side_of(background.shape, frame.shape)) < CLIPPED_SHARE)
+    if np.count_nonzero(shown) < CLIPPED_SHARE / 4.0 * np.count_nonzero(background):
+        return difference
+    return replace(difference, illumination=replace(difference.illumination, background=shown))
 
 
 def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:

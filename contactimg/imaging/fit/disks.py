@@ -259,6 +259,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
 
     """
     n, s, disks = len(disks), float(blur), np.array(disks, float)
+    disks[:, RADIUS] = np.maximum(disks[:, RADIUS], SMALLEST_BLUR_WIDTHS * s)
     image, weight, table = problem.image, for_kernel(problem.valid, problem.saturated), problem.profile
     brightness = problem.brightness_at(disks) if brightness is None else brightness
     prior = _contrast_bounds(problem, disks, blur, brightness)

@@ -23,6 +23,9 @@ from contactimg.imaging.pixels.robust import (
 UNLIT_FRACTION = 0.15
 LIT_SHARE = 0.95  # of the blocks that are no brighter than those that are lit in any case. By hand
 LEAST_UNLIT_BLOCKS = 12  # of one dark region at the border. By hand: a dark contact of 13 px radius has 8
+# Width of a square about an unlit block between which there is light again, and how much of the usual: in
+# vignetted corners there is less. By hand: beside a stop there is 0.93 and more.
+STOP_EDGE_BLOCKS, STOP_LIGHT = (5, 7), 0.7
 EDGE_REACH_PX = 5  # of the blurred edge of a stop or of a contact: 3.5 blur widths of the usual optics
 MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected. By hand
 DEFECT_SIGMA = 10.0  # from the median of nine pixels. By hand: shot noise of bright contacts is below
@@ -56,7 +59,9 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     if count < 2 or not kept:
         return None
     unlit = np.isin(labels, kept).astype(np.uint8)
-    if not _is_field_of_view(1 - unlit):
+    inner, outer = (cv2.dilate(unlit, np.ones((size, size), np.uint8)) for size in STOP_EDGE_BLOCKS)
+    beside = means[outer > inner]
+    if not _is_field_of_view(1 - unlit) or (beside.size and median(beside) < STOP_LIGHT * level):
         return None
     near = cv2.dilate(unlit, np.ones((3, 3), np.uint8)).repeat(BLOCK, 0).repeat(BLOCK, 1)
     smooth = cv2.blur(np.asarray(image, np.float32), (3, 3))
