@@ -41,6 +41,7 @@ from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
 from contactimg.imaging.pixels.blocks import block_means, side_of
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
+    find_margin,
     find_unlit,
     mosaic_gains,
     repair_defects,
@@ -424,7 +425,7 @@ def _without_sensor(pair: FramePair) -> FramePair:
         reference, _ = repair_defects(reference, pair.valid)
     for image in (frame, reference):
         if image is not None:
-            valid = exclude(valid, find_unlit(image, valid))
+            valid = exclude(exclude(valid, find_unlit(image, valid)), find_margin(image, pair.full_scale))
     if valid is not None and not valid.any():
         return pair
     return replace(pair, frame=frame, reference=reference, valid=valid, saturated=saturated)
