@@ -149,7 +149,8 @@ class _PlacedReference:
             if side != BLOCK:
                 above = block_means(images.frame, valid, side=side)
                 below = half if side == 2 else block_means(moved, valid, side=side)
-            return above / np.maximum(below, DARKEST_FRACTION * level), _noise_of_two(below) / level
+            noise = _noise_of_two(below) or neighbour_scatter(above)  # a reference of one level shows none
+            return above / np.maximum(below, DARKEST_FRACTION * level), noise / level
 
         illumination = find_illumination(
             ratio,
