@@ -149,7 +149,9 @@ class _PlacedReference:
             if side != BLOCK:
                 above = block_means(images.frame, valid, side=side)
                 below = half if side == 2 else block_means(moved, valid, side=side)
-            noise = _noise_of_two(below) or neighbour_scatter(above)  # a reference of one level shows none
+            noise = _noise_of_two(below)
+            if side != BLOCK:  # a smoothed reference shows no noise; contacts leave most squares alone
+                noise = max(noise, neighbour_scatter(above))
             return above / np.maximum(below, DARKEST_FRACTION * level), noise / level
 
         illumination = find_illumination(
