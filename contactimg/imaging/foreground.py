@@ -98,7 +98,7 @@ def find_foreground(
     if frame_pair.valid is not None:
         image = _filled(image, frame_pair.valid)
     noise = estimate_noise(image, difference.illumination.background)
-    noise = max(noise, frame_pair.least_noise, difference.rounding)
+    noise = max(frame_pair.with_rounding(noise), difference.rounding)
     seen = SignedImage(image, noise, frame_pair.valid, rounding=difference.rounding)
     shown, refused, foreign = Contrast(0.0, resolved=False), float("nan"), NONE
     largest = frame_pair.shown_contrast(difference.level, sign)
