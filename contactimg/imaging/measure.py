@@ -38,7 +38,7 @@ from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.fit.shapes import made_round
 from contactimg.imaging.foreground import Foreground, find_foreground
 from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
-from contactimg.imaging.pixels.blocks import block_means, side_of
+from contactimg.imaging.pixels.blocks import block_means, find_clipped, side_of
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
     find_margin,
@@ -61,9 +61,6 @@ LINEARITY = 0.01
 for CCD cameras."""
 BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}
 """Level of the background among those of a frame, by the polarity of the contacts."""
-CLIPPED_SHARE = 0.5
-"""Share of the pixels of a block at the lowest or highest level of the frame from which it shows no noise. By
-hand."""
 OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
 """Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes
 shorter."""
@@ -432,14 +429,12 @@ def _without_sensor(pair: FramePair) -> FramePair:
 
 
 def _without_clipped(difference: DifferenceImage, frame: NDArray) -> DifferenceImage:
-    """The difference without the background blocks most of whose pixels are clipped, which shows no noise."""
-    extremes = float(frame.min()), float(frame.max())
-    background = difference.illumination.background
-    if not any(np.mean(frame[::7, ::11] == level) > CLIPPED_SHARE / 4.0 for level in extremes):
+    """The difference without the background blocks that are clipped: they show no noise."""
+    background, clipped = difference.illumination.background, find_clipped(frame)
+    if clipped is None:
         return difference
-    clipped = ((frame == extremes[0]) | (frame == extremes[1])).astype(np.float32)
-    shown = background & (block_means(clipped, side=side_of(background.shape, frame.shape)) < CLIPPED_SHARE)
-    if np.count_nonzero(shown) < CLIPPED_SHARE / 4.0 * np.count_nonzero(background):
+    shown = background & (block_means(clipped, side=side_of(background.shape, frame.shape)) < 0.5)
+    if not shown.any():
         return difference
     return replace(difference, illumination=replace(difference.illumination, background=shown))
 

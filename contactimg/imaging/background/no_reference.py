@@ -33,8 +33,8 @@ from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.detect.foreign import label_regions
-from contactimg.imaging.pixels.blocks import BLOCK, SignedImage, block_means, rounding_of_blocks
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.blocks import BLOCK, SignedImage, block_means, find_clipped, rounding_of_blocks
+from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.robust import MANY, robust_std
 
 FLAT_SHARE = 0.2  # share of the blocks: so large a flat region is the background. By hand
@@ -75,8 +75,9 @@ def estimate_background(
     """
     image = np.asarray(frame, np.float32)
     rounding = rounding_of_blocks(image)
-    flat = _flat_background(image, valid, rounding)
-    return flat or _background_of_crowd(image, valid, -1 if dark else 1, rounding)
+    shown = exclude(valid, find_clipped(image))
+    flat = _flat_background(image, shown, rounding)
+    return replace(flat or _background_of_crowd(image, shown, -1 if dark else 1, rounding), valid=valid)
 
 
 def estimate_either_background(
@@ -88,12 +89,14 @@ def estimate_either_background(
     foreground is more like disks is taken.
     """
     rounding = rounding_of_blocks(frame)
-    flat = _flat_background(frame, valid, rounding)
+    shown = exclude(valid, find_clipped(frame))
+    flat = _flat_background(frame, shown, rounding)
     if flat is not None:
         polarity = find_polarity(block_means(flat.image, flat.valid), flat.illumination.background)
-        return flat, -1 if polarity == "dark" else 1
-    both = [(_background_of_crowd(frame, valid, sign, rounding), sign) for sign in (1, -1)]
-    return max(both, key=lambda one: _roundness(one[0], one[1], valid))
+        return replace(flat, valid=valid), -1 if polarity == "dark" else 1
+    both = [(_background_of_crowd(frame, shown, sign, rounding), sign) for sign in (1, -1)]
+    crowd, sign = max(both, key=lambda one: _roundness(one[0], one[1], valid))
+    return replace(crowd, valid=valid), sign
 
 
 def _flat_background(frame: NDArray[np.float32], valid: Mask, rounding: float) -> DifferenceImage | None:

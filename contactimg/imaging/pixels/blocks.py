@@ -15,6 +15,9 @@ ROUNDED_SHARE = 0.1
 """Share of squares whose pixels are all equal from which compression has rounded them. By hand: noise of
 half a grey level leaves none."""
 LARGEST_ROUNDING = 0.25  # of the range of these blocks: what they differ by more is a contrast. By hand
+SOME_CLIPPED, MOST_CLIPPED = 0.1, 0.8
+"""Share of clipped blocks of an image that matters, and of clipped pixels of such a block. By hand: half of
+the pixels are clipped where a background was subtracted."""
 FEWEST_NEGATIVE = 100  # negative squares that tell their scatter, to 10 % (theory)
 LARGEST_DIRECT_PX = 4  # side up to which block means are computed from pixels, beyond it from smaller blocks
 
@@ -85,6 +88,21 @@ def _rounding_step(image: NDArray) -> float:
     steps = steps[steps > 0.0]  # not NaN either
     step = float(np.median(steps)) if steps.size else 0.0
     return step if step < LARGEST_ROUNDING * float(np.ptp(image[::side, ::side])) else 0.0
+
+
+def find_clipped(image: NDArray) -> Mask:
+    """Pixels (1) of blocks most of whose pixels are at the lowest or highest level of an image, or None.
+
+    They show no noise, and nothing of the light. None as well where they leave next to nothing of the image.
+    """
+    extremes = image.min(), image.max()
+    if not any(np.mean(image[::7, ::11] == level) > SOME_CLIPPED for level in extremes):
+        return None
+    clipped = block_means(((image == extremes[0]) | (image == extremes[1])).astype(np.float32)) > MOST_CLIPPED
+    if not SOME_CLIPPED < np.mean(clipped) < 1.0 - SOME_CLIPPED:
+        return None
+    pixels = clipped.astype(np.uint8).repeat(BLOCK, 0).repeat(BLOCK, 1)
+    return pixels[: image.shape[0], : image.shape[1]]
 
 
 class BlockMeans:
