@@ -73,11 +73,7 @@ def estimate_background(
     >>> [bool(abs(image[row, column]) < 1) for row, column in ((20, 200), (150, 10), (70, 80))]
     [True, True, False]
     """
-    image = np.asarray(frame, np.float32)
-    rounding = rounding_of_blocks(image)
-    shown = exclude(valid, find_clipped(image))
-    flat = _flat_background(image, shown, rounding)
-    return replace(flat or _background_of_crowd(image, shown, -1 if dark else 1, rounding), valid=valid)
+    return _estimate(np.asarray(frame, np.float32), valid, (-1 if dark else 1,))[0]
 
 
 def estimate_either_background(
@@ -88,15 +84,32 @@ def estimate_either_background(
     A background that is flat between contacts shows the sign. In a crowd both are tried, and the one whose
     foreground is more like disks is taken.
     """
-    rounding = rounding_of_blocks(frame)
-    shown = exclude(valid, find_clipped(frame))
+    return _estimate(frame, valid, (1, -1))
+
+
+def _estimate(frame: NDArray[np.float32], valid: Mask, signs: tuple[int, ...]) -> tuple[DifferenceImage, int]:
+    """The background for contacts of one of these signs, and which.
+
+    Where much lies on the wrong side of what flat blocks show, the light is looked for as in a crowd as well,
+    and the background that more blocks agree with is taken.
+    """
+    rounding, shown = rounding_of_blocks(frame), exclude(valid, find_clipped(frame))
     flat = _flat_background(frame, shown, rounding)
-    if flat is not None:
-        polarity = find_polarity(block_means(flat.image, flat.valid), flat.illumination.background)
-        return replace(flat, valid=valid), -1 if polarity == "dark" else 1
-    both = [(_background_of_crowd(frame, shown, sign, rounding), sign) for sign in (1, -1)]
-    crowd, sign = max(both, key=lambda one: _roundness(one[0], one[1], valid))
-    return replace(crowd, valid=valid), sign
+    if flat is None:
+        both = [(_background_of_crowd(frame, shown, sign, rounding), sign) for sign in signs]
+        best, sign = (
+            both[0] if len(both) == 1 else max(both, key=lambda one: _roundness(one[0], one[1], valid))
+        )
+        return replace(best, valid=valid), sign
+    sign, blocks = signs[0], block_means(flat.image, flat.valid)
+    if len(signs) > 1:
+        sign = -1 if find_polarity(blocks, flat.illumination.background) == "dark" else 1
+    limit = BACKGROUND_CLIP_SIGMA * flat.illumination.scatter
+    if np.mean(sign * blocks < -limit) > NOTABLE_SHARE:  # no contact is darker than the background
+        crowd = _background_of_crowd(frame, shown, sign, rounding)
+        if np.mean(np.abs(block_means(crowd.image, crowd.valid)) < limit) > np.mean(np.abs(blocks) < limit):
+            flat = crowd
+    return replace(flat, valid=valid), sign
 
 
 def _flat_background(frame: NDArray[np.float32], valid: Mask, rounding: float) -> DifferenceImage | None:
