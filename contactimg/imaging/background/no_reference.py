@@ -90,8 +90,8 @@ def estimate_either_background(
 def _estimate(frame: NDArray[np.float32], valid: Mask, signs: tuple[int, ...]) -> tuple[DifferenceImage, int]:
     """The background for contacts of one of these signs, and which.
 
-    Where much lies on the wrong side of what flat blocks show, the light is looked for as in a crowd as well,
-    and the background that more blocks agree with is taken.
+    Where much lies on the wrong side of what flat blocks show, the frame is divided by its envelope first if
+    more blocks agree with the background then.
     """
     rounding, shown = rounding_of_blocks(frame), exclude(valid, find_clipped(frame))
     flat = _flat_background(frame, shown, rounding)
@@ -106,9 +106,10 @@ def _estimate(frame: NDArray[np.float32], valid: Mask, signs: tuple[int, ...]) -
         sign = -1 if find_polarity(blocks, flat.illumination.background) == "dark" else 1
     limit = BACKGROUND_CLIP_SIGMA * flat.illumination.scatter
     if np.mean(sign * blocks < -limit) > NOTABLE_SHARE:  # no contact is darker than the background
-        crowd = _background_of_crowd(frame, shown, sign, rounding)
-        if np.mean(np.abs(block_means(crowd.image, crowd.valid)) < limit) > np.mean(np.abs(blocks) < limit):
-            flat = crowd
+        other = _flat_behind_envelope(frame, shown, sign, rounding)
+        if other is not None:
+            near = (np.mean(np.abs(block_means(d.image, d.valid)) < limit) for d in (other, flat))
+            flat = other if next(near) > next(near) else flat
     return replace(flat, valid=valid), sign
 
 
@@ -134,6 +135,20 @@ def _flat_background(frame: NDArray[np.float32], valid: Mask, rounding: float) -
     level = float(np.median(np.abs(blocks[largest])))
     light = replace(light, background=near)
     return _divide_by_illumination(frame, light, level, blocks.shape, valid, rounding)
+
+
+def _flat_behind_envelope(
+    frame: NDArray[np.float32], valid: Mask, sign: int, rounding: float
+) -> DifferenceImage | None:
+    """The flat background of a frame that has been divided by its envelope: light that falls steeply."""
+    light = sign * _envelope(sign * block_means(frame, valid))
+    level = float(np.median(light))
+    light = np.maximum(cv2.GaussianBlur(light, (0, 0), 1.0), DARKEST_FRACTION * level)
+    rows, columns = frame.shape
+    size = (light.shape[1] * BLOCK, light.shape[0] * BLOCK)
+    wide = cv2.resize(light, size, interpolation=cv2.INTER_LINEAR)[:rows, :columns]
+    flat = _flat_background(np.asarray(frame * (np.float32(level) / wide), np.float32), valid, rounding)
+    return None if flat is None else replace(flat, brightness=flat.brightness * (light / np.float32(level)))
 
 
 def _background_of_crowd(
@@ -183,16 +198,24 @@ def _light_between(
 
 
 def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> Illumination:
-    """Polynomial through the lower envelope (an opening by a disk) of blocks; NaN = no data."""
-    finite = np.isfinite(blocks)
-    filled = np.where(finite, blocks, np.median(blocks[finite]) if finite.any() else 0.0).astype(np.float32)
-    side = max(int(max(shape) * WINDOW_FRACTION / BLOCK) | 1, 3)
-    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    smooth = cv2.medianBlur(filled, 3)
-    lower = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE)
+    """Polynomial through the lower envelope of blocks; NaN = no data."""
+    lower = _envelope(blocks)
     middle = float(np.median(lower))
     scatter = 2.0 * robust_std(lower, centre=middle)
-    return fit_illumination(np.where(finite, lower, np.nan), shape, level=middle, scatter=scatter)
+    lower[~np.isfinite(blocks)] = np.nan
+    return fit_illumination(lower, shape, level=middle, scatter=scatter)
+
+
+def _envelope(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Lower envelope of blocks, an opening by a disk; blocks without data (NaN) as high as the median."""
+    finite = np.isfinite(blocks)
+    filled = np.where(finite, blocks, np.median(blocks[finite]) if finite.any() else 0.0).astype(np.float32)
+    side = max(int(max(blocks.shape) * WINDOW_FRACTION) | 1, 3)
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    smooth = cv2.medianBlur(filled, 3)
+    return np.asarray(
+        cv2.morphologyEx(smooth, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE), np.float32
+    )
 
 
 def _tile_means(
