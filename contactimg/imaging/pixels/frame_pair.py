@@ -82,7 +82,7 @@ class FramePair:
     @property
     def step(self) -> float:
         """Smallest difference of the grey levels that occur, in units of ``unit``; 0 where there are many."""
-        if len(np.unique(self.frame[::8, ::8])) > FEW_LEVELS:
+        if len(np.unique(self.frame[::32, ::32])) > FEW_LEVELS:
             return 0.0
         return float(np.min(np.diff(np.unique(self.frame).astype(float)), initial=np.inf))
 
