@@ -10,7 +10,7 @@ from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import fit_disks
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.pixels.field_of_view import find_margin, find_unlit
+from contactimg.imaging.pixels.field_of_view import find_margin, find_unlit, mosaic_gains
 from contactimg.tables import Status
 
 
@@ -127,3 +127,14 @@ def test_a_disk_without_a_radius_is_fitted_with_its_neighbour():
     fit = fit_disks(problem, start, blur=1.0)
     assert np.isfinite(fit.disks).all()
     assert (fit.disks[:, 2] > 0).all()
+
+
+def test_few_grey_levels_are_no_colour_mosaic(plain):
+    """The median of whole numbers jumps by one: of a background of two levels that would be a gain of 0.5."""
+    for level in (-8, -4, 0, 4):
+        assert mosaic_gains(darker(plain.frame, level)) is None
+    dim = darker(plain.frame, 40).astype(float)
+    dim[::2, ::2] *= 0.8
+    gains = mosaic_gains(np.rint(dim).astype(np.uint8))
+    assert gains is not None
+    assert gains[0, 0] / gains[1, 1] == pytest.approx(0.8, rel=0.03)

@@ -151,8 +151,7 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
 def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     """Relative gains of the four pixels of a colour mosaic, shape (2, 2); None for a plain sensor.
 
-    Each is the ratio of the mean of its pixels to that of all: of few grey levels it is known better than
-    a median.
+    Each is the median ratio of its pixels to the mean of their square of four.
     """
     rows, columns = (size // 2 * 2 for size in image.shape)
     if not rows * columns:
@@ -172,10 +171,11 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     if np.count_nonzero(bright) < 1000:
         return None
     ratio = phases[:, bright] / mean[bright]
-    gains = phases[:, bright].mean(axis=1, dtype=float) / mean[bright].mean(dtype=float)
+    gains = np.array([median(part) for part in ratio], float)
     error = np.array([robust_std(part) for part in ratio]) / np.sqrt(ratio.shape[1])
     if (
-        np.max(np.abs(gains - 1.0)) < MOSAIC_STEP
+        # the median of whole numbers is known to half of one
+        np.max(np.abs(gains - 1.0)) < max(MOSAIC_STEP, 1.0 / median(mean[bright]))
         or np.max(np.abs(gains - 1.0) / (error + 1e-9)) < SIGNIFICANT_SIGMA
     ):
         return None
