@@ -10,6 +10,7 @@ from contactimg.imaging.background.illumination import DifferenceImage
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.detect.candidates import ODD_RATIO, Contrast, measure_contrast
 from contactimg.imaging.detect.foreign import NONE, Foreign, find_foreign
+from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.profile.optics import SharedOptics
 
@@ -24,15 +25,13 @@ class Foreground:
 
     Parameters
     ----------
-    image : ndarray of float32, shape (rows, columns)
+    seen : SignedImage
         Holes filled from the pixels next to them.
     sign : int
         1 for contacts brighter than the background, else -1.
     frame_pair : FramePair
         Frame and reference.
     difference : DifferenceImage
-    noise : float
-        Standard deviation of a background pixel.
     shown : Contrast
         As the frame itself shows it.
     contrast : Contrast
@@ -47,17 +46,26 @@ class Foreground:
         Whether there may be dust and other foreign objects.
     """
 
-    image: NDArray[np.float32]
+    seen: SignedImage
     sign: int
     frame_pair: FramePair
     difference: DifferenceImage
-    noise: float
     shown: Contrast
     contrast: Contrast
     prior_optics: SharedOptics
     refused_contrast: float
     foreign: Foreign = NONE
     dust: bool = True
+
+    @property
+    def image(self) -> NDArray[np.float32]:
+        """The difference image, shape (rows, columns)."""
+        return self.seen.image
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a background pixel."""
+        return self.seen.noise
 
     @property
     def largest_contrast(self) -> float:
@@ -90,17 +98,19 @@ def find_foreground(
     if frame_pair.valid is not None:
         image = _filled(image, frame_pair.valid)
     noise = estimate_noise(image, difference.illumination.background)
-    noise = max(noise, frame_pair.least_noise, difference.rounding)
+    noise = max(frame_pair.with_rounding(noise), difference.rounding)
+    seen = SignedImage(image, noise, frame_pair.valid, rounding=difference.rounding)
     shown, refused, foreign = Contrast(0.0, resolved=False), float("nan"), NONE
     largest = frame_pair.shown_contrast(difference.level, sign)
     if not frame_pair.trivial:
-        shown = measure_contrast(image, noise, frame_pair.valid, rounding=difference.rounding).within(largest)
+        shown = measure_contrast(seen).within(largest)
     if shown.resolved and dust:
-        foreign = find_foreign(image, shown.plateau, noise, frame_pair.valid)
+        foreign = find_foreign(seen, shown.plateau)
     if foreign.mask is not None:
         frame_pair = frame_pair.without(foreign.mask)
         image = np.where(foreign.mask > 0, np.float32(0.0), image)
-        shown = measure_contrast(image, noise, frame_pair.valid, rounding=difference.rounding).within(largest)
+        seen = SignedImage(image, noise, frame_pair.valid, rounding=difference.rounding)
+        shown = measure_contrast(seen).within(largest)
     contrast = shown
     if np.isfinite(prior.contrast) and not frame_pair.trivial:
         if shown.resolved and shown.plateau > ODD_RATIO * prior.contrast:
@@ -108,6 +118,4 @@ def find_foreground(
             prior = prior.without_contrast()
         else:
             contrast = Contrast(prior.contrast, shown.resolved, prior.contrast_std)
-    return Foreground(
-        image, sign, frame_pair, difference, noise, shown, contrast, prior, refused, foreign, dust
-    )
+    return Foreground(seen, sign, frame_pair, difference, shown, contrast, prior, refused, foreign, dust)

@@ -491,6 +491,11 @@ def in_stop(x, y, a, shape):
     return np.hypot(x - centre[0], y - centre[1]) + a + 5 < stop_radius(shape)
 
 
+def image_circle(u, v, shape):
+    """The circle that a lens lights, which ends slowly in the corners."""
+    return vignetting(u, v, shape) / (1 + np.exp((np.hypot(u, v * shape[0] / shape[1]) - 0.96) * 7))
+
+
 def black_border(u, v, shape):
     left, top = ((1 - np.abs(w)) * n / 2 for w, n in ((u, shape[1]), (v, shape[0])))
     return vignetting(u, v, shape) * np.where(np.minimum(left, top) > BORDER, 1.0, 0.01)
@@ -555,6 +560,23 @@ def jpeg(quality):
 
 def clahe(image):
     return cv2.createCLAHE(2.0, (8, 8)).apply(image)
+
+
+def white_margin(image):
+    """A white frame drawn over the image where `in_border` allows no contact."""
+    out = np.full_like(image, 255)
+    out[BORDER:-BORDER, BORDER:-BORDER] = image[BORDER:-BORDER, BORDER:-BORDER]
+    return out
+
+
+def black_level(image):
+    """The image by a camera whose black level lies at the background: half of its pixels are 0."""
+    return cv2.subtract(image, np.full_like(image, 70))
+
+
+def thresholded(image):
+    """Two levels, by Otsu's threshold behind a Gaussian."""
+    return cv2.threshold(cv2.GaussianBlur(image, (0, 0), 1), 0, 255, cv2.THRESH_OTSU)[1]
 
 
 def dead_lines(image):
@@ -741,6 +763,10 @@ WORLDS: dict[str, Callable] = {
     "field stop, no ref": World(layout=Layout(region=in_stop), light=field_stop, reference=False),
     "border": World(layout=Layout(region=in_border), light=black_border),
     "border, no ref": World(layout=Layout(region=in_border), light=black_border, reference=False),
+    "margin": World(layout=Layout(region=in_border), file=white_margin),
+    "margin, no ref": World(layout=Layout(region=in_border), file=white_margin, reference=False),
+    "image circle": World(light=image_circle),
+    "image circle, no ref": World(light=image_circle, reference=False),
     "band, no ref": World(layout=Layout(region=under_band), light=black_band, reference=False),
     # camera
     "Bayer": World(gains=BAYER, electrons=30),
@@ -752,6 +778,9 @@ WORLDS: dict[str, Callable] = {
     "gamma 0.45": World(response=gamma(0.45)),
     "correlated noise": World(noise_blur=0.8),
     "dead columns": World(file=dead_lines),
+    "clipped background": World(file=black_level),
+    "clipped background, no ref": World(file=black_level, reference=False),
+    "thresholded, no ref": World(file=thresholded, reference=False),
     "flicker": World(rows=bands),
     # files that were filtered or compressed
     "median 3": World(file=lambda image: cv2.medianBlur(image, 3)),

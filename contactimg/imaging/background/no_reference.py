@@ -33,8 +33,8 @@ from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.detect.foreign import label_regions
-from contactimg.imaging.pixels.blocks import BLOCK, block_means, rounding_of_blocks
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.blocks import BLOCK, SignedImage, block_means, find_clipped, rounding_of_blocks
+from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.robust import MANY, robust_std
 
 FLAT_SHARE = 0.2  # share of the blocks: so large a flat region is the background. By hand
@@ -73,10 +73,7 @@ def estimate_background(
     >>> [bool(abs(image[row, column]) < 1) for row, column in ((20, 200), (150, 10), (70, 80))]
     [True, True, False]
     """
-    image = np.asarray(frame, np.float32)
-    rounding = rounding_of_blocks(image)
-    flat = _flat_background(image, valid, rounding)
-    return flat or _background_of_crowd(image, valid, -1 if dark else 1, rounding)
+    return _estimate(np.asarray(frame, np.float32), valid, (-1 if dark else 1,))[0]
 
 
 def estimate_either_background(
@@ -87,13 +84,33 @@ def estimate_either_background(
     A background that is flat between contacts shows the sign. In a crowd both are tried, and the one whose
     foreground is more like disks is taken.
     """
-    rounding = rounding_of_blocks(frame)
-    flat = _flat_background(frame, valid, rounding)
-    if flat is not None:
-        polarity = find_polarity(block_means(flat.image, flat.valid), flat.illumination.background)
-        return flat, -1 if polarity == "dark" else 1
-    both = [(_background_of_crowd(frame, valid, sign, rounding), sign) for sign in (1, -1)]
-    return max(both, key=lambda one: _roundness(one[0], one[1], valid))
+    return _estimate(frame, valid, (1, -1))
+
+
+def _estimate(frame: NDArray[np.float32], valid: Mask, signs: tuple[int, ...]) -> tuple[DifferenceImage, int]:
+    """The background for contacts of one of these signs, and which.
+
+    Where much lies on the wrong side of what flat blocks show, the frame is divided by its envelope first if
+    more blocks agree with the background then.
+    """
+    rounding, shown = rounding_of_blocks(frame), exclude(valid, find_clipped(frame))
+    flat = _flat_background(frame, shown, rounding)
+    if flat is None:
+        both = [(_background_of_crowd(frame, shown, sign, rounding), sign) for sign in signs]
+        best, sign = (
+            both[0] if len(both) == 1 else max(both, key=lambda one: _roundness(one[0], one[1], valid))
+        )
+        return replace(best, valid=valid), sign
+    sign, blocks = signs[0], block_means(flat.image, flat.valid)
+    if len(signs) > 1:
+        sign = -1 if find_polarity(blocks, flat.illumination.background) == "dark" else 1
+    limit = BACKGROUND_CLIP_SIGMA * flat.illumination.scatter
+    if np.mean(sign * blocks < -limit) > NOTABLE_SHARE:  # no contact is darker than the background
+        other = _flat_behind_envelope(frame, shown, sign, rounding)
+        if other is not None:
+            near = (np.mean(np.abs(block_means(d.image, d.valid)) < limit) for d in (other, flat))
+            flat = other if next(near) > next(near) else flat
+    return replace(flat, valid=valid), sign
 
 
 def _flat_background(frame: NDArray[np.float32], valid: Mask, rounding: float) -> DifferenceImage | None:
@@ -118,6 +135,20 @@ def _flat_background(frame: NDArray[np.float32], valid: Mask, rounding: float) -
     level = float(np.median(np.abs(blocks[largest])))
     light = replace(light, background=near)
     return _divide_by_illumination(frame, light, level, blocks.shape, valid, rounding)
+
+
+def _flat_behind_envelope(
+    frame: NDArray[np.float32], valid: Mask, sign: int, rounding: float
+) -> DifferenceImage | None:
+    """The flat background of a frame that has been divided by its envelope: light that falls steeply."""
+    light = sign * _envelope(sign * block_means(frame, valid))
+    level = float(np.median(light))
+    light = np.maximum(cv2.GaussianBlur(light, (0, 0), 1.0), DARKEST_FRACTION * level)
+    rows, columns = frame.shape
+    size = (light.shape[1] * BLOCK, light.shape[0] * BLOCK)
+    wide = cv2.resize(light, size, interpolation=cv2.INTER_LINEAR)[:rows, :columns]
+    flat = _flat_background(np.asarray(frame * (np.float32(level) / wide), np.float32), valid, rounding)
+    return None if flat is None else replace(flat, brightness=flat.brightness * (light / np.float32(level)))
 
 
 def _background_of_crowd(
@@ -167,16 +198,24 @@ def _light_between(
 
 
 def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> Illumination:
-    """Polynomial through the lower envelope (an opening by a disk) of blocks; NaN = no data."""
-    finite = np.isfinite(blocks)
-    filled = np.where(finite, blocks, np.median(blocks[finite]) if finite.any() else 0.0).astype(np.float32)
-    side = max(int(max(shape) * WINDOW_FRACTION / BLOCK) | 1, 3)
-    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    smooth = cv2.medianBlur(filled, 3)
-    lower = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE)
+    """Polynomial through the lower envelope of blocks; NaN = no data."""
+    lower = _envelope(blocks)
     middle = float(np.median(lower))
     scatter = 2.0 * robust_std(lower, centre=middle)
-    return fit_illumination(np.where(finite, lower, np.nan), shape, level=middle, scatter=scatter)
+    lower[~np.isfinite(blocks)] = np.nan
+    return fit_illumination(lower, shape, level=middle, scatter=scatter)
+
+
+def _envelope(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Lower envelope of blocks, an opening by a disk; blocks without data (NaN) as high as the median."""
+    finite = np.isfinite(blocks)
+    filled = np.where(finite, blocks, np.median(blocks[finite]) if finite.any() else 0.0).astype(np.float32)
+    side = max(int(max(blocks.shape) * WINDOW_FRACTION) | 1, 3)
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    smooth = cv2.medianBlur(filled, 3)
+    return np.asarray(
+        cv2.morphologyEx(smooth, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE), np.float32
+    )
 
 
 def _tile_means(
@@ -242,7 +281,7 @@ def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
     if valid is not None:
         image = np.where(valid > 0, image, np.float32(0.0))
     noise = estimate_noise(image, difference.illumination.background)
-    contrast = measure_contrast(image, noise, valid, rounding=difference.rounding)
+    contrast = measure_contrast(SignedImage(image, noise, valid, rounding=difference.rounding))
     if contrast.plateau <= 0.0:
         return 0.0
     regions = label_regions(image > 0.5 * contrast.plateau)

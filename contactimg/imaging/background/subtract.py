@@ -33,6 +33,7 @@ from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.timings import stage
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
+SMOOTH_RATIO = 0.1  # noise of a reference over the scatter of the frame below which it was smoothed. By hand
 SUBPIXEL_PX = 0.75  # a larger shift is first taken out in whole pixels
 NO_ALIGNMENT = Alignment(np.nan, np.nan, np.inf)
 REGISTERED = Alignment(0.0, 0.0, 0.0)
@@ -149,7 +150,10 @@ class _PlacedReference:
             if side != BLOCK:
                 above = block_means(images.frame, valid, side=side)
                 below = half if side == 2 else block_means(moved, valid, side=side)
-            return above / np.maximum(below, DARKEST_FRACTION * level), _noise_of_two(below) / level
+            noise, own = _noise_of_two(below), neighbour_scatter(above)
+            if side != BLOCK and noise < SMOOTH_RATIO * own:  # contacts leave most squares alone
+                noise = own
+            return above / np.maximum(below, DARKEST_FRACTION * level), noise / level
 
         illumination = find_illumination(
             ratio,

@@ -23,9 +23,9 @@ from contactimg.imaging.detect.inscribed_disks import (
     find_holes,
     is_round,
 )
-from contactimg.imaging.pixels.blocks import block_means
-from contactimg.imaging.pixels.masks import Mask, visible_fraction
-from contactimg.imaging.pixels.robust import quantile, reach_std
+from contactimg.imaging.pixels.blocks import SignedImage
+from contactimg.imaging.pixels.masks import visible_fraction
+from contactimg.imaging.pixels.robust import quantile
 
 SUPPORT_SIGMA = 5.0
 """Height of a mean over 2 x 2 pixels that stands out of the noise. False-alarm rate 3e-7 (normal noise)."""
@@ -123,24 +123,12 @@ class Candidates:
     whole: NDArray[np.bool_]
 
 
-def measure_contrast(
-    image: NDArray[np.float32], noise: float, valid: Mask = None, *, rounding: float = 0.0
-) -> Contrast:
-    """The plateau that most regions of a difference image have, contacts positive.
-
-    Parameters
-    ----------
-    image : ndarray, shape (rows, columns)
-    noise : float
-        Standard deviation of a background pixel.
-    valid : Mask
-    rounding : float
-        Part of it that the pixels of a block share (`rounding_of_blocks`).
-    """
+def measure_contrast(image: SignedImage) -> Contrast:
+    """The plateau that most regions of a difference image have."""
     spots = Contrast(0.0, resolved=False)
     for side in (2, 4, 8):
-        coarse = _coarse(image, valid, side)
-        floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, max(noise / side, rounding)), 1e-6)
+        coarse, noise = image.squares(side)
+        floor = max(SUPPORT_SIGMA * noise, 1e-6)
         regions, runs = label_runs(coarse, floor)
         regions, plateau, half_area = _with_plateaus(coarse, regions, runs)
         clear = plateau > CLEAR_RATIO * floor
@@ -167,46 +155,30 @@ def measure_contrast(
     return spots
 
 
-def dark_spots(
-    image: NDArray[np.float32], contrast: float, noise: float, valid: Mask, *, rounding: float = 0.0
-) -> NDArray[np.float64]:
+def dark_spots(image: SignedImage, contrast: float) -> NDArray[np.float64]:
     """Areas (px^2) of the spots, larger than specks, that are darker than the background.
 
-    ``image`` is a difference image, ``contrast`` is that of the contacts, which are positive, ``noise`` that
-    of a background pixel, of which the pixels of a block share ``rounding``.
+    ``contrast`` is that of the contacts.
     """
-    coarse = -_coarse(image, valid, 2)
-    floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, max(noise / 2.0, rounding)), DARK_FRACTION * contrast)
-    _, _, half_area = _with_plateaus(coarse, *label_runs(coarse, floor))
+    coarse, noise = image.squares(2)
+    floor = max(SUPPORT_SIGMA * noise, DARK_FRACTION * contrast)
+    _, _, half_area = _with_plateaus(-coarse, *label_runs(-coarse, floor))
     return 4.0 * half_area[4.0 * half_area > SPECK_PX2]
 
 
-def find_candidates(
-    image: NDArray[np.float32],
-    contrast: float,
-    noise: float,
-    valid: Mask,
-    *,
-    blur: float,
-    rounding: float = 0.0,
-) -> Candidates:
+def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candidates:
     """Disks in the regions that stand out of a difference image.
 
     Parameters
     ----------
-    image : ndarray, shape (rows, columns)
-        Contacts positive; 0 in holes.
+    seen : SignedImage
+        Pixels without a value do not bound a disk.
     contrast : float
         Common contrast, grey levels.
-    noise : float
-        Standard deviation of a background pixel.
-    valid : Mask
-        0 for pixels without a value; they do not bound a disk.
     blur : float, px
         Standard deviation of the blur, for smoothing where the contrast is low.
-    rounding : float
-        Part of the noise that the pixels of a block share (`rounding_of_blocks`).
     """
+    image, noise, valid = seen.image, seen.noise, seen.valid
     smooth, smooth_noise = image, noise
     if contrast < NOISY_RATIO * noise:
         smooth = np.asarray(
@@ -223,7 +195,7 @@ def find_candidates(
         places.append(disks)
         others.append(np.column_stack([np.broadcast_to(height, len(disks)), np.full(len(disks), whole)]))
 
-    faint, ragged = _faint_regions(image, valid, max(noise / 2.0, rounding), level, regions)
+    faint, ragged = _faint_regions(seen, level, regions)
     bright &= ~ragged
     one = is_round(regions, smooth.shape) & ~bright & ~ragged
     add(_disks_of(regions[one]), plateau[one])
@@ -268,19 +240,6 @@ def _whole_at_lower_level(
         return None
     disk = as_one_contact(fill(own, find_holes(own), LARGEST_WHOLE_HOLES * own.sum()), own)
     return None if disk is None else disk + np.array([left, top, 0.0])
-
-
-def _coarse(image: NDArray[np.float32], valid: Mask, side: int) -> NDArray[np.float32]:
-    """Means over squares; 0 where no pixel is seen."""
-    means = block_means(image, valid, side=side)
-    return means if valid is None else np.where(np.isfinite(means), means, np.float32(0.0))
-
-
-def _coarse_noise(coarse: NDArray[np.float32], least: float) -> float:
-    """Scatter of means over squares about a background of 0, from the negative ones: no contact is."""
-    below = coarse[::3, ::2]
-    below = below[below < 0.0]
-    return max(reach_std(below, 0.0), least) if below.size > 100 else least
 
 
 def _core_level(
@@ -388,7 +347,7 @@ def _at_own_half(
 
 
 def _faint_regions(
-    image: NDArray[np.float32], valid: Mask, least_noise: float, level: float, regions: NDArray[np.void]
+    seen: SignedImage, level: float, regions: NDArray[np.void]
 ) -> tuple[list[FaintRegion], NDArray[np.bool_]]:
     """Regions that stand out of the noise and contain none found before, each in a window of its own.
 
@@ -396,8 +355,7 @@ def _faint_regions(
     outlined, where they are ragged: which of them is returned too.
     """
     ragged = np.zeros(len(regions), np.bool_)
-    coarse = _coarse(image, valid, 2)
-    coarse_noise = _coarse_noise(coarse, least_noise)
+    image, (coarse, coarse_noise) = seen.image, seen.squares(2)
     floor = np.float32(max(SUPPORT_SIGMA * coarse_noise, 1e-6))
     if not floor < level:
         return [], ragged

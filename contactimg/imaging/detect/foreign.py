@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_components
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
-from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.tables import Reason
 
@@ -69,30 +69,25 @@ class Foreign:
     mask: Mask
 
 
-def find_foreign(image: NDArray[np.float32], plateau: float, noise: float, valid: Mask = None) -> Foreign:
+def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     """Objects of a difference image that are no contacts.
 
     Parameters
     ----------
-    image : ndarray, shape (rows, columns)
-        Contacts positive.
+    seen : SignedImage
     plateau : float
         Contrast of the contacts.
-    noise : float
-        Standard deviation of a background pixel.
-    valid : Mask
-        0 for pixels without a value.
 
     Examples
     --------
     >>> y, x = np.mgrid[0:80, 0:120]
     >>> bar, disk = np.abs(x - 100) < 6, np.hypot(x - 40, y - 40) < 18
-    >>> found = find_foreign((bar | disk).astype(np.float32), 1.0, 0.0)
+    >>> found = find_foreign(SignedImage((bar | disk).astype(np.float32), 0.0), 1.0)
     >>> found.rejected["reason"].tolist(), found.rejected["x_px"].tolist(), int(found.mask[40, 40])
     (['long: neither a disk nor a group of disks'], [99.5], 0)
     """
-    level = max(LEVEL_FRACTION * plateau, FALSE_ALARM_SIGMA * noise / SIDE)
-    squares = np.nan_to_num(block_means(image, valid, side=SIDE), copy=False)
+    image, (squares, _) = seen.image, seen.squares(SIDE)
+    level = max(LEVEL_FRACTION * plateau, FALSE_ALARM_SIGMA * seen.noise / SIDE)
     components = label_components(squares, level)
     sprawling = _squared_diagonal(components)[_sprawls(components)]
     if not (sprawling > SHORTEST_LINE**2).any():

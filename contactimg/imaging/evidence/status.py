@@ -12,6 +12,7 @@ from contactimg.imaging.evidence.rules import Columns
 from contactimg.imaging.fit.edge_profile import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.tables import Flag, Status
 
 RESOLVED = 0.05
@@ -51,6 +52,9 @@ makes 0.02 at a contrast of 0.6."""
 LEAST_FOLLOWED, LEAST_FREE = 0.85, 0.02
 """Share of the free background on which the light was followed, at least; share of the frame that contacts
 must leave free for a statement on it. By hand."""
+FEWEST_LEVELS = 4.0
+"""Steps of the grey levels between background and contacts below which an edge is that of whole pixels. By
+hand."""
 COMMON_SIGMA, COMMON_AREA = 5.0, 0.01
 """Standard errors, and share of the area, by which the counted pixels of all contacts together differ from
 what the model expects, above which the edge is not the one assumed. False-alarm rate 6e-7; by hand."""
@@ -186,10 +190,23 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             share = 100 * max(left.uneven, left.waves)
             text = f"the background is uneven by {share:.3g} % of the contrast after all corrections"
             yield Status.LIGHT_NOT_FOLLOWED, text
-    if (rounding := difference.rounding) > UNEVENNESS * seen.foreground.contrast.plateau:
+    yield from _grey_levels(seen.foreground)
+
+
+def _grey_levels(foreground: Foreground) -> Iterator[tuple[str, str]]:
+    """Defects of frames that were stored with too few grey levels."""
+    contrast, pair = foreground.contrast.plateau, foreground.frame_pair
+    if (rounding := foreground.difference.rounding) > UNEVENNESS * contrast:
         text = (
             "the levels are rounded, by compression or few bits: the mean of a block of pixels is known to "
-            f"{rounding * seen.foreground.frame_pair.unit:.2g} grey levels, and small contacts may be lost"
+            f"{rounding * pair.unit:.2g} grey levels, and small contacts may be lost"
+        )
+        yield Status.UNRESOLVED, text
+    if 0 < contrast < FEWEST_LEVELS * pair.step:
+        steps = max(contrast / pair.step, 1.0)
+        text = (
+            f"background and contacts are {steps:.2g} steps of the grey levels apart: "
+            "where between two pixels an edge lies is not seen, nor what a threshold has left out"
         )
         yield Status.UNRESOLVED, text
 
@@ -278,10 +295,7 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             f"{faint} of {seen.count} contacts are no wider than the blur and hardly stand out of the noise"
         )
         yield Status.FALSE_CANDIDATES, text
-    dark = dark_spots(
-        foreground.image, foreground.contrast.plateau, foreground.noise, foreground.frame_pair.valid,
-        rounding=foreground.difference.rounding,
-    )  # fmt: skip
+    dark = dark_spots(foreground.seen, foreground.contrast.plateau)
     area = np.pi * float(np.sum(np.asarray(seen.contacts["radius_px"], float) ** 2))
     if len(dark) >= FEWEST_DARK and dark.sum() > DARK_AREA * area:
         against = "darker" if foreground.sign > 0 else "brighter"
@@ -374,16 +388,12 @@ def _why_no_contact(foreground: Foreground) -> str:
     if foreground.shown.resolved:
         level = foreground.shown.plateau * foreground.frame_pair.unit
         return f"something stands out by {level:.3g} grey levels, but it is no contact for the assumed optics"
-    opposite = measure_contrast(
-        -foreground.image,
-        foreground.noise,
-        foreground.frame_pair.valid,
-        rounding=foreground.difference.rounding,
-    )
+    one = foreground.seen
+    opposite = measure_contrast(SignedImage(-one.image, one.noise, one.valid, rounding=one.rounding))
     if not opposite.resolved:
         return "nothing stands out of the noise"
-    one, other = ("brighter", "darker")[:: foreground.sign]
-    return f"nothing {one} than the background stands out, but something {other}: is the polarity right?"
+    same, other = ("brighter", "darker")[:: foreground.sign]
+    return f"nothing {same} than the background stands out, but something {other}: is the polarity right?"
 
 
 def unexplained_share(foreground: Foreground, model: NDArray[np.float32]) -> float:

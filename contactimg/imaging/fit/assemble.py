@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.detect.candidates import Candidates, find_candidates
+from contactimg.imaging.detect.candidates import find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual, find_peaks, least_peak
 from contactimg.imaging.fit.covers import (
     SETTLED_GROWTH_RATIO,
@@ -33,7 +33,7 @@ from contactimg.imaging.fit.disks import (
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
-from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.blocks import SignedImage, block_means
 from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, REACH_BLUR_WIDTHS
 from contactimg.timings import stage
 
@@ -77,12 +77,16 @@ class Assembled:
 
 
 @stage("detection")
-def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes: str) -> Assembled:
+def assemble_disks(
+    problem: FitProblem, seen: SignedImage, *, blur: float, free_blur: bool, shapes: str
+) -> Assembled:
     """Find and fit the disks of an image, with a loose prior of the contrasts.
 
     Parameters
     ----------
     problem : FitProblem
+    seen : SignedImage
+        Image of the problem.
     blur : float, px
         To start from, pixel included.
     free_blur : bool
@@ -91,7 +95,7 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes:
         Whether ellipses are looked for.
     """
     contrast = problem.contrast
-    found = _candidates(problem, problem.image, blur)
+    found = find_candidates(seen, contrast, blur=blur)
     most = min(int(MOST_DISKS_PER_PX2 * problem.image.size) + 1, MOST_DISKS)
     limited = len(found.places) > most
     (x, y, a), shape = found.places[:most].T, problem.image.shape
@@ -116,13 +120,6 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shapes:
         work.join_ellipses()
     work.drop_insignificant(final=True)
     return Assembled(work.problem, work.fit, np.vstack(work.dropped), smallest, limited, work.ellipses)
-
-
-def _candidates(problem: FitProblem, image: NDArray[np.float32], blur: float) -> Candidates:
-    """Candidates in an image of the problem."""
-    return find_candidates(
-        image, problem.contrast, problem.pixel_noise, problem.valid, blur=blur, rounding=problem.rounding
-    )
 
 
 class _Assembly:
@@ -179,7 +176,8 @@ class _Assembly:
         beside = block_means(fit.model, side=4) < 0.5 * problem.contrast
         if float(np.max(block_means(rest, side=4)[beside], initial=0.0)) < 0.5 * least:
             return
-        found = _candidates(problem, rest, fit.blur)
+        seen = SignedImage(rest, problem.pixel_noise, problem.valid, rounding=problem.rounding)
+        found = find_candidates(seen, problem.contrast, blur=fit.blur)
         wide = (found.places[:, 2] > 2.0 * fit.blur) & (found.plateau > least)
         if not wide.any():
             return

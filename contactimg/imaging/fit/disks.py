@@ -259,6 +259,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
 
     """
     n, s, disks = len(disks), float(blur), np.array(disks, float)
+    disks[:, RADIUS] = np.maximum(disks[:, RADIUS], SMALLEST_BLUR_WIDTHS * s)
     image, weight, table = problem.image, for_kernel(problem.valid, problem.saturated), problem.profile
     brightness = problem.brightness_at(disks) if brightness is None else brightness
     prior = _contrast_bounds(problem, disks, blur, brightness)
@@ -286,10 +287,10 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
                 break
             near_pairs, paired, paired_blur = wider_pairs, disks.copy(), s
         pairs, count = select_close(near_pairs, disks, reach * s), count + 1
-        # isolated disks are their own model: they are drawn when they have settled
+        # isolated disks are their own model: nobody needs a drawing of them
         isolated = np.full(n, not saturated)
-        isolated[select_close(near_pairs, disks, reach * s)] = False
-        draw_disks(model, disks, s, drawn, ~(isolated & moving), near_pairs, table)
+        isolated[pairs] = False
+        draw_disks(model, disks, s, drawn, ~isolated | (drawn & ~moving), near_pairs, table)
         row_step = 1 if control.robust else (4 if iteration == 0 else 2)
         build_normal_equations(
             image, model, weight, disks, s, levels, prior, moving, isolated, control.robust, row_step, table,
@@ -312,7 +313,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
         steps = alone.copy()
         if len(pairs) and not solve_coupled(inverse, gradient, moving, pairs, blocks, steps):
             steps = alone
-        draw_disks(model, disks, s, drawn, ~moving & (change == 0.0), near_pairs, table)
+        draw_disks(model, disks, s, drawn, drawn & ~moving & (change == 0.0), near_pairs, table)
         s = max(s + change, NARROWEST_BLUR_PX)
         blur_tolerance = BLUR_TOLERANCE if control.robust else ROUGH_BLUR_TOLERANCE
         steady = abs(change) < blur_tolerance * s and (control.robust or iteration >= 1)

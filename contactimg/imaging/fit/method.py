@@ -8,11 +8,12 @@ share is looked for: a plain one, one learned from the frame (`edge_profile`), o
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation
+from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation, estimate_noise, measure_correlation
 from contactimg.imaging.detect.hand_edits import EditedDisks, HandEdit, edit_disks
 from contactimg.imaging.detect.rim_blur import estimate_blur, widest_spot_blur
 from contactimg.imaging.fit.assemble import assemble_disks
@@ -39,6 +40,7 @@ from contactimg.imaging.fit.shared_optics import (
     settle_optics,
 )
 from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import FilmSetting, film_table
 from contactimg.imaging.profile.limits import FEW, FEWEST, ITERATIONS, LEAST_NOISE_FRACTION
@@ -149,6 +151,7 @@ class _Frame:
 
     foreground: Foreground
     problem: FitProblem
+    seen: SignedImage
     blur: float
     free_blur: bool
     prior: OpticsPrior
@@ -180,7 +183,10 @@ class _Frame:
         # shot noise, and texture that a contact makes brighter, go with the light
         problem = replace(problem, noise=Noise(noise**2, contrast / level))
         prior = OpticsPrior.of(foreground.prior_optics, problem, blur=blur)
-        return cls(foreground, problem, blur, free, prior, level, film, edits, shape)
+        seen = foreground.seen
+        if binning > 1 or noise > foreground.noise:
+            seen = SignedImage(problem.image, noise, problem.valid, rounding=problem.rounding)
+        return cls(foreground, problem, seen, blur, free, prior, level, film, edits, shape)
 
     def settle(
         self, problem: FitProblem, blur: float, prior: OpticsPrior, *, has_film: bool = False
@@ -190,7 +196,7 @@ class _Frame:
         With a film, whose fringes look like one, no halo is looked for.
         """
         known, free = self.foreground.prior_optics, self.free_blur and not has_film
-        found = assemble_disks(problem, blur=blur, free_blur=free, shapes=self.shape)
+        found = assemble_disks(problem, self.seen, blur=blur, free_blur=free, shapes=self.shape)
         fit, dropped, edited, halo = found.fit, found.dropped, None, None
         problem = allow_for_coarse_rims(found.problem, fit, share=0.5)
         if self.edits and not len(fit.disks):
@@ -219,12 +225,17 @@ class _Frame:
 
     def refine(
         self, problem: FitProblem, fit: FittedDisks, optics_prior: OpticsPrior, *, free_blur: bool = False,
-        steps: int = ITERATIONS,
+        steps: int = ITERATIONS, correlation: NoiseCorrelation | None = None,
     ) -> JointFit:  # fmt: skip
-        """Last fit, with correlation of the noise and spread of the contrasts from the fit before."""
+        """Last fit, with correlation of the noise and spread of the contrasts from the fit before.
+
+        A known ``correlation`` is not measured again: then the fit needs no model image.
+        """
         radius, image, noise = fit.disks[:, RADIUS], problem.image, problem.noise
         gain, known_spread = 1.0 + noise.slope, self.foreground.prior_optics.spread
-        correlation = measure_correlation(image, fit.model, problem.background, noise=problem.pixel_noise)
+        correlation = correlation or measure_correlation(
+            image, fit.model, problem.background, noise=problem.pixel_noise
+        )
         shared = correlation.plateau_inflation(radius, fit.blur, noise=noise, gain=gain)
         prior = contrast_prior(fit, problem, inflation=shared)
         seen = np.count_nonzero(wide_disks(fit)) >= FEWEST
@@ -281,11 +292,7 @@ class _Frame:
         if plain.joint is None:
             return plain
 
-        def refine(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
-            if fit.model is plain.fit.model:  # which a fit overwrites, and another edge may begin with
-                fit = replace(fit, model=fit.model.copy())
-            return self.refine(problem, fit, prior)
-
+        refine = partial(self.refine, correlation=plain.joint.correlation)
         trial = weighed = None
         if self.film is not None:
             placement = Placement(plain.problem.image.shape, plain.ratio)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import SAMPLE
+from contactimg.imaging.pixels.robust import SAMPLE, reach_std
 
 BLOCK = 8
 """Side of the blocks, px; a power of 2."""
@@ -15,6 +15,10 @@ ROUNDED_SHARE = 0.1
 """Share of squares whose pixels are all equal from which compression has rounded them. By hand: noise of
 half a grey level leaves none."""
 LARGEST_ROUNDING = 0.25  # of the range of these blocks: what they differ by more is a contrast. By hand
+SOME_CLIPPED, MOST_CLIPPED = 0.1, 0.8
+"""Share of clipped blocks of an image that matters, and of clipped pixels of such a block. By hand: half of
+the pixels are clipped where a background was subtracted."""
+FEWEST_NEGATIVE = 100  # negative squares that tell their scatter, to 10 % (theory)
 LARGEST_DIRECT_PX = 4  # side up to which block means are computed from pixels, beyond it from smaller blocks
 
 
@@ -86,6 +90,21 @@ def _rounding_step(image: NDArray) -> float:
     return step if step < LARGEST_ROUNDING * float(np.ptp(image[::side, ::side])) else 0.0
 
 
+def find_clipped(image: NDArray) -> Mask:
+    """Pixels (1) of blocks most of whose pixels are at the lowest or highest level of an image, or None.
+
+    They show no noise, and nothing of the light. None as well where they leave next to nothing of the image.
+    """
+    extremes = image.min(), image.max()
+    if not any(np.mean(image[::7, ::11] == level) > SOME_CLIPPED for level in extremes):
+        return None
+    clipped = block_means(((image == extremes[0]) | (image == extremes[1])).astype(np.float32)) > MOST_CLIPPED
+    if not SOME_CLIPPED < np.mean(clipped) < 1.0 - SOME_CLIPPED:
+        return None
+    pixels = clipped.astype(np.uint8).repeat(BLOCK, 0).repeat(BLOCK, 1)
+    return pixels[: image.shape[0], : image.shape[1]]
+
+
 class BlockMeans:
     """Block means of some images for any side in px (a power of 2), each computed once.
 
@@ -107,6 +126,51 @@ class BlockMeans:
             images, part = (self._images, side) if direct else (self(side // 2), 2)
             self._means[side] = [block_means(image, side=part) for image in images]
         return self._means[side]
+
+
+class SignedImage:
+    """A difference image with contacts positive, its noise, and means over its squares, each computed once.
+
+    Parameters
+    ----------
+    image : ndarray of float32, shape (rows, columns)
+        0 in holes.
+    noise : float
+        Standard deviation of a background pixel.
+    valid : Mask
+        0 for pixels without a value.
+    rounding : float
+        Part of the noise that the pixels of a block share (`rounding_of_blocks`).
+
+    Examples
+    --------
+    >>> squares, noise = SignedImage(np.arange(16.0, dtype=np.float32).reshape(4, 4), 1.0).squares(2)
+    >>> squares.tolist(), noise
+    ([[2.5, 4.5], [10.5, 12.5]], 0.5)
+    """
+
+    def __init__(
+        self, image: NDArray[np.float32], noise: float, valid: Mask = None, *, rounding: float = 0.0
+    ) -> None:
+        self.image, self.noise, self.valid, self.rounding = image, noise, valid, rounding
+        self._squares: dict[int, tuple[NDArray[np.float32], float]] = {}
+
+    def squares(self, side: int) -> tuple[NDArray[np.float32], float]:
+        """Means over squares of that side, 0 where no pixel is seen, and their noise.
+
+        The noise is their scatter about a background of 0, from the negative ones: no contact is.
+        """
+        if side not in self._squares:
+            means = block_means(self.image, self.valid, side=side)
+            if self.valid is not None:
+                means = np.where(np.isfinite(means), means, np.float32(0.0))
+            below = means[::3, ::2]
+            below = below[below < 0.0]
+            noise = max(self.noise / side, self.rounding)
+            if below.size > FEWEST_NEGATIVE:
+                noise = max(reach_std(below, 0.0), noise)
+            self._squares[side] = means, noise
+        return self._squares[side]
 
 
 def sample_background(

@@ -23,7 +23,13 @@ from contactimg.imaging.pixels.robust import (
 UNLIT_FRACTION = 0.15
 LIT_SHARE = 0.95  # of the blocks that are no brighter than those that are lit in any case. By hand
 LEAST_UNLIT_BLOCKS = 12  # of one dark region at the border. By hand: a dark contact of 13 px radius has 8
+# Width of a square about an unlit block between which there is light again, and how much of the usual: in
+# vignetted corners there is less. By hand: beside a stop there is 0.93 and more.
+STOP_EDGE_BLOCKS, STOP_LIGHT = (5, 7), 0.7
 EDGE_REACH_PX = 5  # of the blurred edge of a stop or of a contact: 3.5 blur widths of the usual optics
+DRAWN_EDGE_PX = (
+    2  # of the edge of a margin, which no optics has blurred: enlarging or compression may. By hand
+)
 MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected. By hand
 DEFECT_SIGMA = 10.0  # from the median of nine pixels. By hand: shot noise of bright contacts is below
 DEFECT_RATIO = 6.0  # of that to the range of the neighbours. Theory: 2.4 for a point behind a blur of 0.75 px
@@ -56,15 +62,39 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     if count < 2 or not kept:
         return None
     unlit = np.isin(labels, kept).astype(np.uint8)
-    if not _is_field_of_view(1 - unlit):
+    inner, outer = (cv2.dilate(unlit, np.ones((size, size), np.uint8)) for size in STOP_EDGE_BLOCKS)
+    beside = means[outer > inner]
+    if not _is_field_of_view(1 - unlit) or (beside.size and median(beside) < STOP_LIGHT * level):
         return None
-    near = cv2.dilate(unlit, np.ones((3, 3), np.uint8)).repeat(BLOCK, 0).repeat(BLOCK, 1)
     smooth = cv2.blur(np.asarray(image, np.float32), (3, 3))
-    inside = near[: image.shape[0], : image.shape[1]] > 0
-    pixels = ((smooth < 0.5 * level) & inside).astype(np.uint8)
-    pixels |= unlit.repeat(BLOCK, 0).repeat(BLOCK, 1)[: image.shape[0], : image.shape[1]]
-    side = 2 * EDGE_REACH_PX + 1
-    return np.asarray(cv2.dilate(pixels, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))))
+    return _pixels_of(unlit, smooth < 0.5 * level, EDGE_REACH_PX)
+
+
+def find_margin(image: NDArray, full_scale: float) -> Mask:
+    """Pixels (1) of a white margin around one convex region, as of a figure on a page; None if there is none.
+
+    The margin is at full scale and reaches all four sides of the image.
+    """
+    corners = image[[0, 0, -1, -1], [0, -1, 0, -1]]
+    if not (corners >= full_scale).all():
+        return None
+    white = (block_means((image >= full_scale).astype(np.float32)) == 1.0).astype(np.uint8)
+    labels = cv2.connectedComponents(white, connectivity=4)[1]
+    number = labels[0, 0]
+    sides = (labels[0], labels[-1], labels[:, 0], labels[:, -1])
+    margin = (labels == number).astype(np.uint8)
+    if not number or not all((side == number).any() for side in sides) or not _is_field_of_view(1 - margin):
+        return None
+    return _pixels_of(margin, image >= full_scale, DRAWN_EDGE_PX)
+
+
+def _pixels_of(blocks: NDArray[np.uint8], alike: NDArray[np.bool_], reach: int) -> NDArray[np.uint8]:
+    """The pixels of some blocks, those beside them that are alike, and all that their edge reaches (px)."""
+    (rows, columns), side = alike.shape, 2 * reach + 1
+    near = np.asarray(cv2.dilate(blocks, np.ones((3, 3), np.uint8)), np.uint8)
+    own, near = (part.repeat(BLOCK, 0).repeat(BLOCK, 1)[:rows, :columns] for part in (blocks, near))
+    ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    return np.asarray(cv2.dilate(own | (near & alike.astype(np.uint8)), ellipse), np.uint8)
 
 
 def _is_field_of_view(lit: NDArray[np.uint8]) -> bool:
@@ -144,7 +174,8 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     gains = np.array([median(part) for part in ratio], float)
     error = np.array([robust_std(part) for part in ratio]) / np.sqrt(ratio.shape[1])
     if (
-        np.max(np.abs(gains - 1.0)) < MOSAIC_STEP
+        # the median of whole numbers is known to half of one
+        np.max(np.abs(gains - 1.0)) < max(MOSAIC_STEP, 1.0 / median(mean[bright]))
         or np.max(np.abs(gains - 1.0) / (error + 1e-9)) < SIGNIFICANT_SIGMA
     ):
         return None

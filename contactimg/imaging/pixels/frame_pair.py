@@ -18,6 +18,8 @@ Levels = NDArray[np.float32] | NDArray[np.uint8]
 SPAN_LEVELS = 200.0  # range of the internal levels of an image: about that of 8 bits, whatever the unit
 ROUNDING_STD = 12.0**-0.5
 """Standard deviation of the rounding error of whole numbers (theory)."""
+LARGEST_ROUNDING = 0.02  # of the range of levels without noise. By hand: of two levels it would hide dots
+FEW_LEVELS = 16  # that a frame shows at least; accuracy
 SAMPLED_ROWS = 200  # rows that the range is measured on
 MESSAGES: dict[str, str] = {
     Status.BLACK: "the frame is black: no light reached the sensor",
@@ -69,10 +71,20 @@ class FramePair:
     black: float = 0.0
     whole_levels: bool = False
 
+    def with_rounding(self, noise: float) -> float:
+        """A standard deviation of pixels, at least that of rounding where they are whole grey levels."""
+        if not self.whole_levels:
+            return noise
+        # where there is no noise the steps of few levels are none either: a threshold has made them
+        largest = np.inf if noise > 0.0 else LARGEST_ROUNDING * float(np.ptp(self.frame[::8, ::8]))
+        return max(noise, min(ROUNDING_STD / self.unit, largest))
+
     @property
-    def least_noise(self) -> float:
-        """Standard deviation that rounding to whole grey levels makes, in units of ``unit``; 0 for floats."""
-        return ROUNDING_STD / self.unit if self.whole_levels else 0.0
+    def step(self) -> float:
+        """Smallest difference of the grey levels that occur, in units of ``unit``; 0 where there are many."""
+        if len(np.unique(self.frame[::32, ::32])) > FEW_LEVELS:
+            return 0.0
+        return float(np.min(np.diff(np.unique(self.frame).astype(float)), initial=np.inf))
 
     def largest_contrast(self, level: float, sign: int) -> float:
         """Largest contrast that the levels can show above (``sign`` 1) or below (-1) a background level.

@@ -59,14 +59,18 @@ def levels(light):
 @pytest.mark.parametrize("method", ["disk", "threshold"])
 @pytest.mark.parametrize("diameter", [5, 15])
 def test_reference_images_of_the_standard(diameter, method):
-    """Pixels that are 0 or 1 have the variance p (1-p); the area they cover is known better than that."""
+    """Pixels that are 0 or 1 have the variance p (1-p); the area they cover is known better than that.
+
+    The frame cannot show whether they cover what a threshold has left of blurred disks, and says so.
+    """
     dark, truth = binary(diameter)
     found = measure_image(levels(255 - 255 * dark), method=method, polarity="dark")
     error, pull = errors(found.disks, truth)
     assert abs(error.mean()) < 0.005 * truth[:, 2].mean()
     assert np.abs(pull).max() < 3
     assert found.contrast == pytest.approx(-255, abs=1.0)
-    assert found.status == "ok"
+    assert found.status == "unresolved"
+    assert "grey levels apart" in found.message
 
 
 @pytest.mark.parametrize(
@@ -188,7 +192,7 @@ def test_circles_of_whole_pixels_have_the_uncertainty_of_these(levels_of, method
     coverage = np.block([parts[3 * row : 3 * row + 3] for row in range(3)])
     found = measure_image(levels_of(coverage), method=method, polarity="bright")
     _, pull = errors(found.disks, np.vstack(disks))
-    assert found.status == "ok"
+    assert found.status == "unresolved"
     # the scatter of 144 pulls is known to 6 %
     assert 0.75 < np.sqrt(np.mean(pull**2)) < 1.2
     assert np.mean(np.abs(pull) < 2.0) > 0.93

@@ -1,0 +1,140 @@
+"""Frames of ordinary cameras and files: dark corners, clipped background, white margins, few grey levels."""
+
+import cv2
+import numpy as np
+import pytest
+from camera_worlds import make_scene, thresholded
+from contact_frames import match
+
+from contactimg.imaging.contrast.noise import Noise
+from contactimg.imaging.fit.disks import fit_disks
+from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
+from contactimg.imaging.measure import measure_image
+from contactimg.imaging.pixels.field_of_view import find_margin, find_unlit, mosaic_gains
+from contactimg.tables import Status
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return make_scene("plain", 60, 43)
+
+
+def shares(truth, disks):
+    """Share of the contacts that are found, and of the finds that are contacts."""
+    pairs, required = match(truth, disks), truth["required"].to_numpy(bool)
+    return np.count_nonzero(required[pairs[:, 0]]) / required.sum(), len(pairs) / max(len(disks), 1)
+
+
+def darker(image, level):
+    """The image with the median of its levels moved to another one; what falls below 0 is clipped."""
+    return np.clip(image.astype(int) - int(np.median(image)) + level, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("level", [4, 1, -4])
+@pytest.mark.parametrize("with_reference", [True, False])
+def test_contacts_on_a_background_clipped_at_black_are_found(plain, level, with_reference):
+    """Corners that are 0 throughout are no field stop, and show neither noise nor light."""
+    frame, reference = (darker(image, level) for image in (plain.frame, plain.reference))
+    found = measure_image(frame, reference if with_reference else None, polarity="bright")
+    recall, precision = shares(plain.truth, found.disks)
+    # below a clipped background the smallest contacts are hidden; only a reference shows where
+    assert recall >= (0.85 if level < 0 and not with_reference else 0.95)
+    assert precision >= 0.95
+    assert recall >= 0.95 or found.status != Status.OK
+
+
+def test_a_slow_fall_of_the_light_is_no_field_stop():
+    y, x = np.mgrid[:480, :640]
+    distance = np.hypot(x - 320, y - 240)
+    slow, sharp = (100.0 / (1.0 + np.exp((distance - 260) / width)) for width in (40.0, 2.0))
+    assert find_unlit(slow.astype(np.float32), None) is None
+    mask = find_unlit(sharp.astype(np.float32), None)
+    assert mask is not None
+    assert mask[distance > 275].all()
+    assert not mask[distance < 245].any()
+
+
+@pytest.mark.parametrize("with_reference", [True, False])
+def test_a_frame_on_a_white_page_is_measured_as_without_the_page(plain, with_reference):
+    def page(image):
+        return np.pad(image, ((41, 30), (53, 60)), constant_values=255)
+
+    reference = plain.reference if with_reference else None
+    alone = measure_image(plain.frame, reference)
+    framed = measure_image(page(plain.frame), None if reference is None else page(reference))
+    place = {"x_px": plain.truth["x_px"] + 53, "y_px": plain.truth["y_px"] + 41}
+    assert min(shares(plain.truth.assign(**place), framed.disks)) >= min(
+        *shares(plain.truth, alone.disks), 0.97
+    )
+
+
+def test_a_white_contact_at_the_border_is_no_margin():
+    """A margin reaches all four sides, and what it surrounds is one convex region."""
+    y, x = np.mgrid[:240, :320]
+    contact = np.where(np.hypot(x, y) < 90, 255, 60).astype(np.uint8)
+    assert find_margin(contact, 255.0) is None
+    frame = np.full((240, 320), 255, np.uint8)
+    frame[20:200, 30:290] = 60
+    mask = find_margin(frame, 255.0)
+    assert mask is not None
+    assert mask[frame == 255].all()
+    assert not mask[25:195, 35:285].any()
+    assert find_margin(frame, 65535.0) is None
+
+
+@pytest.mark.parametrize("count", [60, 140])
+def test_a_reference_without_noise_hides_no_contact(count):
+    """A reference of one level or a smoothed one says nothing of the noise of the frame."""
+    scene = make_scene("plain", count, 43)
+    flat = np.full_like(scene.reference, int(np.median(scene.reference)))
+    smooth = cv2.GaussianBlur(scene.reference.astype(np.float32), (0, 0), 10)
+    for frame, reference in ((scene.frame, flat), (scene.frame.astype(np.float32), smooth)):
+        assert min(shares(scene.truth, measure_image(frame, reference).disks)) >= 0.95
+
+
+@pytest.mark.parametrize("steepness", [20.0, 30.0])
+def test_contacts_under_light_that_falls_steeply_are_found_without_a_reference(plain, steepness):
+    rows, columns = plain.frame.shape
+    y, x = np.mgrid[:rows, :columns]
+    circle = 1.0 / (1.0 + np.exp((np.hypot(x - columns / 2, y - rows / 2) - 0.5 * columns) / steepness))
+    frame = np.rint(plain.frame * circle).astype(np.uint8)
+    light = circle[np.rint(plain.truth["y_px"]).astype(int), np.rint(plain.truth["x_px"]).astype(int)]
+    lit = plain.truth.assign(required=plain.truth["required"] & (light > 0.2))
+    found = measure_image(frame, polarity="bright")
+    assert shares(lit, found.disks)[0] >= 0.93
+    assert shares(plain.truth, found.disks)[1] >= 0.95
+
+
+@pytest.mark.parametrize("kind", ["0 and 255", "0 and 1", "inverted"])
+def test_a_thresholded_frame_says_so_and_loses_no_region(plain, kind):
+    """What a threshold has left out cannot be seen: such a frame is never "ok"."""
+    mask = thresholded(plain.frame)
+    frame = {"0 and 255": mask, "0 and 1": mask // 255, "inverted": 255 - mask}[kind]
+    found = measure_image(frame, polarity="dark" if kind == "inverted" else "bright")
+    regions = cv2.connectedComponentsWithStats(mask)[2][1:, cv2.CC_STAT_AREA]
+    assert len(found.disks) >= np.count_nonzero(regions > 9)
+    assert found.status != Status.OK
+    assert "grey levels apart" in found.message
+    assert "grey levels apart" not in measure_image(plain.frame).message
+
+
+def test_a_disk_without_a_radius_is_fitted_with_its_neighbour():
+    """A candidate as narrow as the blur has no radius of its own; a lens without height stopped the fit."""
+    y, x = np.mgrid[:40, :40]
+    image = (50.0 * (np.hypot(x - 20, y - 20) < 4)).astype(np.float32)
+    problem = FitProblem(image, Noise(1.0), ContrastPrior.loose(50.0))
+    start = np.array([[20.0, 20.0, 3.5, 50.0], [21.0, 20.0, 0.0, 50.0]])
+    fit = fit_disks(problem, start, blur=1.0)
+    assert np.isfinite(fit.disks).all()
+    assert (fit.disks[:, 2] > 0).all()
+
+
+def test_few_grey_levels_are_no_colour_mosaic(plain):
+    """The median of whole numbers jumps by one: of a background of two levels that would be a gain of 0.5."""
+    for level in (-8, -4, 0, 4):
+        assert mosaic_gains(darker(plain.frame, level)) is None
+    dim = darker(plain.frame, 40).astype(float)
+    dim[::2, ::2] *= 0.8
+    gains = mosaic_gains(np.rint(dim).astype(np.uint8))
+    assert gains is not None
+    assert gains[0, 0] / gains[1, 1] == pytest.approx(0.8, rel=0.03)
