@@ -74,6 +74,11 @@ def mechanisms():
         "flicker": [("background.even_out", "_without_flicker", lambda difference, *_a: difference)],
         "colour mosaic": [("measure", "mosaic_gains", lambda *_a: None)],
         "regions without light": [("measure", "find_unlit", lambda *_a: None)],
+        "white margins": [("measure", "find_margin", lambda *_a: None)],
+        "clipped blocks": [
+            (room, "find_clipped", lambda *_a: None) for room in ("measure", "background.no_reference")
+        ],
+        "envelope of the light": [("background.no_reference", "_flat_behind_envelope", lambda *_a: None)],
         "dark spots": [("evidence.status", "dark_spots", lambda *_a: np.zeros(0))],
     }
     for reason in ("REFERENCE_DUST", "NO_RIM", "INVISIBLE", "TOO_SHARP", "SCRATCH", "NOISE"):

@@ -52,7 +52,7 @@ def last_frame_seen_by(series, camera, *, flipped=None, **sections):
         contacts = part.contacts.assign(**{flipped: columns[flipped] - 1 - part.contacts[flipped]})
         name = shift[list(columns).index(flipped)]
         part = replace(part.with_contacts(contacts), row=part.row | {name: -part.row[name]})
-    one = replace(series, scene=scene, parts=[part], loads=series.loads[-1:])
+    one = replace(series, scene=scene, parts=[part])
     return one.posed(part.shape).whole()
 
 

@@ -97,10 +97,9 @@ def _estimate(frame: NDArray[np.float32], valid: Mask, signs: tuple[int, ...]) -
     flat = _flat_background(frame, shown, rounding)
     if flat is None:
         both = [(_background_of_crowd(frame, shown, sign, rounding), sign) for sign in signs]
-        best, sign = (
-            both[0] if len(both) == 1 else max(both, key=lambda one: _roundness(one[0], one[1], valid))
-        )
-        return replace(best, valid=valid), sign
+        roundness = [_roundness(one, sign, valid) for one, sign in both] if len(both) > 1 else [1.0]
+        crowd, sign = both[int(np.argmax(roundness))]
+        return replace(crowd, valid=valid), sign
     sign, blocks = signs[0], block_means(flat.image, flat.valid)
     if len(signs) > 1:
         sign = -1 if find_polarity(blocks, flat.illumination.background) == "dark" else 1
@@ -108,8 +107,8 @@ def _estimate(frame: NDArray[np.float32], valid: Mask, signs: tuple[int, ...]) -
     if np.mean(sign * blocks < -limit) > NOTABLE_SHARE:  # no contact is darker than the background
         other = _flat_behind_envelope(frame, shown, sign, rounding)
         if other is not None:
-            near = (np.mean(np.abs(block_means(d.image, d.valid)) < limit) for d in (other, flat))
-            flat = other if next(near) > next(near) else flat
+            near = np.abs(block_means(other.image, other.valid)) < limit
+            flat = other if np.mean(near) > np.mean(np.abs(blocks) < limit) else flat
     return replace(flat, valid=valid), sign
 
 
@@ -143,6 +142,8 @@ def _flat_behind_envelope(
     """The flat background of a frame that has been divided by its envelope: light that falls steeply."""
     light = sign * _envelope(sign * block_means(frame, valid))
     level = float(np.median(light))
+    if not level > 0.0:  # a background had been subtracted before
+        return None
     light = np.maximum(cv2.GaussianBlur(light, (0, 0), 1.0), DARKEST_FRACTION * level)
     rows, columns = frame.shape
     size = (light.shape[1] * BLOCK, light.shape[0] * BLOCK)

@@ -27,9 +27,7 @@ LEAST_UNLIT_BLOCKS = 12  # of one dark region at the border. By hand: a dark con
 # vignetted corners there is less. By hand: beside a stop there is 0.93 and more.
 STOP_EDGE_BLOCKS, STOP_LIGHT = (5, 7), 0.7
 EDGE_REACH_PX = 5  # of the blurred edge of a stop or of a contact: 3.5 blur widths of the usual optics
-DRAWN_EDGE_PX = (
-    2  # of the edge of a margin, which no optics has blurred: enlarging or compression may. By hand
-)
+DRAWN_EDGE_PX = 2  # of the edge of a margin, which enlarging or compression may have blurred. By hand
 MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected. By hand
 DEFECT_SIGMA = 10.0  # from the median of nine pixels. By hand: shot noise of bright contacts is below
 DEFECT_RATIO = 6.0  # of that to the range of the neighbours. Theory: 2.4 for a point behind a blur of 0.75 px
