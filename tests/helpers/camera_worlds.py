@@ -571,7 +571,7 @@ def white_margin(image):
 
 def black_level(image):
     """The image by a camera whose black level lies at the background: half of its pixels are 0."""
-    return cv2.subtract(image, np.full_like(image, 70))
+    return cv2.subtract(image, np.full_like(image, 73))
 
 
 def thresholded(image):
