@@ -138,3 +138,11 @@ def test_few_grey_levels_are_no_colour_mosaic(plain):
     gains = mosaic_gains(np.rint(dim).astype(np.uint8))
     assert gains is not None
     assert gains[0, 0] / gains[1, 1] == pytest.approx(0.8, rel=0.03)
+
+
+def test_a_frame_says_how_much_of_it_shows_nothing(plain):
+    """Contacts that no light reaches are missing from the sum of areas."""
+    stopped = make_scene("field stop", 25, 43)
+    hidden = np.mean(find_unlit(stopped.frame, None))
+    assert f"{100 * hidden:.2g} % of the frame were left out" in measure_image(stopped.frame).message
+    assert "left out" not in measure_image(plain.frame).message

@@ -353,8 +353,12 @@ def _common_disagreement(e: Columns) -> str:
 def _remarks(seen: FrameEvidence) -> Iterator[str]:
     """The remarks that are worth knowing without being a defect."""
     foreground = seen.foreground
-    unit = foreground.frame_pair.unit
+    unit, valid = foreground.frame_pair.unit, foreground.frame_pair.valid
     yield seen.remark
+    if valid is not None and (hidden := 1.0 - float(np.mean(valid))) > HIDDEN_SHARE:
+        yield (
+            f"{100 * hidden:.2g} % of the frame were left out: no light, a margin, a foreign object or a mask"
+        )
     if np.isfinite(foreground.refused_contrast):
         yield (
             f"the frame shows a contrast of {foreground.shown.plateau * unit:.3g} grey levels, not the "
