@@ -13,6 +13,7 @@ import struct
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -247,6 +248,20 @@ _MAX_SAMPLE_VALUE = 281  # TIFF 6.0, section 8
 _SMALLEST_PAGE = 18  # bytes of a page header with one tag (TIFF 6.0, section 2)
 _PHOTOMETRIC = tifffile.PHOTOMETRIC
 _SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # little and big endian, classic and BigTIFF
+_complaints: ContextVar[list[str] | None] = ContextVar("complaints", default=None)
+
+
+def _collect(record: logging.LogRecord) -> bool:
+    """Collect what tifffile logs in a thread that is inside `_opened`, instead of printing it."""
+    complaints = _complaints.get()
+    if complaints is None:
+        return True
+    complaints.append(record.getMessage())
+    return False
+
+
+# it stays: another thread would miss a complaint while a filter is removed
+logging.getLogger("tifffile").addFilter(_collect)
 
 
 @contextmanager
@@ -255,21 +270,15 @@ def _opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
     with path.open("rb") as file:
         if file.read(4) not in _SIGNATURES:
             raise ValueError("the content is not that of a TIFF image")
-    complaints, thread, logger = list[str](), threading.get_ident(), logging.getLogger("tifffile")
-
-    def collect(record: logging.LogRecord) -> bool:
-        if record.thread == thread:
-            complaints.append(record.getMessage())
-        return record.thread != thread
-
-    logger.addFilter(collect)
+    complaints = list[str]()
+    token = _complaints.set(complaints)
     try:
         with tifffile.TiffFile(path) as tif:
             yield tif, complaints
     except (tifffile.TiffFileError, struct.error) as error:
         raise ValueError(f"the file is truncated or damaged: {error}") from None
     finally:
-        logger.removeFilter(collect)
+        _complaints.reset(token)
 
 
 def list_tiff(path: Path) -> list[int]:
