@@ -76,7 +76,8 @@ def mechanisms():
         "regions without light": [("measure", "find_unlit", lambda *_a: None)],
         "white margins": [("measure", "find_margin", lambda *_a: None)],
         "clipped blocks": [
-            (room, "find_clipped", lambda *_a: None) for room in ("measure", "background.no_reference")
+            (room, "find_clipped", lambda *_a: None)
+            for room in ("background.subtract", "background.no_reference")
         ],
         "envelope of the light": [("background.no_reference", "_flat_behind_envelope", lambda *_a: None)],
         "dark spots": [("evidence.status", "dark_spots", lambda *_a: np.zeros(0))],

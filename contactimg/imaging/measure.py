@@ -38,7 +38,7 @@ from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.fit.shapes import made_round
 from contactimg.imaging.foreground import Foreground, find_foreground
 from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
-from contactimg.imaging.pixels.blocks import block_means, find_clipped, side_of
+from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
     find_margin,
@@ -249,7 +249,6 @@ def measure_image(
     pair = _without_sensor(FramePair.of(image, _match_levels(image, reference), full_scale))
     registered, whole = "position_drift" in absent, registration == "whole"
     difference, sign = _subtract_background(pair, polarity, registered=registered, whole=whole)
-    difference = _without_clipped(difference, pair.frame)
     pair = pair if difference.valid is None else pair.within(difference.valid)
     prior, dust = prior.scaled(1.0 / pair.unit), "dust" not in absent
     foreground = find_foreground(pair, difference, sign, prior, dust=dust)
@@ -426,17 +425,6 @@ def _without_sensor(pair: FramePair) -> FramePair:
     if valid is not None and not valid.any():
         return pair
     return replace(pair, frame=frame, reference=reference, valid=valid, saturated=saturated)
-
-
-def _without_clipped(difference: DifferenceImage, frame: NDArray) -> DifferenceImage:
-    """The difference without the background blocks that are clipped: they show no noise."""
-    background, clipped = difference.illumination.background, find_clipped(frame)
-    if clipped is None:
-        return difference
-    shown = background & (block_means(clipped, side=side_of(background.shape, frame.shape)) < 0.5)
-    if not shown.any():
-        return difference
-    return replace(difference, illumination=replace(difference.illumination, background=shown))
 
 
 def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:

@@ -26,7 +26,7 @@ from contactimg.imaging.background.illumination import (
     Illumination,
 )
 from contactimg.imaging.background.register import GOOD_STD_PX, align, search_alignment
-from contactimg.imaging.pixels.blocks import BLOCK, block_means, rounding_of_blocks, side_of
+from contactimg.imaging.pixels.blocks import BLOCK, block_means, find_clipped, rounding_of_blocks, side_of
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import median, quantile
@@ -85,7 +85,7 @@ def subtract_reference(
     images = _Images(frame, reference, valid, background_is, rounding_of_blocks(frame, reference))
     placed = _PlacedReference.of(images, UNKNOWN)
     if placed is None:
-        return _subtract_plainly(images)
+        return _without_clipped(_subtract_plainly(images), frame)
     residual, textured = REGISTERED, False
     if not registered:
         placed, residual, textured = _register(placed, whole=whole)
@@ -105,7 +105,18 @@ def subtract_reference(
         registration_failed=textured and not residual.known,
         rounding=images.rounding,
     )
-    return even_out(difference)
+    return _without_clipped(even_out(difference), frame)
+
+
+def _without_clipped(difference: DifferenceImage, frame: NDArray) -> DifferenceImage:
+    """The difference without the background blocks that are clipped in the frame: they show no noise."""
+    background, clipped = difference.illumination.background, find_clipped(frame)
+    if clipped is None:
+        return difference
+    shown = background & (block_means(clipped, side=side_of(background.shape, frame.shape)) < 0.5)
+    if not shown.any():
+        return difference
+    return replace(difference, illumination=replace(difference.illumination, background=shown))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +161,9 @@ class _PlacedReference:
             if side != BLOCK:
                 above = block_means(images.frame, valid, side=side)
                 below = half if side == 2 else block_means(moved, valid, side=side)
-            noise, own = _noise_of_two(below), neighbour_scatter(above)
-            if side != BLOCK and noise < SMOOTH_RATIO * own:  # contacts leave most squares alone
+            noise = _noise_of_two(below)
+            own = neighbour_scatter(above) if side != BLOCK else 0.0  # contacts leave most squares alone
+            if noise < SMOOTH_RATIO * own:
                 noise = own
             return above / np.maximum(below, DARKEST_FRACTION * level), noise / level
 

@@ -93,7 +93,8 @@ def _rounding_step(image: NDArray) -> float:
 def find_clipped(image: NDArray) -> Mask:
     """Pixels (1) of blocks most of whose pixels are at the lowest or highest level of an image, or None.
 
-    They show no noise, and nothing of the light. None as well where they leave next to nothing of the image.
+    They show no noise, and nothing of the light. Where there are few of them, or where they leave next to
+    nothing of the image, no block is taken out.
     """
     extremes = image.min(), image.max()
     if not any(np.mean(image[::7, ::11] == level) > SOME_CLIPPED for level in extremes):
