@@ -17,7 +17,7 @@ from contactimg.calibration.jkr import calibrate_jkr
 from contactimg.files import list_frames, open_experiment, read_scene, write_frame, write_table
 from contactimg.frame import Frame
 from contactimg.mechanics import jkr
-from contactimg.mechanics.layer_contact import layer_factors
+from contactimg.mechanics.layer import layer_factors
 from contactimg.pipeline.calibrate.jkr import run_jkr
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict

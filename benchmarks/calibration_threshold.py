@@ -12,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 from shared import PIXEL, pattern_scene
 
-from contactimg.calibration.coverage_estimate import CoverageEstimate
+from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline.calibrate.thresholds import run_modulus, run_threshold

@@ -21,8 +21,8 @@ from .analysis.radial_profiles import radial_profile as radial_profile
 from .analysis.radial_profiles import ring_profile as ring_profile
 from .analysis.topography import describe_topography as describe_topography
 from .calibration.jkr import calibrate_jkr as calibrate_jkr
-from .calibration.modulus import calibrate_modulus as calibrate_modulus
 from .calibration.plateau import find_plateau as find_plateau
+from .calibration.threshold import calibrate_modulus as calibrate_modulus
 from .calibration.threshold import calibrate_threshold as calibrate_threshold
 from .design.laws import WantedLaw as WantedLaw
 from .design.surface import DesignedSurface as DesignedSurface
@@ -41,7 +41,6 @@ from .forces import assign_forces as assign_forces
 from .frame import Frame as Frame
 from .imaging.measure import measure_image as measure_image
 from .imaging.profile.optics import SharedOptics as SharedOptics
-from .matching import match_contacts as match_contacts
 from .mechanics import hertz as hertz
 from .mechanics import jkr as jkr
 from .mechanics import sphere as sphere
@@ -71,6 +70,7 @@ from .pipeline.tradeoff import measure_tradeoff as measure_tradeoff
 from .pose import Pose as Pose
 from .pose.fit import PoseFit as PoseFit
 from .pose.fit import fit_pose as fit_pose
+from .pose.pairs import match_contacts as match_contacts
 from .prediction import find_touching_load as find_touching_load
 from .render import Rendered as Rendered
 from .render import render_contacts as render_contacts
@@ -80,7 +80,6 @@ from .render import render_smooth_contact as render_smooth_contact
 from .report import build_report as build_report
 from .scene import Scene as Scene
 from .scene import scene_from_dict as scene_from_dict
-from .shear.deform import shear_contacts as shear_contacts
 from .shear.followed import fit_beta as fit_beta
 from .shear.followed import fit_shear_laws as fit_shear_laws
 from .shear.followed import follow_contacts as follow_contacts
@@ -90,13 +89,14 @@ from .shear.laws import fit_rate_law as fit_rate_law
 from .shear.laws import fit_strength as fit_strength
 from .shear.laws import half_axes_along as half_axes_along
 from .shear.laws import local_friction as local_friction
+from .shear.laws import shear_contacts as shear_contacts
 from .shear.laws import static_friction as static_friction
 from .shear.unseen import limit_radii as limit_radii
-from .sliding.compliance import ShearForces as ShearForces
-from .sliding.compliance import recover_shear_forces as recover_shear_forces
-from .sliding.compliance import tangential_compliance as tangential_compliance
+from .sliding.onset import ShearForces as ShearForces
 from .sliding.onset import SlidingOnset as SlidingOnset
+from .sliding.onset import recover_shear_forces as recover_shear_forces
 from .sliding.onset import solve_sliding_onset as solve_sliding_onset
+from .sliding.onset import tangential_compliance as tangential_compliance
 from .surfaces import DropletCaps as DropletCaps
 from .surfaces import GaussianCaps as GaussianCaps
 from .surfaces import UniformCaps as UniformCaps

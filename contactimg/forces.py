@@ -21,12 +21,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.effects.local_law import law_name
-from contactimg.mechanics.contact_force import (
+from contactimg.effects.local_law import (
     HERTZ_EXPONENT,
     ForceLaw,
     adhesive_pull,
     force_exponents,
+    law_name,
     pressing_force,
 )
 from contactimg.models.validity import HERTZ_LIMIT

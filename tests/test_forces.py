@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from contactimg.effects.local_law import force_exponents
 from contactimg.errors import InputError
 from contactimg.forces import Total, assign_forces, sums_of_contacts, total_area, total_force
 from contactimg.mechanics import hertz, jkr, sphere
-from contactimg.mechanics.contact_force import force_exponents
 from contactimg.pipeline.frame import locate_contacts
 from contactimg.pipeline.inputs import contact_sites, need_asperities
 from contactimg.pose import Pose

@@ -30,7 +30,6 @@ ROOMS = [
     "sliding",
     "design",
     "effects",
-    "matching",
     "forces",
     "analysis",
     "shear",

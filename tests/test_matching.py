@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from contactimg.errors import InputError
-from contactimg.matching import match_contacts
 from contactimg.pose import Pose
 from contactimg.pose.fit import fit_pose
-from contactimg.pose.pairs import pair_points
+from contactimg.pose.pairs import match_contacts, pair_points
 from contactimg.tables import CONTACTS
 
 SHAPE = (1200, 1600)

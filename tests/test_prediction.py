@@ -6,7 +6,7 @@ import pytest
 
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
-from contactimg.mechanics.layer_contact import layer_factors
+from contactimg.mechanics.layer import layer_factors
 from contactimg.pipeline.predict import predict_loads
 from contactimg.pose import Pose
 from contactimg.prediction import (

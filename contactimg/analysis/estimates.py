@@ -1,7 +1,12 @@
-"""Numbers with their uncertainty: Student's intervals, and the bootstrap over places or sectors."""
+"""Numbers with their uncertainty: Student's intervals, and the bootstrap over places or sectors.
+
+The ``std`` of an `Estimate` is a standard deviation. That of a calibrated number, `CoverageEstimate`, is that
+of a normal distribution with the same 95 % interval, because later steps use only ``std``, not its degrees of
+freedom.
+"""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +26,13 @@ sectors often decide, and logarithms of few contacts make the uncertainty of one
 ONE_STD = (0.158655, 0.841345)
 """Probabilities between which a normal distribution has one standard deviation on either side."""
 
+COVERAGE = 0.95
+NORMAL_95 = float(special.ndtri(0.5 + COVERAGE / 2))
+"""Half-width of a normal distribution's 95 % interval in standard deviations, 1.96."""
+
+ROUNDED_NORMAL_95 = 1.96
+"""The same to three digits, as stated uncertainties use it."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -31,7 +43,7 @@ class Estimate:
     value : float
     std : float
         Standard deviation, however few the data are: of few, ``value +- 1.96 std`` covers less than 95 %
-        (that of `contactimg.calibration.coverage_estimate.CoverageEstimate` is widened to cover it).
+        (that of `CoverageEstimate` is widened to cover it).
     low, high : float
         Infinite if no degree of freedom is left to estimate the scatter.
     """
@@ -140,3 +152,83 @@ def bootstrap_estimate(
     spread = (high - low) / 2 * np.sqrt((SMOOTHNESS * blocks + 1) / (blocks - 1))
     std = float(np.hypot(spread, known_std))
     return student_estimate(value, std, freedom=blocks - 1, confidence=confidence)
+
+
+@dataclass(frozen=True)
+class CoverageEstimate(Estimate):
+    """A number and its 95 % interval, which ``std`` stands for.
+
+    Parameters
+    ----------
+    value : float
+    std : float
+        Standard uncertainty, stated such that ``value +- 1.96 std`` covers 95 %: half the width of the
+        interval over 1.96, which with few data exceeds the standard deviation that
+        `Estimate` states.
+    low, high : float
+        Ends of the 95 % interval.
+    """
+
+    @classmethod
+    def of_normal(cls, value: float, std: float) -> "CoverageEstimate":
+        """A number with a normal distribution of known standard deviation.
+
+        Examples
+        --------
+        >>> CoverageEstimate.of_normal(3e6, 1e4).high
+        3019600.0
+        """
+        half = ROUNDED_NORMAL_95 * std
+        return cls(value, std, value - half, value + half)
+
+    def record(self, unit: str) -> dict[str, Any]:
+        """The number as ``calibration.json`` states it.
+
+        Examples
+        --------
+        >>> CoverageEstimate(3e6, 1e4, 2.98e6, 3.02e6).record("Pa")["std"]
+        10000.0
+        """
+        return {
+            "value": self.value,
+            "std": self.std,
+            "unit": unit,
+            "low_95": self.low,
+            "high_95": self.high,
+        }
+
+
+def estimate_from_draws(draws: NDArray[np.float64]) -> CoverageEstimate:
+    """Median and central 95 % interval of draws from a distribution."""
+    low, value, high = np.quantile(draws, [0.5 - COVERAGE / 2, 0.5, 0.5 + COVERAGE / 2])
+    return CoverageEstimate(float(value), float((high - low) / 2 / NORMAL_95), float(low), float(high))
+
+
+def coverage_estimate(
+    value: float, std: float, *, freedom: float, known_std: float = 0.0
+) -> CoverageEstimate:
+    """An estimate whose standard deviation was itself estimated, plus an independent known part.
+
+    Parameters
+    ----------
+    value : float
+    std : float
+        Standard deviation; the estimate's ``std`` is larger, by Student's quantile over 1.96.
+    freedom : float
+        Degrees of freedom of ``std``.
+    known_std : float
+        Standard uncertainty of what is common to all data.
+
+    Returns
+    -------
+    CoverageEstimate
+        Its half-widths, Student's for the one part and normal for the other, add in quadrature.
+
+    Examples
+    --------
+    >>> coverage_estimate(1.0, 0.01, freedom=4).high
+    1.02776445
+    """
+    quantile = float(special.stdtrit(freedom, 0.5 + COVERAGE / 2)) if std > 0 else 0.0
+    half = float(np.hypot(quantile * std, NORMAL_95 * known_std))
+    return CoverageEstimate(value, half / NORMAL_95, value - half, value + half)

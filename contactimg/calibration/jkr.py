@@ -4,7 +4,7 @@ In the stiffness ``K`` and the adhesion ``S = sqrt(w K)`` the load read at the c
 
     P = H K a^3/R - A sqrt(6 pi) S a^{3/2} + zero + drift - P'(a) d,
 
-``H`` and ``A`` being 1 on a half-space (`contactimg.mechanics.layer_contact`). It is fitted by generalised
+``H`` and ``A`` being 1 on a half-space (`contactimg.mechanics.layer`). It is fitted by generalised
 least squares with errors on both axes (`contactimg.analysis.linear_fit`). The zero takes part where the scene
 states its uncertainty, as one more datum. A hysteresis, a drift or a shift ``d`` of the edge takes part where
 an F test says that the frames need it. The noise of the loads, a constant part and one that grows with the
@@ -19,11 +19,11 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from contactimg.analysis.estimates import CoverageEstimate, estimate_from_draws
 from contactimg.analysis.linear_fit import ROUNDING, LinearFit, Points, fit_linear
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.calibration.coverage_estimate import CoverageEstimate, estimate_from_draws
 from contactimg.errors import InputError
-from contactimg.mechanics.layer_contact import layer_factors
+from contactimg.mechanics.layer import layer_factors
 
 Values = NDArray[np.float64]
 Mask = NDArray[np.bool_]

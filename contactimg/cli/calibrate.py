@@ -14,7 +14,7 @@ from contactimg.errors import InputError
 from contactimg.scene import Scene
 
 if TYPE_CHECKING:
-    from contactimg.calibration.coverage_estimate import CoverageEstimate
+    from contactimg.analysis.estimates import CoverageEstimate
 
 ONE_OF_TWO = (
     "threshold and modulus cannot both be fitted to the same load curve, because slope 1 fixes only a "
@@ -223,7 +223,7 @@ def _fixed_threshold(
     scene: Scene, record: Mapping[str, Any], option: float | None
 ) -> "CoverageEstimate | None":
     """The threshold of the calibration, the option or the scene; None for the method "disk"."""
-    from contactimg.calibration.coverage_estimate import CoverageEstimate
+    from contactimg.analysis.estimates import CoverageEstimate
 
     if "threshold" in record:
         if option is not None:

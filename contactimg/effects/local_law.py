@@ -1,19 +1,22 @@
-"""The law of local force for measured contacts: what Hertz's formula would leave out decides.
+"""The law of local force for measured contacts, and the forces by it.
 
+What Hertz's formula would leave out decides.
 The same switches as for a prediction, ``sphere_profile`` and ``adhesion``, and the same tolerance; here the
 radii are measured, so that each change is known without solving anything.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import decide
-from contactimg.mechanics.contact_force import adhesive_pull, pressing_force
-from contactimg.mechanics.layer_contact import LARGEST_RATIO, layer_factors
+from contactimg.errors import InputError
+from contactimg.mechanics import hertz, sphere
+from contactimg.mechanics.layer import LARGEST_RATIO, layer_factors
 from contactimg.scene import Scene
 from contactimg.scene.contact_sections import Elastic
 
@@ -28,6 +31,12 @@ LAW_WORDS = {
 
 EFFECT_WORDS = {"sphere_profile": "the exact profile of the sphere", "adhesion": "adhesion"}
 """Effect on the local forces -> what it is called in a sentence."""
+
+HERTZ_EXPONENT = 3.0
+"""Theory: p ~ a^3 (Hertz)."""
+
+ForceLaw = Literal["hertz", "sphere"]
+"""Hertz's law of a paraboloid, or the sphere's exact law (Sneddon)."""
 
 
 def law_name(scene: Scene) -> str:
@@ -97,10 +106,10 @@ def law_evidence(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) ->
     elastic = scene.need("elastic", "local forces")
     a, modulus = contacts["radius_m"].to_numpy(float), elastic.contact_modulus
     parabola = pressing_force(a, sphere_radius, contact_modulus=modulus)
-    sphere = pressing_force(a, sphere_radius, contact_modulus=modulus, law="sphere")
+    exact = pressing_force(a, sphere_radius, contact_modulus=modulus, law="sphere")
     pull = adhesive_pull(a, contact_modulus=modulus, work_of_adhesion=elastic.work_of_adhesion)
-    complete = sphere - (0.0 if scene.effects.adhesion == "off" else pull)
-    forces = np.abs(np.column_stack([sphere - parabola, pull, complete]))
+    complete = exact - (0.0 if scene.effects.adhesion == "off" else pull)
+    forces = np.abs(np.column_stack([exact - parabola, pull, complete]))
     forces[~np.isfinite(complete)] = 0.0
     table = pd.DataFrame(forces, columns=["sphere_profile", "adhesion", "complete"])
     frames = table.groupby(contacts["frame"].to_numpy()).sum()
@@ -147,3 +156,105 @@ def _support_message(radius: float, elastic: Elastic, tolerance: float) -> str:
         f"not in the law, and forces are low by {'more than' if ratio > LARGEST_RATIO else 'up to'} "
         f"{100 * error:.2g} %"
     )
+
+
+def pressing_force(
+    radius: ArrayLike,
+    sphere_radius: ArrayLike,
+    *,
+    contact_modulus: float,
+    law: ForceLaw = "hertz",
+) -> Values:
+    """Force (N) that presses contacts to their radius, without adhesion.
+
+    Hertz: ``p = 4 E* a^3/(3 R)``; sphere: ``p = E* [(a^2 + R^2)/2 ln((R + a)/(R - a)) - a R]``.
+
+    Parameters
+    ----------
+    radius, sphere_radius : array_like, m
+        They broadcast.
+    contact_modulus : float, Pa
+    law : {"hertz", "sphere"}
+
+    Returns
+    -------
+    ndarray
+        NaN where a radius is not known, and by the sphere's law for a contact as wide as its sphere.
+
+    Raises
+    ------
+    InputError
+        If there is no such law.
+
+    Examples
+    --------
+    >>> pressing_force([3e-5], 1e-4, contact_modulus=4e6).round(8)
+    array([0.00144])
+    """
+    if law not in ("hertz", "sphere"):
+        raise InputError(f'law must be "hertz" or "sphere", got {law!r}')
+    a, R = np.broadcast_arrays(np.asarray(radius, float), np.asarray(sphere_radius, float))
+    known = np.isfinite(a) & np.isfinite(R)
+    if law == "sphere":
+        known &= np.where(known, a, 0.0) < np.where(known, R, 1.0)
+    force = np.full(a.shape, np.nan)
+    if law == "sphere":
+        force[known] = contact_modulus * R[known] ** 2 * sphere.scaled_load(a[known] / R[known])
+    else:
+        force[known] = hertz.load(a[known], sphere_radius=R[known], contact_modulus=contact_modulus)
+    return force
+
+
+def force_exponents(radius: ArrayLike, sphere_radius: ArrayLike, *, law: ForceLaw = "hertz") -> Values:
+    """Exponent ``d ln p/d ln a`` of the force law at each contact: 3 for Hertz, more for the sphere.
+
+    Parameters
+    ----------
+    radius, sphere_radius : array_like, m
+        They broadcast.
+    law : {"hertz", "sphere"}
+
+    Returns
+    -------
+    ndarray
+        NaN where a radius is not known, or where the law gives no force (a contact as wide as its sphere).
+
+    Raises
+    ------
+    InputError
+        If there is no such law.
+
+    Examples
+    --------
+    >>> force_exponents([1e-6, 5e-5], 1e-4, law="sphere").round(3)
+    array([3.   , 3.258])
+    """
+    if law not in ("hertz", "sphere"):
+        raise InputError(f'law must be "hertz" or "sphere", got {law!r}')
+    a, R = np.broadcast_arrays(np.asarray(radius, float), np.asarray(sphere_radius, float))
+    exponent = np.where(np.isfinite(a) & np.isfinite(R), HERTZ_EXPONENT, np.nan)
+    if law == "sphere":
+        ratio = np.where(np.isfinite(exponent), a, 0.0) / np.where(np.isfinite(exponent), R, 1.0)
+        inside = (ratio > 0) & (ratio < 1)
+        s = ratio[inside]
+        # dP/ddelta = 2 E* a and ddelta/da = atanh(s) + s/(1 - s^2), s = a/R
+        exponent[inside] = 2 * s**2 * (np.arctanh(s) + s / (1 - s**2)) / sphere.scaled_load(s)
+        exponent[ratio >= 1] = np.nan
+    return exponent
+
+
+def adhesive_pull(radius: ArrayLike, *, contact_modulus: float, work_of_adhesion: float) -> Values:
+    """Force (N) by which adhesion reduces the load on a contact: ``sqrt(8 pi w E* a^3)`` (JKR).
+
+    Parameters
+    ----------
+    radius : array_like, m
+    contact_modulus : float, Pa
+    work_of_adhesion : float, J/m^2
+
+    Examples
+    --------
+    >>> adhesive_pull([2e-5], contact_modulus=4e6, work_of_adhesion=0.05).round(7)
+    array([0.0002005])
+    """
+    return np.sqrt(8 * np.pi * work_of_adhesion * contact_modulus * np.asarray(radius, float) ** 3)

@@ -22,7 +22,7 @@ from contactimg.files.corrections import EDITS_FILE, PixelCorrections, find_area
 from contactimg.files.output import finish_commit
 from contactimg.files.sources import FrameSource, is_image, list_frames, natural_key
 from contactimg.files.tables import read_asperities, read_loads
-from contactimg.optics.camera_response import CameraResponse
+from contactimg.optics.sensor import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import EDITS, LOADS
 from contactimg.timings import stage

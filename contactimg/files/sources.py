@@ -23,7 +23,7 @@ from contactimg.files.decoders import (
     to_grey,
 )
 from contactimg.frame import Frame
-from contactimg.optics.camera_response import CameraResponse, linearise
+from contactimg.optics.sensor import CameraResponse, linearise
 from contactimg.timings import stage
 
 PathLike = str | os.PathLike[str]

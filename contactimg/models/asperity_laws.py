@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.mechanics import sphere
-from contactimg.mechanics.layer_contact import LARGEST_RATIO, factor_table
+from contactimg.mechanics.layer import LARGEST_RATIO, factor_table
 
 Values = NDArray[np.float64]
 
@@ -151,7 +151,7 @@ class AdhesiveLaw:
     aspect : float
         Unit of height over unit of length for a sphere; zero for a paraboloid.
     thickness : float
-        Of the layer: factors of `contactimg.mechanics.layer_contact` act on the parts with and without
+        Of the layer: factors of `contactimg.mechanics.layer` act on the parts with and without
         adhesion of force and penetration. Exact for a paraboloid. Infinite for a half-space.
     poisson_ratio : float
         Of the layer.

@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
-from contactimg.mechanics.layer_contact import LARGEST_RATIO
+from contactimg.mechanics.layer import LARGEST_RATIO
 from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, AsperityLaw, LayerLaw, asperity_law
 from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.conditions import ContactConditions

@@ -6,8 +6,6 @@ from .analyse.places import differences as differences
 from .analyse.places import open_place as open_place
 from .analyse.places import read_centre as read_centre
 from .calibrate.jkr import run_jkr as run_jkr
-from .calibrate.result import Calibrated as Calibrated
-from .calibrate.result import write_calibration as write_calibration
 from .calibrate.thresholds import run_modulus as run_modulus
 from .calibrate.thresholds import run_plateau as run_plateau
 from .calibrate.thresholds import run_threshold as run_threshold
@@ -26,6 +24,8 @@ from .predict import choice_sentence as choice_sentence
 from .predict import plan_effects as plan_effects
 from .predict import predict_loads as predict_loads
 from .predict import write_predictions as write_predictions
+from .results import Calibrated as Calibrated
+from .results import write_calibration as write_calibration
 from .results import write_results as write_results
 from .series import measure_parts as measure_parts
 from .simulate import plan_simulation as plan_simulation

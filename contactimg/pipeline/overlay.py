@@ -15,7 +15,6 @@ from contactimg.errors import InputError
 from contactimg.files import Experiment
 from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
-from contactimg.matching import match_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.pictures import (
     PREDICTED,
@@ -25,6 +24,7 @@ from contactimg.pipeline.pictures import (
     view_of,
 )
 from contactimg.pipeline.predict import predict_in_view
+from contactimg.pose.pairs import match_contacts
 from contactimg.prediction import COMPARED_MODELS, Prediction, hertz_circle, scene_of_model
 from contactimg.tables import FAILED, MATCHES, SCORES
 from contactimg.tables.outlines import Outline, contact_outlines

@@ -1,14 +1,18 @@
-"""What every command leaves in its folder: tables, and figures with their captions."""
+"""What every command leaves in its folder: tables, figures with their captions, and a calibration."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import pandas as pd
 from matplotlib.axes import Axes
 
-from contactimg.files import write_figures, write_table
+from contactimg.analysis.load_cell import LoadCell
+from contactimg.files import CALIBRATION_FILE, write_figures, write_json, write_table
 from contactimg.plots import caption_of
+from contactimg.scene import Scene
 from contactimg.tables import Schema
 
 
@@ -30,3 +34,53 @@ def write_results(
         write_table(table, schema, folder / f"{name}.csv")
     for name, ax in figures.items():
         write_figures(ax, folder, name, caption=caption_of(name))
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """The result of a calibration.
+
+    Parameters
+    ----------
+    record : dict
+        Contents of ``calibration.json``.
+    tables : dict
+        Name of the file without ending -> (schema, table).
+    figures : dict
+        Name without ending -> axes.
+    failed : bool
+        Whether a frame could not be measured.
+    """
+
+    record: dict[str, Any]
+    tables: dict[str, tuple[Schema, pd.DataFrame]]
+    figures: dict[str, Axes]
+    failed: bool = False
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences for a person."""
+        return list(self.record["notes"])
+
+
+def write_calibration(result: Calibrated, folder: Path, *, frames: list[Mapping[str, Any]]) -> None:
+    """Write calibration.json, the tables and the figures.
+
+    Parameters
+    ----------
+    result : Calibrated
+    folder : Path
+        Exists.
+    frames : list of mapping
+        The inputs with their sha256, as `provenance` lists them.
+    """
+    write_json(result.record | {"frames": frames}, folder / CALIBRATION_FILE)
+    write_results(folder, result.tables, result.figures)
+
+
+def cell_notes(scene: Scene) -> list[str]:
+    """Notes on what was assumed of the load cell because the scene does not state it."""
+    if scene.load.gain_std is not None:
+        return []
+    gain = LoadCell.stated(scene.load).gain_std
+    return [f"load cell: gain_std = {gain:g} assumed, which the uncertainties include; state it in [load]"]

@@ -17,7 +17,7 @@ from contactimg.pipeline.inputs import contact_sites
 from contactimg.prediction import make_mechanical_plan, predict_contacts
 from contactimg.render import Rendered, render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
-from contactimg.shear.deform import shear_contacts
+from contactimg.shear.laws import shear_contacts
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
 
 

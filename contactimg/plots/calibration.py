@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from contactimg.calibration.coverage_estimate import CoverageEstimate
+from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.plots.axes import add_legend, axes_with_panel, new_axes, scale_by_decades
 from contactimg.plots.laws import MARKER_SIZE
 from contactimg.plots.numbers import number_with_interval

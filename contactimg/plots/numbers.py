@@ -4,8 +4,7 @@ from math import floor, isfinite, log10
 
 import numpy as np
 
-from contactimg.analysis.estimates import Estimate
-from contactimg.calibration.coverage_estimate import CoverageEstimate
+from contactimg.analysis.estimates import CoverageEstimate, Estimate
 
 SIGNIFICANT = 4
 """Digits of a number without uncertainty."""

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from contactimg.analysis.estimates import Estimate
+from contactimg.analysis.estimates import CoverageEstimate, Estimate
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
 from contactimg.files import Run

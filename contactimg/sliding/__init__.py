@@ -3,6 +3,6 @@
 In: a table of contacts of one frame or load, the elastic constants and the shear strength. Out: a
 `SlidingOnset`, or the shear forces that measured displacements tell.
 
-Read in this order: `compliance` (displacement of each contact by all shear forces, and its inverse), `onset`
-(contacts that reach their strength one after the other).
+Read `onset`: contacts that reach their strength one after the other, the displacement of each contact by all
+shear forces, and its inverse.
 """

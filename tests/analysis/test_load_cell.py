@@ -6,8 +6,7 @@ import pytest
 
 from contactimg.analysis.area_against_load import fit_area_law
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.calibration.modulus import calibrate_modulus
-from contactimg.calibration.threshold import load_slope
+from contactimg.calibration.threshold import calibrate_modulus, load_slope
 from contactimg.errors import InputError
 from contactimg.scene import scene_from_dict
 

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from contactimg.analysis.estimates import student_estimate
+from contactimg.analysis.estimates import coverage_estimate, student_estimate
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
-from contactimg.calibration.coverage_estimate import coverage_estimate
 from contactimg.calibration.jkr import calibrate_jkr, classify_branches
-from contactimg.calibration.modulus import calibrate_modulus
 from contactimg.calibration.plateau import find_plateau
-from contactimg.calibration.threshold import calibrate_threshold, load_slope
+from contactimg.calibration.threshold import calibrate_modulus, calibrate_threshold, load_slope
 from contactimg.errors import InputError
 from contactimg.mechanics import jkr
 

@@ -8,7 +8,7 @@ from contactimg.calibration.jkr import calibrate_jkr
 from contactimg.cli.scenes import apply_calibration, refuse_idle
 from contactimg.errors import InputError
 from contactimg.mechanics import jkr
-from contactimg.mechanics.layer_contact import layer_factors
+from contactimg.mechanics.layer import layer_factors
 from contactimg.plausibility import doubts_about_scene
 from contactimg.scene import scene_from_dict
 

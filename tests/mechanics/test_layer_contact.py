@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from contactimg.errors import ModelRangeError
-from contactimg.mechanics.layer_contact import _quadrature, layer_factors, layer_factors_at
+from contactimg.mechanics.layer import _contact_nodes, layer_factors, layer_factors_at
 
 
 def flat_and_parabola(ratio):
     """Mean and edge value of ``g`` under a flat and a parabolic indenter, solved by iteration instead."""
-    x, weight, q, missing = _quadrature()
+    x, weight, q, missing = _contact_nodes()
     kernel = 2 / np.pi * ratio * (np.cos(ratio * np.outer(x, q)) * missing) @ np.cos(ratio * np.outer(q, x))
     edge = 2 / np.pi * ratio * (np.cos(ratio * q) * missing) @ np.cos(ratio * np.outer(q, x))
     found = []

@@ -6,7 +6,7 @@ import pytest
 from contactimg import FrameError, InputError, scene_from_dict
 from contactimg.files import open_experiment, write_frame
 from contactimg.frame import Frame
-from contactimg.optics.camera_response import CameraResponse, linearise
+from contactimg.optics.sensor import CameraResponse, linearise
 
 
 def encode(light, gamma, full_scale=255.0):

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from contactimg.calibration.coverage_estimate import CoverageEstimate
+from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.files import write_figures
 from contactimg.files.figures import FIGURE_FORMATS as FORMATS  # before the tests choose one of them
 from contactimg.plots import CAPTIONS, caption_of, plot_forces, plot_jkr, plot_plateau

@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 
+from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.analysis.friction import fit_shear_stress
 from contactimg.analysis.power_laws import fit_broken_law, fit_power_law
 from contactimg.analysis.topography import describe_topography
-from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.plots import (
     plot_areas,
     plot_forces,

@@ -10,7 +10,7 @@ from contactimg.files import read_frames
 from contactimg.files.tables import read_loads
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
-from contactimg.shear.deform import shear_contacts
+from contactimg.shear.laws import shear_contacts
 
 SHEAR = {"tangential_N": [0.0, 0.001, -0.002], "shear_beta_m5_N2": 4e-17, "shear_compliance_m_N": 1e-3}
 

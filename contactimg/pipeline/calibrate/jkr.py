@@ -9,8 +9,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
@@ -21,9 +21,9 @@ from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_open
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
-from contactimg.pipeline.calibrate.result import Calibrated, cell_notes
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.results import Calibrated, cell_notes
 from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.numbers import number_with_interval

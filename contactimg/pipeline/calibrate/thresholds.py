@@ -9,20 +9,19 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
+from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.calibration.coverage_estimate import CoverageEstimate
-from contactimg.calibration.modulus import calibrate_modulus
 from contactimg.calibration.plateau import find_plateau
-from contactimg.calibration.threshold import calibrate_threshold, load_slope
+from contactimg.calibration.threshold import calibrate_modulus, calibrate_threshold, load_slope
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
 from contactimg.imaging.measure import count_again
-from contactimg.pipeline.calibrate.result import Calibrated, cell_notes
 from contactimg.pipeline.frame import frame_row, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.measured_series import find_pose, local_law, with_forces, with_pose
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.results import Calibrated, cell_notes
 from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes

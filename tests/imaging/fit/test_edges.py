@@ -21,7 +21,7 @@ from contactimg.imaging.profile.edge_shape import (
     edge_profile,
     edge_templates,
 )
-from contactimg.optics.camera_response import CameraResponse
+from contactimg.optics.sensor import CameraResponse
 from contactimg.tables import Flag
 
 SEED = 11
