@@ -24,6 +24,7 @@ from contactimg.imaging.measure import ImageMeasurement
 from contactimg.imaging.pixels.masks import clear_disks
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.edge_shape import PARAMETERS, edge_profile
+from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
 from contactimg.pipeline.frame import FrameOptions, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
@@ -36,8 +37,6 @@ SMALLEST_BLUR_WIDTHS, LARGEST_BLUR_WIDTHS = 0.3, 6.0
 """Radii drawn: from contacts that no frame shows; up to at least where a contact shows its plateau."""
 CLASSES = 8
 """Classes of radii, equally wide in ln(radius)."""
-CLEAR_BLUR_WIDTHS = 4.0
-"""Blur widths between the rims of a drawn contact and of any other. Theory: 6e-5 of an edge is left."""
 TRIES = 40
 """Places that are tried for each contact."""
 REACH_PX, REACH = 1.5, 0.5

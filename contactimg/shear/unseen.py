@@ -5,13 +5,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
+
 Values = NDArray[np.float64]
 
 APERTURE_BLURS, LEAST_APERTURE_PX = 1.6, 1.0
 """Radius of the aperture in blurs. Theory: 1.585 gives a point of light the best ratio to even noise."""
-
-AWAY_BLURS = 4.0
-"""Distance from a contact's edge, in blurs, from which on a place is background. Theory: 3e-5 of an edge."""
 
 LARGEST_BLURS, TABLE_POINTS = 6.0, 241
 """Largest radius of the table of the light, in blurs, and its points; a larger contact fills the aperture."""
@@ -79,7 +78,7 @@ def limit_radii(
         inside = (np.asarray(valid) > 0).astype(np.uint8)
     free = inside.copy()
     for x, y, size in contacts:
-        cv2.circle(free, (round(x), round(y)), int(np.ceil(size + AWAY_BLURS * blur_px)), 0, -1)
+        cv2.circle(free, (round(x), round(y)), int(np.ceil(size + CLEAR_BLUR_WIDTHS * blur_px)), 0, -1)
     # apertures that overlap no contact, no hole and no border, and not each other
     kernel = np.ones((2 * half + 1,) * 2, np.uint8)
     free, inside = (

@@ -20,12 +20,12 @@ from contactimg.imaging.background.illumination import (
 )
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.robust import quantile, robust_std
+from contactimg.imaging.profile.limits import SQUARE_PX
 
 BackgroundLevel = Literal["lowest", "highest", "nearest_one", "most_common"]
 """Which of several well-populated levels is the background: the lowest (contacts are bright), the highest
 (contacts are dark), the one nearest to 1 (for a ratio to a reference) or the most common."""
 
-SQUARE_PX = 2  # side of the squares that fit between crowded contacts, px; a power of 2
 # Scatter of the blocks over what noise and texture explain above which they may hold contacts. By hand.
 CROWD_SCATTER = 1.1
 # The same of the squares in a block from which on it contains the rim of a contact. By hand.

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from contactimg.imaging.background.even_out import NOTABLE_SHARE, even_out, find_background_regions
 from contactimg.imaging.background.find_illumination import (
     QUIET_SHARE,
-    SQUARE_PX,
     find_background_level,
     neighbour_scatter,
     share_without_rims,
@@ -36,6 +35,7 @@ from contactimg.imaging.detect.foreign import label_regions
 from contactimg.imaging.pixels.blocks import BLOCK, SignedImage, block_means, find_clipped, rounding_of_blocks
 from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.robust import MANY, robust_std
+from contactimg.imaging.profile.limits import SQUARE_PX
 
 FLAT_SHARE = 0.2  # share of the blocks: so large a flat region is the background. By hand
 # Squares in one side of the tiles over which the light between small contacts is followed beyond the

@@ -28,13 +28,15 @@ from contactimg.imaging.count.rim_errors import (
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.detect.candidates import Contrast
 from contactimg.imaging.detect.hand_edits import HandEdit
-from contactimg.imaging.detect.rim_blur import estimate_blur
+from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX, estimate_blur
 from contactimg.imaging.evidence.rules import OWN_RISE, Columns, own_rise
 from contactimg.imaging.fit.unseen_contrast import LARGEST_CONTRAST_RATIO, PLATEAU_STD_FRACTION
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.robust import LIGHT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.limits import NOISY_RATIO, SMALL_AREA_PX2
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
@@ -43,13 +45,9 @@ DEFAULT_FRACTION = 0.5
 """Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""
 OTSU_RANGE = (0.05, 0.95)
 """Range of the automatic threshold: outside it noise makes contacts or takes them away."""
-COMPONENT_LIGHT_SIGMA = 8.0
-"""Least summed light of a component in standard deviations of the noise. Noise alone stays below 6."""
 TYPICAL_BLUR_PX = 1.4
 """Blur for which the smallest visible contact is stated: that of the paper's frames. Components in noise are
 smoothed by it before disks are inscribed."""
-NOISY_CONTRAST_TO_NOISE = 12.0
-"""Contrast over noise below which noise notches the outline of components. Theory: twice six sigma."""
 SHARPEST_SLOPE_PX = 0.45
 """Blur below which rims lie between pixels and their slopes show nothing. By hand: slopes give 0.59 px or
 more."""
@@ -58,10 +56,6 @@ SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
 LONGEST_PART = 1.4
 """Ratio of the axes of a part of a split component above which no disks describe the component. By hand: of
 a hundred parts of contacts that touch, one to four are longer."""
-SMALL_AREA_PX2 = 4
-"""Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. By hand."""
-HOLE_DISTANCE_PX = 3.0
-"""A contact is flagged EDGE if a hole lies so near to its rim: twice the usual blur."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +112,7 @@ def measure_by_count(
     )
     blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
-    reach = contacts["radius_px"] + HOLE_DISTANCE_PX
+    reach = contacts["radius_px"] + 2.0 * DEFAULT_BLUR_PX  # a hole so near spoils the rim
     parts = contacts["flags"] & int(Flag.MERGED) > 0
     long = parts & (contacts["semi_major_px"] > LONGEST_PART * contacts["semi_minor_px"])
     contacts["flags"] = contacts["flags"] | np.where(long, int(Flag.POOR_FIT), 0)
@@ -245,12 +239,12 @@ def count_contacts(
         Columns x_px, y_px, radius_px, flags, height (mean grey level, NaN for parts), and those of the
         shapes; and x_px, y_px, radius_px, reason.
     """
-    noisy = plateau < NOISY_CONTRAST_TO_NOISE * noise
+    noisy = plateau < NOISY_RATIO * noise
     components, split = split_components(
         image, fraction * plateau, marks=saturated, smoothing=TYPICAL_BLUR_PX if noisy else 0.0
     )
     light = components["flux"] - components["area"] * np.maximum(_level_around(image, components), 0.0)
-    bad = light < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"])
+    bad = light < LIGHT_SIGMA * noise * np.sqrt(components["area"])
     radius = np.sqrt(components["area"] / np.pi)
     rejected = {
         "x_px": components["x"][bad],

@@ -16,6 +16,7 @@ from scipy.special import ive, ndtr, ndtri
 from contactimg.imaging.fit.contact_pixels import measure_rise
 from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.limits import SHOWN_BLUR_WIDTHS
 from contactimg.imaging.profile.threshold_radius import disk_radius
 
 Values = NDArray[np.float64]
@@ -23,9 +24,6 @@ Values = NDArray[np.float64]
 WIDE_BLUR_WIDTHS = 5.0
 """Radius of contacts whose mean height shows their contrast. Theory: a blur wrong by a tenth changes it by
 1 % there."""
-SHOWN_BLUR_WIDTHS = 3.0
-"""Radius over the blur that slopes of rims give, above which contacts show their contrast. Theory: a Gaussian
-spot of any contrast has 1.8 at half of its height, a disk of 3 has 99 % of its contrast at the centre."""
 FEWEST_WIDE, ENOUGH_WIDE = 5, 40
 """Such contacts that show how contrasts scatter; so many tell their median to a fifth of their scatter."""
 UNEVEN_HEIGHT, UNEVEN_SIGMA = 0.05, 3.0

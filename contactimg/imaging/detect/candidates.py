@@ -25,10 +25,9 @@ from contactimg.imaging.detect.inscribed_disks import (
 )
 from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.pixels.masks import visible_fraction
-from contactimg.imaging.pixels.robust import quantile
+from contactimg.imaging.pixels.robust import LIGHT_SIGMA, SIGNIFICANT_SIGMA, quantile
+from contactimg.imaging.profile.limits import LEAST_VISIBLE, NOISY_RATIO, SMALL_AREA_PX2
 
-SUPPORT_SIGMA = 5.0
-"""Height of a mean over 2 x 2 pixels that stands out of the noise. False-alarm rate 3e-7 (normal noise)."""
 CLEAR_RATIO, BRIGHT_RATIO = 1.5, 3.0
 """Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and
 above which coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by hand,
@@ -36,9 +35,6 @@ twice the former."""
 LOWER_RATIO = 0.6
 """Level, over half of the common contrast, at which a region is outlined again before it is split. By
 hand."""
-LIGHT_SIGMA = 8.0
-"""Light of a faint region in standard deviations of the noise. As for counted components: noise stays below
-6."""
 CORE_FRACTION = 0.75
 """Pixels above this fraction of the peak of a region make its plateau. By hand."""
 WIDE_PX2 = 30.0
@@ -51,16 +47,9 @@ DARK_FRACTION = 0.2
 ODD_RATIO = 1.3
 """Plateau over the common contrast, or its inverse, from which a region is outlined at its own half.
 Theory: the edge at the wrong level is then off by a quarter of a blur width."""
-NOISY_RATIO = 12.0
-"""Contrast over noise below which the image is smoothed before it is outlined. Theory: twice six sigma."""
 WIDER_RATIO = 1.15
 """Radius of a faint region over that of a contact of the common contrast behind the blur, as high as the
 region, from which it has a brightness of its own. By hand: pixels and noise make 1.1."""
-LEAST_AREA_PX2 = 4
-"""Area above which a region that is not round is a candidate. By hand: less is noise, or left to the
-filter."""
-LEAST_VISIBLE = 0.2
-"""Share of a disk outside holes, below which it is no candidate. By hand."""
 HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
 """Radius at half height of a Gaussian over its standard deviation (theory)."""
 FAINT_SMOOTHING_PX = 1.0
@@ -128,7 +117,7 @@ def measure_contrast(image: SignedImage) -> Contrast:
     spots = Contrast(0.0, resolved=False)
     for side in (2, 4, 8):
         coarse, noise = image.squares(side)
-        floor = max(SUPPORT_SIGMA * noise, 1e-6)
+        floor = max(SIGNIFICANT_SIGMA * noise, 1e-6)
         regions, runs = label_runs(coarse, floor)
         regions, plateau, half_area = _with_plateaus(coarse, regions, runs)
         clear = plateau > CLEAR_RATIO * floor
@@ -161,7 +150,7 @@ def dark_spots(image: SignedImage, contrast: float) -> NDArray[np.float64]:
     ``contrast`` is that of the contacts.
     """
     coarse, noise = image.squares(2)
-    floor = max(SUPPORT_SIGMA * noise, DARK_FRACTION * contrast)
+    floor = max(SIGNIFICANT_SIGMA * noise, DARK_FRACTION * contrast)
     _, _, half_area = _with_plateaus(-coarse, *label_runs(-coarse, floor))
     return 4.0 * half_area[4.0 * half_area > SPECK_PX2]
 
@@ -185,7 +174,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
             cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE), np.float32
         )
         smooth_noise = noise / (2.0 * np.sqrt(np.pi) * blur)
-    level = max(0.5 * contrast, SUPPORT_SIGMA * smooth_noise)
+    level = max(0.5 * contrast, SIGNIFICANT_SIGMA * smooth_noise)
     regions, runs = label_runs(smooth, level)
     regions, plateau, half_area = _with_plateaus(smooth, regions, runs)
     bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2)
@@ -199,7 +188,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
     bright &= ~ragged
     one = is_round(regions, smooth.shape) & ~bright & ~ragged
     add(_disks_of(regions[one]), plateau[one])
-    for k in np.flatnonzero(~one & ~bright & ~ragged & (regions["area"] > LEAST_AREA_PX2)):
+    for k in np.flatnonzero(~one & ~bright & ~ragged & (regions["area"] > SMALL_AREA_PX2)):
         disks, whole = disks_in_region(regions[k], k, runs, smooth.shape)
         lower = _whole_at_lower_level(regions[k], smooth, level) if len(disks) > 1 else None
         add(disks if lower is None else lower, plateau[k], whole=whole or lower is not None)
@@ -356,14 +345,14 @@ def _faint_regions(
     """
     ragged = np.zeros(len(regions), np.bool_)
     image, (coarse, coarse_noise) = seen.image, seen.squares(2)
-    floor = np.float32(max(SUPPORT_SIGMA * coarse_noise, 1e-6))
+    floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
     if not floor < level:
         return [], ragged
     support, runs = label_runs(coarse, float(floor))
     support, plateau, half_area = _with_plateaus(coarse, support, runs)
     # a few pixels of noise on a faint plateau reach the level as well
     where = _component_at(runs, regions["peak_x"] // 2, regions["peak_y"] // 2)
-    outlined = (where >= 0) & (regions["area"] > LEAST_AREA_PX2)
+    outlined = (where >= 0) & (regions["area"] > SMALL_AREA_PX2)
     covered = np.bincount(where[outlined], regions["area"][outlined], minlength=len(support))
     at_level = plateau < FAINT_RATIO * 2.0 * level
     taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * 4.0 * half_area))

@@ -18,6 +18,7 @@ from contactimg.imaging.detect.components import label_components
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.profile.limits import SQUARE_PX
 from contactimg.tables import Reason
 
 LENGTH_HALF_WIDTHS, LENGTH_MARGIN_PX = 6.0, 3.0
@@ -31,8 +32,6 @@ BAR_AREA_DISKS = 4.0
 hand."""
 THIN_HALF_WIDTH_PX = 1.6
 """Half width below which distances in whole pixels are too coarse for that ratio. Chosen by hand."""
-SIDE = 2
-"""Side of the squares whose means are labelled, px."""
 LEVEL_FRACTION = 0.3
 """Level, as a fraction of the contrast, above which objects are looked for. By hand: a blurred hair does not
 reach half of the contrast along its whole length."""
@@ -86,8 +85,8 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     >>> found.rejected["reason"].tolist(), found.rejected["x_px"].tolist(), int(found.mask[40, 40])
     (['long: neither a disk nor a group of disks'], [99.5], 0)
     """
-    image, (squares, _) = seen.image, seen.squares(SIDE)
-    level = max(LEVEL_FRACTION * plateau, FALSE_ALARM_SIGMA * seen.noise / SIDE)
+    image, (squares, _) = seen.image, seen.squares(SQUARE_PX)
+    level = max(LEVEL_FRACTION * plateau, FALSE_ALARM_SIGMA * seen.noise / SQUARE_PX)
     components = label_components(squares, level)
     sprawling = _squared_diagonal(components)[_sprawls(components)]
     if not (sprawling > SHORTEST_LINE**2).any():
@@ -97,24 +96,24 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     bar = np.isin(bars.labels, long)
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1,) * 2)
     wide = np.asarray(cv2.dilate(bar.astype(np.uint8), around), np.uint8)
-    wide = wide.repeat(SIDE, axis=0).repeat(SIDE, axis=1)
+    wide = wide.repeat(SQUARE_PX, axis=0).repeat(SQUARE_PX, axis=1)
     mask = np.array(wide[: image.shape[0], : image.shape[1]])
     lines = _lines(np.where(mask > 0, np.float32(0.0), image), (squares > level) & ~bar, level)
-    slender = np.where(lines.area > SIDE**2 * SMALLEST_LINE, lines.length / lines.half_width, 0.0)
+    slender = np.where(lines.area > SQUARE_PX**2 * SMALLEST_LINE, lines.length / lines.half_width, 0.0)
     # contacts cut a line into pieces
     line = np.flatnonzero(slender > (PIECE_LENGTH if (slender > LINE_LENGTH).any() else LINE_LENGTH))
     if not len(long) + len(line):
         return NONE
     if len(line):
-        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * SIDE * MARGIN + 1,) * 2)
+        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * SQUARE_PX * MARGIN + 1,) * 2)
         wide = np.asarray(cv2.dilate(np.isin(lines.labels, line).astype(np.uint8), around), np.uint8)
         mask = np.maximum(mask, wide)
-    middle = 0.5 * (SIDE - 1)
+    middle = 0.5 * (SQUARE_PX - 1)
     return Foreign(
         {
-            "x_px": np.concatenate([SIDE * bars.x[long] + middle, lines.x[line]]),
-            "y_px": np.concatenate([SIDE * bars.y[long] + middle, lines.y[line]]),
-            "radius_px": np.sqrt(np.concatenate([SIDE**2 * bars.area[long], lines.area[line]]) / np.pi),
+            "x_px": np.concatenate([SQUARE_PX * bars.x[long] + middle, lines.x[line]]),
+            "y_px": np.concatenate([SQUARE_PX * bars.y[long] + middle, lines.y[line]]),
+            "radius_px": np.sqrt(np.concatenate([SQUARE_PX**2 * bars.area[long], lines.area[line]]) / np.pi),
             "reason": np.full(len(long) + len(line), Reason.LONG.value, object),
         },
         mask,
@@ -123,7 +122,7 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
 
 def _lines(image: NDArray[np.float32], squares: NDArray[np.bool_], level: float) -> "LabelledRegions":
     """The thin parts of the regions above a level; ``squares`` shows whether there may be lines."""
-    thin = _thin_parts(squares.astype(np.uint8), LINE_WIDTH_PX // SIDE + 1)
+    thin = _thin_parts(squares.astype(np.uint8), LINE_WIDTH_PX // SQUARE_PX + 1)
     areas = cv2.connectedComponentsWithStats(thin, connectivity=8)[2][1:, cv2.CC_STAT_AREA]
     if not (areas > SMALLEST_LINE).any():
         return label_regions(np.zeros((1, 1), np.bool_))

@@ -10,11 +10,10 @@ from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask, clear_disks
 from contactimg.imaging.pixels.robust import robust_std
+from contactimg.imaging.profile.limits import SQUARE_PX
 
 PATCH_PX = 32
 """Side of the patches over which unevenness is measured; blocks of 8 px give it where there are enough."""
-SQUARE_PX = 2
-"""Side of the blocks where small contacts leave hardly one of 8 px free; a power of 2."""
 LEAST_FREE_BLOCKS = 0.1
 """Share of the blocks that must be free of contacts all over. Chosen: dots of 4 px every 18 px leave 0.03."""
 FOLLOWED_FRACTION = 0.02

@@ -4,13 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import lengthened, njit
-from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS
+from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, LEAST_VISIBLE
 
 DEEPEST = 0.35
 """Overlap over the diameter of the smaller disk above which two disks are one contact. Chosen by hand."""
 
-LEAST_VISIBLE_RIM = 0.2
-"""Visible fraction of a rim below which a disk is treated as if it showed this much. Chosen by hand."""
 MOST_SHARED = 10.0
 """Pixels that pairs of disks share, over those of the image, above which disks are no contacts. By hand: a
 close packing of small ones has 7, and the work of a fit grows with it."""
@@ -119,4 +117,4 @@ def visible_share(disks: NDArray) -> NDArray[np.float64]:
     d = np.hypot(x - u, y - v)
     cosine = (d * d + a * a - b * b) / np.maximum(2.0 * d * a, 1e-12)
     np.subtract.at(share, i, np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi)
-    return np.maximum(share, LEAST_VISIBLE_RIM)
+    return np.maximum(share, LEAST_VISIBLE)

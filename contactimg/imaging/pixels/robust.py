@@ -15,7 +15,10 @@ CLIP_SIGMA = 4.0
 normal noise)."""
 SIGNIFICANT_SIGMA = 5.0
 """Standard errors beyond which a mean or a covariance is not there by chance. False-alarm rate 6e-7 (theory).
-"""
+Also where the mean over a square stands out of the noise."""
+LIGHT_SIGMA = 8.0
+"""Least summed light of a component or a faint region, in standard deviations of the noise. Noise alone stays
+below 6."""
 
 TAIL_SHARE, TAIL_TO_STD = 0.01, 2.576
 """Share of the values below the centre that make the tail, and its place in standard deviations (theory)."""

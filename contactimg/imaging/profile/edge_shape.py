@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, STEPS_PER_BLUR_WIDTH, disk_table
-from contactimg.imaging.profile.limits import LEAST_FRACTION
+from contactimg.imaging.profile.limits import LEAST_FRACTION, SHOWN_BLUR_WIDTHS
 
 Values = NDArray[np.float64]
 
@@ -56,7 +56,6 @@ LARGEST = np.array([4.0] * 5 + [0.2, 1.0, 0.8] + [0.7] * 5 + [0.7, 1.0])
 RIM_RADII = (
     0.1  # width of a rim outside. Chosen: with its height, what a blur leaves of wider and narrower ones
 )
-SMALL_BLUR_WIDTHS = 3.0  # radius of contacts half way between small and large. Chosen: they show a plateau
 DEFECT_STEP = 0.02  # of the derivative by the response; accuracy
 NARROWEST_BLUR_RATIO = 0.4  # of a blur that varies over the field, to its mean; accuracy: keeps it positive
 
@@ -198,7 +197,7 @@ def _with_rims(disks: PlacedDisks) -> PlacedDisks:
 
 def _smallness(disks: PlacedDisks, blur: float) -> Values:
     """1 for small contacts, 0 for large ones, shape (n, 1)."""
-    return 1.0 / (1.0 + (disks.radius / (SMALL_BLUR_WIDTHS * blur)) ** 2)
+    return 1.0 / (1.0 + (disks.radius / (SHOWN_BLUR_WIDTHS * blur)) ** 2)
 
 
 def edge_templates(disks: PlacedDisks, blur: float, shape: Values, chosen: Sequence[int]) -> Values:

@@ -9,6 +9,8 @@ EDGE_BLUR_WIDTHS = 3.0
 """Where an edge ends. Theory: 0.1 % of it is left."""
 FIT_BLUR_WIDTHS = 3.6
 """From a rim to the pixels in a fit that it concerns. Theory: beyond, an edge is 0 or 1 to 2e-4."""
+CLEAR_BLUR_WIDTHS = 4.0
+"""From an edge to background beside it, or to another contact. Theory: 3e-5 of an edge is left."""
 REACH_BLUR_WIDTHS = 5.0
 """Margin beyond a rim that nothing of it crosses. Theory: 3e-7 of it is left."""
 
@@ -43,3 +45,19 @@ LEAST_FRACTION = 1e-3
 """Smallest spread or level assumed, of the contrast. Accuracy: keeps weights finite."""
 NEGLIGIBLE_FRACTION = 1e-4
 """Relative change that no uncertainty is as small as. Accuracy."""
+
+SHOWN_BLUR_WIDTHS = 3.0
+"""Radius above which a contact shows its contrast, and half way between small and large ones. Theory: a
+Gaussian spot of any contrast has 1.8 at half of its height, a disk of 3 has 99 % of its contrast at the
+centre."""
+SQUARE_PX = 2
+"""Side of the squares whose means are looked at, px: they fit between crowded contacts. A power of 2."""
+SMALL_AREA_PX2 = 4
+"""Area below which a contact is flagged TOO_SMALL, and above which a region that is not round is a candidate.
+By hand: four pixels make a radius of 1.1 px; less is noise, or left to the filter."""
+NOISY_RATIO = 12.0
+"""Contrast over noise below which noise notches outlines, and an image is smoothed before it is outlined.
+Theory: twice six sigma."""
+LEAST_VISIBLE = 0.2
+"""Share of a disk outside holes below which it is no candidate, and least share of a rim that is taken as
+seen. By hand."""

@@ -20,7 +20,6 @@ WIDEST_BLUR_WIDTHS = 60.0
 """Largest radius of the table; above, a straight edge with its first correction is used (accuracy)."""
 
 NODES = 800  # radii in the table; accuracy
-THRESHOLDS = 64  # whose tables are kept, more than a calibration tries; speed only
 
 
 def threshold_radius(radius_px: ArrayLike, *, blur_px: float, fraction: float = 0.5) -> Values:
@@ -83,7 +82,7 @@ def disk_radius(threshold_radius_px: ArrayLike, *, blur_px: float, fraction: flo
     return np.where(r > crossed[-1], beyond, np.interp(r, crossed, radii)) * blur_px
 
 
-@lru_cache(maxsize=THRESHOLDS)
+@lru_cache(maxsize=64)  # more than a calibration tries; speed only
 def _table(fraction: float) -> tuple[Values, Values]:
     """Crossings and radii in blur widths, from the smallest disk that reaches the threshold."""
     smallest = _smallest_radius(fraction)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from contactimg.errors import FrameError
+from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.pixels.robust import MAD_TO_STD
 
 Values = NDArray[np.float64]
@@ -25,9 +26,6 @@ LARGEST_SCATTER = 0.05
 SECTORS, RING_PX = 72, 0.5
 """Number of sectors (5 degrees each) and width of the rings over which the image is averaged. Chosen by
 hand."""
-OUTLINE_BLUR_PX = 1.5
-"""Gaussian filter that closes holes and specks before the outline is drawn; an outline within two of it of
-the border of the image is the border. Chosen by hand, as the usual blur."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +125,7 @@ def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
         raise FrameError("nothing stands out of the noise")
     outline = _outline(image, 0.5 * plateau)
     rows, columns = image.shape
-    margin = 2.0 * OUTLINE_BLUR_PX
+    margin = 2.0 * DEFAULT_BLUR_PX
     inside = (outline >= margin) & (outline < np.array([columns, rows]) - margin)
     outline = outline[inside.all(axis=1)]
     if len(outline) < 2 * np.pi * SMALLEST_RADIUS_PX * SHORTEST_ARC:
@@ -147,7 +145,8 @@ def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
 
 def _outline(image: NDArray[np.float32], level: float) -> Values:
     """Outer outline (x, y) of the largest region above a level after a Gaussian filter."""
-    smooth = cv2.GaussianBlur(image, (0, 0), OUTLINE_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
+    # closes holes and specks; an outline within two blurs of the border of the image is the border. By hand
+    smooth = cv2.GaussianBlur(image, (0, 0), DEFAULT_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
     mask = (smooth > level).astype(np.uint8)
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not contours:

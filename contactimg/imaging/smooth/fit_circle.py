@@ -17,10 +17,10 @@ from scipy import fft, optimize, special
 
 from contactimg.errors import FrameError
 from contactimg.imaging.background.illumination import NEGLIGIBLE
+from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.smooth.find_circle import (
-    OUTLINE_BLUR_PX,
     RING_PX,
     SECTORS,
     SHORTEST_ARC,
@@ -162,7 +162,7 @@ def _start(
     high, low = np.percentile(samples.value, [90, 10])
     if not high > low:
         raise FrameError("the light is the same on both sides of the contact's edge")
-    blur = float(np.hypot(OUTLINE_BLUR_PX if blur_px is None else blur_px, PIXEL_VARIANCE**0.5))
+    blur = float(np.hypot(DEFAULT_BLUR_PX if blur_px is None else blur_px, PIXEL_VARIANCE**0.5))
     line, radius = _film_about(samples.outline_px, model, opening, blur)
     return line, np.array([0.0, 0.0, radius, 0.0, 0.0, high - low, low, blur, *HALO_START])
 

@@ -8,7 +8,6 @@ import pytest
 from scipy.special import ndtr
 
 from contactimg.imaging.background.find_illumination import (
-    SQUARE_PX,
     find_background_level,
     find_illumination,
 )
@@ -16,6 +15,7 @@ from contactimg.imaging.background.illumination import fit_illumination
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.pixels.masks import visible_fraction
+from contactimg.imaging.profile.limits import SQUARE_PX
 
 SHAPE = (480, 640)
 Y, X = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]
