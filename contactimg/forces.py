@@ -54,9 +54,6 @@ WINDOW = (1.5, 5.5)
 chosen: the upper end, a balance between counting and the trend of the distribution, which the two halves of
 the window give."""
 
-MEAN_UNSEEN_RATIO = 2 / 3
-"""Mean of ``u/u_half`` over the unseen area. Theory: an even density up to 1."""
-
 PRIOR_COUNT = 0.5
 """Contacts added to those of the window (Jeffreys' prior of a count), so that none in it is not nothing."""
 
@@ -470,7 +467,8 @@ def _unseen_sum(contacts: pd.DataFrame, smallest: float, *, power: float, factor
     near, far = np.histogram(ratio, halves)[0]
     number, trend = near + far + PRIOR_COUNT, near - far
     # a straight line through the two halves, to where the missing area is; shrunk as far as it is chance
-    reach = (middle - MEAN_UNSEEN_RATIO) / (0.25 * width**2)
+    # (2/3: mean of u/u_half over the unseen area, of an even density up to 1)
+    reach = (middle - 2 / 3) / (0.25 * width**2)
     shrunk = trend**2 / (trend**2 + number)
     density = max(number / width + shrunk * reach * trend, PRIOR_COUNT / width)  # per u_half
     variance = number / width**2 + (shrunk * reach) ** 2 * number + ((1 - shrunk) * reach * trend) ** 2

@@ -34,7 +34,8 @@ Source = str | list[list[tuple[float, float]]]
 ROI_SUFFIXES = (".roi", ".zip")
 """File name extensions of ImageJ ROIs: one region, or a set of them."""
 
-_NAMES_SHOWN = 3  # in a message
+NAMES_SHOWN = 3
+"""Most names that a message lists. Chosen: they fill a line."""
 
 EVERY_FRAME = "*"
 """In place of the name of a frame: all of them."""
@@ -135,7 +136,7 @@ def find_areas(masks: Mapping[str, Source], folder: Path, names: Sequence[str]) 
     """
     unknown = [frame for frame in masks if frame not in (EVERY_FRAME, *names)]
     if unknown:
-        some = ", ".join(names[:_NAMES_SHOWN])
+        some = ", ".join(names[:NAMES_SHOWN])
         raise InputError(f"[images] mask: there is no frame {unknown[0]!r}; the first frames are {some}")
     areas = []
     for frame, mask in masks.items():

@@ -29,11 +29,8 @@ from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
 from contactimg.files.tables import METRES
 from contactimg.frame import Frame
+from contactimg.scene.sections import MAX_PIXELS
 from contactimg.timings import stage
-
-MAX_PIXELS = 200_000_000
-"""Largest image in pixels: 1.6 GB in double precision, twelve times a camera of 16 megapixels. Chosen: it
-stops headers that lie and decompression bombs; the environment variable `MAX_PIXELS_VARIABLE` replaces it."""
 
 MAX_PIXELS_VARIABLE = "CONTACTIMG_MAX_PIXELS"
 """Environment variable with the largest number of pixels of an image."""

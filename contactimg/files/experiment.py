@@ -18,7 +18,14 @@ import tomlkit
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import flush_to_disk, read_bytes, write_text
-from contactimg.files.corrections import EDITS_FILE, PixelCorrections, find_areas, masked_areas, read_edits
+from contactimg.files.corrections import (
+    EDITS_FILE,
+    NAMES_SHOWN,
+    PixelCorrections,
+    find_areas,
+    masked_areas,
+    read_edits,
+)
 from contactimg.files.output import finish_commit
 from contactimg.files.sources import FrameSource, is_image, list_frames, natural_key
 from contactimg.files.tables import read_asperities, read_loads
@@ -42,8 +49,6 @@ _TABLES = {
 _ROW = re.compile(r"#\d+")
 
 _NUMBER = re.compile(r"\d+([.,]0*)?")
-
-_NAMES_SHOWN = 3  # in a message
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,8 +362,8 @@ def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]
 def _some(names: Iterable[str]) -> str:
     """The first few names, and how many more there are."""
     names = list(names)
-    more = len(names) - _NAMES_SHOWN
-    return ", ".join(names[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - NAMES_SHOWN
+    return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def set_scene_keys(path: str | Path, section: str, keys: Mapping[str, str | float]) -> None:

@@ -17,6 +17,7 @@ from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import pandas as pd
+from scipy import constants
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import explaining, naming, read_bytes, write_text
@@ -24,11 +25,8 @@ from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, Flag, Schema, flag_names
 from contactimg.timings import stage
 
-STANDARD_GRAVITY = 9.80665
-"""Newtons that one kilogram weighs; by definition."""
-
 PER_NEWTON = {"N": 1.0, "mN": 1e3, "uN": 1e6, "µN": 1e6, "μN": 1e6}
-PER_NEWTON |= {"kg": 1 / STANDARD_GRAVITY, "g": 1e3 / STANDARD_GRAVITY, "mg": 1e6 / STANDARD_GRAVITY}
+PER_NEWTON |= {"kg": 1 / constants.g, "g": 1e3 / constants.g, "mg": 1e6 / constants.g}
 """Unit of a load or of a weight -> how many of it are one newton."""
 
 METRES = {"m": 1.0, "mm": 1e-3, "millimeter": 1e-3, "nm": 1e-9}

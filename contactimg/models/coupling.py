@@ -201,8 +201,6 @@ class Fields(NamedTuple):
     cubic_y: Values
 
 
-INVERSE_PI = 1 / np.pi
-
 MIN_ITERATIVE_CONTACTS = 64
 """Fewest contacts whose Newton system is solved by conjugate gradients. Chosen by hand: it affects the time
 only; sensitivity not measured."""
@@ -249,7 +247,10 @@ class Coupling:
         """
         loaded, k = np.flatnonzero(force * contact_radius), self._kernel
         elliptic = np.zeros((2, force.size)) if saddle is None else saddle
-        long = ELONGATION / np.pi * contact_radius**5 * elliptic  # strength of the displacement by that
+        # Theory: a saddle t cos(2 phi) rho^2/2 over a circle of radius a changes the pressure such that, to
+        # first order, the displacement at a distance is (8/15) a^5 t cos(2 phi)/(pi r^3) less, whatever the
+        # profile
+        long = 8 / 15 / np.pi * contact_radius**5 * elliptic
         table = k.thinness, k.value, k.slope
         sums = _pair_fields(self._x, self._y, loaded, force, contact_radius, long, *table)
         return k.relieved(Fields(*sums), force, contact_radius)
@@ -372,7 +373,7 @@ def _fill_coupling_rows(matrix, rows, x, y, diagonal, thinness, value, slope):  
     for i in rows:
         for j in range(x.size):
             dx, dy = x[i] - x[j], y[i] - y[j]
-            matrix[i, j] = INVERSE_PI * _inverse_root(dx * dx + dy * dy)
+            matrix[i, j] = 1 / np.pi * _inverse_root(dx * dx + dy * dy)
         matrix[i, i] = 0.0
         if thinness > 0.0:
             for j in range(x.size):
@@ -448,25 +449,11 @@ def displacement_excess(ratio):  # type: ignore[no-untyped-def]  # pragma: no co
     return 0.75 * np.pi * (1.0 - 0.5 / q2) / ratio - 1.0
 
 
-EXTENT_SLOPE = 0.3
-"""Theory: Hertz's pressure displaces at a distance by ``1/r + a^2/(10 r^3)``: ``0.3 (a/r)^2`` more slope."""
-
-EXTENT_CURVATURE = 0.45
-"""Theory: half the Laplacian of ``a^2/(10 r^3)`` is ``0.45 a^2/r^5``."""
-
-QUARTIC = 9 / 64
-"""Theory: the squared Laplacian of ``1/r`` in the plane is ``9/r^5``."""
-
 CUBIC = 3 / 8
 """Theory: the Laplacian of ``1/r`` in the plane is ``1/r^3``, its gradient ``-3/r^4``."""
 
 SADDLE = 1.5
 """Theory: the principal curvatures of ``1/r`` in the plane are ``2/r^3`` and ``-1/r^3``."""
-
-ELONGATION = 8 / 15
-"""Theory: a saddle ``t cos(2 phi) rho^2/2`` over a circle of radius ``a`` changes the pressure such that, to
-first order, the displacement at a distance is ``(8/15) a^5 t cos(2 phi)/(pi r^3)`` less, whatever the
-profile."""
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -489,11 +476,13 @@ def _distant_fields(dx, dy, strength, size2, long_x, long_y):  # type: ignore[no
         flattened = (long_x[j] * along + long_y[j] * across) * apart * inverse * inverse2
         excess += weight * _distant_excess(distant) - flattened
         weight *= inverse2
-        slope = weight * (1.0 + EXTENT_SLOPE * q2)
+        # Hertz's pressure displaces by 1/r + a^2/(10 r^3): 0.3 (a/r)^2 more slope, and half the Laplacian of
+        # the second term is 0.45 a^2/r^5; the squared Laplacian of 1/r is 9/r^5
+        slope = weight * (1.0 + 0.3 * q2)
         slope_x -= slope * dx[j]
         slope_y -= slope * dy[j]
-        curvature += weight * (0.5 + EXTENT_CURVATURE * q2)
-        quartic += QUARTIC * weight * inverse2
+        curvature += weight * (0.5 + 0.45 * q2)
+        quartic += 9 / 64 * weight * inverse2
         saddle_x += SADDLE * weight * along
         saddle_y += SADDLE * weight * across
         cubic_x -= CUBIC * weight * inverse2 * dx[j]

@@ -41,9 +41,6 @@ MAX_RATIO = 0.99
 CUBIC_TILT = 0.8
 """Theory: ``rho^3 cos(phi)`` over a circle of radius ``a`` shifts the force like a slope of ``0.8 a^2``."""
 
-SPHERE_WIDENING = 8 / 105
-"""Theory: the second moment of a sphere's pressure is ``(2/5) a^2 (1 + (8/105) (a/R)^2)``, to that order."""
-
 
 @dataclass(frozen=True, eq=False)
 class CapCorrection:
@@ -125,8 +122,11 @@ def bounded_saddle(fields: Fields, radius: Values) -> Values:
 
 
 def pressure_radius(contact_radius: Values, radius: Values, aspect: float) -> Values:
-    """Radius of a Hertz contact whose pressure has the same second moment over its force."""
-    return contact_radius * np.sqrt(1 + SPHERE_WIDENING * (aspect * contact_radius / radius) ** 2)
+    """Radius of a Hertz contact whose pressure has the same second moment over its force.
+
+    Theory: the second moment of a sphere's pressure is ``(2/5) a^2 (1 + (8/105) (a/R)^2)``, to that order.
+    """
+    return contact_radius * np.sqrt(1 + 8 / 105 * (aspect * contact_radius / radius) ** 2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,9 +31,10 @@ from contactimg.imaging.fit.film_choice import summarise_films
 from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.pose import Pose
-from contactimg.pose.apex import STATED, Apex, find_apex, find_centre
+from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find_centre
 from contactimg.pose.fit import (
     LARGEST_TURN_RAD,
+    NEARLY_ALL,
     SIGNIFICANT_FRACTION,
     PoseFit,
     common_shift,
@@ -61,16 +62,10 @@ EXCHANGED_SINE = 0.996
 """Sine of the angle between the pose found and the stated one, mirrored, above which the columns of the
 asperities may be exchanged, which is exactly a right angle. Chosen: 5 degrees from it."""
 
-MATCHED_FRACTION = 0.9
-"""A frame gets a remark if fewer of its contacts fall on an asperity. Chosen by hand; changes no number."""
-
 FORCES_OFF_LOAD = 1.5
 """Ratio of the sum of local forces to the load, or its inverse, from which on a frame is not ok. Chosen:
 above what an uncalibrated modulus or threshold is off by, below a slip of a unit. The ratio is always
 printed."""
-
-SIGNIFICANT_STDS = 3.0
-"""Standard deviations of the sum of forces beyond which it differs from the load: 0.3 % of false alarms."""
 
 Result = TypeVar("Result")
 
@@ -196,10 +191,10 @@ def locate_frames(
     asperity, reach = np.full(len(located), -1), pairing_distance(targets, pose)
     for rows in contacts.groupby("frame").indices.values():
         i, j, _ = pair_points(points[rows], targets, max_distance=reach)
-        if len(i) < MATCHED_FRACTION * len(rows) and len(rows) >= FEWEST_CONTACTS:
+        if len(i) < NEARLY_ALL * len(rows) and len(rows) >= FEWEST_CONTACTS:
             shift = common_shift(points[rows], targets, near=reach, far=reach / PAIRING_FRACTION)
             moved = pair_points(points[rows] - shift, targets, max_distance=reach)
-            i, j, _ = moved if len(moved[0]) >= MATCHED_FRACTION * len(rows) else (i, j, _)
+            i, j, _ = moved if len(moved[0]) >= NEARLY_ALL * len(rows) else (i, j, _)
         asperity[rows[i]] = j
     return located.assign(asperity=pd.arrays.IntegerArray(asperity, asperity < 0))
 
@@ -229,7 +224,7 @@ def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run
     located = CONTACTS.conform(locate_frames(run.contacts, frames, pose.pose, targets))
     if targets is not None:
         counts = _known(located, "asperity")
-        few = counts[counts["known"] < MATCHED_FRACTION * counts["all"]]
+        few = counts[counts["known"] < NEARLY_ALL * counts["all"]]
         lost = few[(few["known"] < SIGNIFICANT_FRACTION * few["all"]) & (few["all"] >= FEWEST_CONTACTS)]
         notes = {
             name: f"only {found} of {count} contacts fall on an asperity: check the asperity table, [camera] "

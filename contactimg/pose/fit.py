@@ -31,7 +31,8 @@ MIN_PAIRS = 3
 
 NEARLY_ALL = 0.9
 """The search ends with a pose that explains this fraction of the points, and two poses are ambiguous if one
-explains this fraction of what the other does (a lattice). Chosen by hand; sensitivity not measured."""
+explains this fraction of what the other does (a lattice). A frame with fewer contacts
+on asperities gets a remark. Chosen by hand; sensitivity not measured."""
 
 SIGNIFICANT_FRACTION = 0.5
 """A pose must explain this fraction of the points to replace the guess. Chosen by hand; sensitivity not

@@ -10,6 +10,7 @@ from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
 from contactimg.files import Run
+from contactimg.files.corrections import NAMES_SHOWN
 from contactimg.plots.numbers import number_with_interval, number_with_std, plain_number
 from contactimg.report.units import display_unit
 from contactimg.scene import Scene
@@ -18,8 +19,6 @@ from contactimg.tables import Status
 Headline = tuple[str, str, str]
 """Name of a number, the number with interval and unit, and its origin."""
 
-MOST_NAMES = 3
-"""Most frames that a warning names. Chosen: they fill a line."""
 MOST_WARNINGS = 6
 """Most warnings on the first page; the others are counted. Chosen: the page holds them in print."""
 NO_WARNING = frozenset({Status.OK, Status.NO_CONTACT})
@@ -147,8 +146,8 @@ def warnings(run: Run, others: list[str]) -> list[str]:
         found.insert(0, changed)
     doubtful = run.frames[~run.frames["status"].isin(list(NO_WARNING))]
     for status, part in doubtful.groupby("status", sort=False):
-        names = ", ".join(part["frame"].astype(str).head(MOST_NAMES))
-        more = f" and {len(part) - MOST_NAMES} more" if len(part) > MOST_NAMES else ""
+        names = ", ".join(part["frame"].astype(str).head(NAMES_SHOWN))
+        more = f" and {len(part) - NAMES_SHOWN} more" if len(part) > NAMES_SHOWN else ""
         message = str(part["message"].iloc[0] or "").rstrip(".")
         total, verb = len(run.frames), "has" if len(part) == 1 else "have"
         sentence = (

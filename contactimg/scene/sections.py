@@ -26,11 +26,10 @@ from contactimg.scene.rules import (
     must_be,
 )
 
-MAX_SIMULATED_PIXELS = 200_000_000
-"""Largest synthetic frame, px: 1.6 GB in double precision. Chosen: it catches slips of the pen."""
-
-FEWEST_RESPONSE_ROWS = 2
-"""Rows of a camera's response: a straight line has two (theory)."""
+MAX_PIXELS = 200_000_000
+"""Largest image and largest synthetic frame, px: 1.6 GB in double precision, twelve times a camera of 16
+megapixels. Chosen: it stops headers that lie and decompression bombs, for which an environment variable
+replaces it (`contactimg.files.decoders.MAX_PIXELS_VARIABLE`), and catches slips of the pen."""
 
 MIN_ELECTRONS_PER_LEVEL = 1e-3
 """Smallest number of electrons per grey level above 0. Chosen: below it every pixel is noise."""
@@ -81,7 +80,7 @@ class Camera(Section):
             raise ValueError("gamma and response are both given; keep one of the two")
         levels, light = zip(*self.response, strict=True) if self.response else ((), ())
         rising = all(b > a for row in (levels, light) for a, b in pairwise(row))
-        if len(levels) < FEWEST_RESPONSE_ROWS or not rising:
+        if len(levels) < 2 or not rising:  # a straight line has two rows
             raise ValueError(
                 "response must be two or more pairs of grey level and relative light, both increasing, "
                 f"got {self.response}"
@@ -378,8 +377,6 @@ class Simulate(FilmLight):
     @field_validator("shape", mode="after")
     @classmethod
     def _shape(cls, value: tuple[int, int]) -> tuple[int, int]:
-        if math.prod(value) > MAX_SIMULATED_PIXELS:
-            raise ValueError(
-                f"must have no more than {MAX_SIMULATED_PIXELS:.0e} pixels, got {math.prod(value):.1e}"
-            )
+        if math.prod(value) > MAX_PIXELS:
+            raise ValueError(f"must have no more than {MAX_PIXELS:.0e} pixels, got {math.prod(value):.1e}")
         return value

@@ -40,8 +40,6 @@ OUTPUT_WORDS = {
 NEGLIGIBLE_TIME_FRACTION = 0.02
 """Relative extra time that is called none. Chosen by hand."""
 
-DIGIT = 10.0  # factor on the error of one more digit
-
 
 @dataclass(frozen=True, eq=False)
 class Setting:
@@ -282,10 +280,10 @@ def cheapest(front: pd.DataFrame, error: float) -> pd.Series | None:
 
 def _next_digit(front: pd.DataFrame, chosen: pd.Series, relative: float) -> str:
     """The cost of a tenth of the tolerance, or of the error that is already reached."""
-    goal = relative / DIGIT
+    goal = relative / 10
     better = cheapest(front, goal)
     if better is not None and better["setting"] == chosen["setting"]:
-        better = cheapest(front, float(chosen["error"]) / DIGIT)
+        better = cheapest(front, float(chosen["error"]) / 10)
         if better is None:
             return "no setting is ten times better"
     if better is None:

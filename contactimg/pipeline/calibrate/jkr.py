@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
+from contactimg.calibration.jkr import FALSE_ALARM_RATE, JkrCalibration, calibrate_jkr, check_loads
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
@@ -27,6 +27,7 @@ from contactimg.pipeline.results import Calibrated, cell_notes
 from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.numbers import number_with_interval
+from contactimg.pose.apex import SIGNIFICANT_STDS
 from contactimg.pose.pairs import MAD_TO_STD
 from contactimg.scene import Scene
 from contactimg.tables import CIRCLES, Schema, Status
@@ -35,9 +36,6 @@ CURVE_POINTS = 200  # of the fitted curve in the figure
 
 FEW_LOADS = 5
 """Number of different loads below which the fit tests its law with two loads or fewer."""
-
-BEYOND_PRIOR = 3.0
-"""Zero over its stated uncertainty from which the two contradict each other. Theory: 0.3 % by chance."""
 
 # --- the circle of each frame
 
@@ -58,10 +56,6 @@ LEAST_ELLIPSE_STD = 1e-4
 """Least uncertainty of an axis ratio, so that no frame outweighs all others. Chosen by hand."""
 
 NO_FILM = Opening(np.inf, np.inf, 0.0)
-
-NEGLIGIBLE_DOUBT = 0.01
-"""Probability of a rival opening below which its circles are not fitted. Chosen by hand: the uncertainty
-grows by at most a tenth of the difference between the two openings."""
 
 OUTLIER_SIGMA = 4.0
 """Distance of a centre, in standard deviations, at which it has lost half its weight. Chosen by hand;
@@ -137,7 +131,7 @@ def measure_circles(experiment: Experiment, *, workers: int | None = None) -> Ci
         loads = [experiment.load_of(str(row["frame"])) for row, _ in parts]
         return CIRCLES.conform(pd.DataFrame(rows)).assign(load_N=loads)
 
-    rival = circles(opening.rival) if opening.doubt > NEGLIGIBLE_DOUBT else None
+    rival = circles(opening.rival) if opening.doubt > FALSE_ALARM_RATE else None
     return CircleSeries(circles(opening.value), opening.value, opening.doubt, rival)
 
 
@@ -400,7 +394,7 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
             "fitted: state zero_std_N in [load] if the load cell may be off so far, or correct the loads"
         )
     if zero is not None and calibration.load_zero_seen:
-        beyond = abs(zero.value) > BEYOND_PRIOR * stated
+        beyond = abs(zero.value) > SIGNIFICANT_STDS * stated
         notes.append(
             f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted "
             "and taken off; correct the loads of the other folders of this load cell too"
