@@ -89,22 +89,34 @@ class DiscBasis:
 
     def smooth(self, zeta: np.ndarray) -> np.ndarray:
         """The polynomials (..., k) that multiply ``sqrt(1 - rho^2)``, up to the degree less two."""
-        columns = []
-        for m, sine in self.harmonics[: 2 * (self.degree - 2) + 1]:
-            turning = _turning(zeta, m, sine)
-            squared = 2 * np.abs(zeta) ** 2 - 1
-            columns += [turning * eval_jacobi(k, 0.5, m, squared) for k in range(self.terms(m))]
-        return np.stack(columns, axis=-1)
+        orders = range(self.degree - 1)
+        columns = np.empty((sum(self.terms(m) * (1 + (m > 0)) for m in orders), *zeta.shape))
+        number, squared, power = 0, 2 * np.abs(zeta) ** 2 - 1, np.ones_like(zeta)
+        for m in orders:
+            radial = [eval_jacobi(k, 0.5, m, squared) for k in range(self.terms(m))]
+            for turning in (power.real, power.imag) if m else (power.real,):
+                for part in radial:
+                    np.multiply(turning, part, out=columns[number])
+                    number += 1
+            power = power * zeta
+        return np.moveaxis(columns, 0, -1)
 
     def singular(self, zeta: np.ndarray) -> np.ndarray:
         """The harmonic polynomials (..., 2 degree + 1) that multiply ``1/sqrt(1 - rho^2)``."""
-        return np.stack([_turning(zeta, m, sine) for m, sine in self.harmonics], axis=-1)
+        columns, power = [np.ones(zeta.shape)], np.ones_like(zeta)
+        for _ in range(self.degree):
+            power = power * zeta
+            columns += [power.real, power.imag]
+        return np.moveaxis(np.array(columns), 0, -1)
 
     @cached_property
     def weighted(self) -> tuple[np.ndarray, np.ndarray]:
         """Both sets at the nodes of `rays`, with their weights: (n, q, k)."""
         nodes, root, inverse = self.rays
-        return self.smooth(nodes) * root[..., None], self.singular(nodes) * inverse[..., None]
+        smooth, singular = self.smooth(nodes), self.singular(nodes)
+        smooth *= root[..., None]
+        singular *= inverse[..., None]
+        return smooth, singular
 
     @cached_property
     def circle(self) -> np.ndarray:
@@ -328,10 +340,30 @@ def _add_displacement(points, nodes, force, counted, total):
 def _own(basis, contact):
     """Displacement at the collocation points per unit of each pressure: smooth, then singular."""
     nodes, *_ = basis.rays
-    here = basis.points[:, None]
-    apart = np.abs(contact.place(nodes) - contact.place(here))
-    stretch = np.abs(contact.slope(nodes)) ** 2 * np.abs(nodes - here) / apart
+    stretch = _stretch(nodes, basis.points, contact.place(basis.points), contact.shape)
     return _displacement(basis, stretch) + contact.shape[1].real * basis.circle
+
+
+@numba.njit
+def _stretch(nodes, points, middle, shape):
+    """``dA/r`` of the contact over the disc's at the nodes of the rays from each point, by Horner's rule.
+
+    ``middle`` is where the shape puts the points.
+    """
+    stretch = np.empty(nodes.shape)
+    place, slope = np.empty(nodes.shape[1], np.complex128), np.empty(nodes.shape[1], np.complex128)
+    for i in range(points.size):
+        place[:] = 0.0
+        slope[:] = 0.0
+        for n in range(shape.size - 1, -1, -1):
+            for k in range(place.size):
+                slope[k] = slope[k] * nodes[i, k] + place[k]
+                place[k] = place[k] * nodes[i, k] + shape[n]
+        for k in range(place.size):
+            on_disc, apart = nodes[i, k] - points[i], place[k] - middle[i]
+            longer = (on_disc.real**2 + on_disc.imag**2) / (apart.real**2 + apart.imag**2)
+            stretch[i, k] = (slope[k].real ** 2 + slope[k].imag ** 2) * np.sqrt(longer)
+    return stretch
 
 
 def _displacement(basis, stretch):
