@@ -1,8 +1,9 @@
 """Take out of a difference image what no polynomial describes: flicker, regions of another level, slow waves.
 
 A step or a patch of another level, and light less even than a cubic, are followed in the flat regions of the
-image: connected blocks that differ from their neighbours by no more than noise. A flat region that is much
-larger than the largest disk in it is background, since contacts pierce a background and are disks themselves.
+image: connected blocks that differ from their neighbours by no more than noise. A flat region is background
+if contacts stand on it, or if it is on the side of the background on which no contact is: a shadow, say.
+Another one is a wide contact.
 """
 
 from dataclasses import replace
@@ -20,32 +21,31 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
+from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 
 # Scatter of the lines, of that of a pixel, below which it is left. Theory: over the 2 a lines of a contact of
 # radius a = 10 px it then adds a fifth to the variance of the noise.
 FLICKER_PART = 0.1
-# Area over that of the inscribed disk from which on a region is no disk: a square has 1.3 (theory).
-PIERCED = 1.3
-# Blocks in a region that lie beyond it as seen from the background: contacts on it. By hand: one may be dirt.
+# Blocks in a region that stand out of it as contacts do: contacts on it. By hand: one may be dirt.
 FEWEST_BEYOND = 2
-# Islands that a flat region surrounds: contacts on it. By hand: specks of dirt in a contact are fewer.
-FEWEST_ISLANDS = 3
+CONTACT_SIGMA = 7.0  # how far they stand out, scatters of a block. By hand: texture makes 6
 FEWEST_BLOCKS = 60  # of a region. By hand: a contact that fills so many has a radius of 35 px
 MOST_REGIONS = 8  # regions that are followed, the largest; a bound of the work
-# Share of the blocks above which flat ones that are no background, or a region at the border of a frame
-# without reference, are too many for contacts. By hand: contacts up to 24 px make 0.02.
+# Share of the blocks above which flat ones that are no background are too many for contacts. By hand: contacts
+# up to 24 px make 0.02.
 NOTABLE_SHARE = 0.05
 MESH_BLOCKS = 2.0  # standard deviation of the Gaussian that smooths the mesh, blocks: about 4 blocks wide
 # Root mean square of what is left, in scatters of a block, that is worth a correction. By hand.
 LEAST_UNEVEN = 0.5
 
 
-def even_out(difference: DifferenceImage, *, relative: bool = True) -> DifferenceImage:
+def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = True) -> DifferenceImage:
     """The difference image without flicker of its rows and columns and with all of its background at zero.
 
-    ``relative``: contacts transmit a fraction of the light, so that they are corrected with it.
+    ``sign`` is that of contacts; 0: that of most of what stands out. ``relative``: contacts transmit a
+    fraction of the light, so that they are corrected with it.
     """
     light_level = difference.level if relative else 0.0
     blocks, flickering = block_means(difference.image, difference.valid), difference
@@ -70,7 +70,8 @@ def even_out(difference: DifferenceImage, *, relative: bool = True) -> Differenc
     uneven = np.mean(_mesh(blocks, used)[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2
     if not uneven and np.mean(_flat_blocks(blocks, scatter) & ~background) < NOTABLE_SHARE:
         return difference
-    regions = find_background_regions(blocks, scatter, background, with_reference=difference.ratio)
+    sign = sign or (-1 if find_polarity(blocks, background) == "dark" else 1)
+    regions = _find_background_regions(np.float32(sign) * blocks, scatter, background, sign * light_level)
     members = regions > 0
     if np.mean(members) < NOTABLE_SHARE:
         return difference
@@ -99,68 +100,44 @@ def _flat_blocks(blocks: NDArray[np.float32], scatter: float) -> NDArray[np.bool
     )
 
 
-def find_background_regions(
-    blocks: NDArray[np.float32],
-    scatter: float,
-    known: NDArray[np.bool_] | None = None,
-    *,
-    with_reference: bool = False,
+def flat_regions(blocks: NDArray[np.float32], scatter: float) -> tuple[NDArray[np.int32], list[int]]:
+    """Number of the flat region of each block, and the numbers of large regions, the largest first."""
+    flat = _flat_blocks(blocks, scatter).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(flat, connectivity=4)
+    area = stats[:, cv2.CC_STAT_AREA]
+    largest = [int(k) for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= FEWEST_BLOCKS]
+    return np.asarray(labels, np.int32), largest
+
+
+def _find_background_regions(
+    blocks: NDArray[np.float32], scatter: float, known: NDArray[np.bool_], light_level: float
 ) -> NDArray[np.int32]:
     """Number of the flat background region that each block is in, the largest region first; 0 for none.
 
-    A region is background where most of its blocks are ``known`` to be (without such knowledge the largest
-    one), or where it is larger than the largest disk in it; without a reference also where it lies at the
-    border and is larger than contacts are.
+    Contacts are brighter than the background; ``light_level`` is its brightness, negative for dark contacts,
+    or 0. A region is background where most of its blocks are ``known`` to be, where it is darker than those are,
+    since contacts are brighter, or where contacts stand on it.
     """
-    flat = _flat_blocks(blocks, scatter)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(flat.astype(np.uint8), connectivity=4)
-    # where the background is known a region ends at the border of the image; else a contact cut by it may not
-    width = int(known is not None)
-    half_width = cv2.distanceTransform(np.pad(flat, width).astype(np.uint8), cv2.DIST_L2, 5)
-    half_width = half_width[width : len(half_width) - width, width : half_width.shape[1] - width]
-    area = stats[:, cv2.CC_STAT_AREA]
-    largest = [k for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= FEWEST_BLOCKS]
-    chosen = []
+    labels, largest = flat_regions(blocks, scatter)
+    number, count = np.zeros(int(labels.max()) + 1, np.int32), 0
     for k in largest:
         inside = labels == k
-        # between whole blocks the largest disk is known to half a block; without holes it may be the larger
-        radius = float(half_width[inside].max()) - (0.5 if known is not None or _has_holes(inside) else 0.0)
-        disk = np.pi * radius**2
-        pierced = area[k] > PIERCED * disk
-        at_border = any(side.any() for side in (inside[0], inside[-1], inside[:, 0], inside[:, -1]))
-        wide = not with_reference and at_border and area[k] > NOTABLE_SHARE * labels.size
-        pierced = pierced and (known is None or _has_contacts(blocks, inside, scatter))
-        if pierced or wide or (k == largest[0] if known is None else np.mean(known[inside]) > 0.5):
-            chosen.append(k)
-    number = np.zeros(count, np.int32)
-    number[chosen] = np.arange(1, len(chosen) + 1)
+        level = float(np.median(blocks[inside]))
+        # texture is stronger where there is more light
+        texture = scatter * (1.0 + level / light_level if light_level else 1.0)
+        contact = max(level, 0.0) + CONTACT_SIGMA * texture
+        if np.mean(known[inside]) > 0.5 or level < 0.0 or _has_contacts(blocks, inside, contact):
+            count += 1
+            number[k] = count
     return np.asarray(number[labels])
 
 
-def _has_contacts(blocks: NDArray[np.float32], inside: NDArray[np.bool_], scatter: float) -> bool:
-    """Whether a flat region has contacts on it: many islands, or some beyond it and beyond the background.
-
-    A wide contact with specks of dirt has none: they are few, and their level lies between both.
-    """
+def _has_contacts(blocks: NDArray[np.float32], inside: NDArray[np.bool_], level: float) -> bool:
+    """Whether what a region surrounds is brighter than a level in some blocks."""
     closed = cv2.morphologyEx(np.pad(inside, 2).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     whole = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)[2:-2, 2:-2] > 0
-    level, islands = float(np.median(blocks[inside])), whole & ~inside
-    levels = blocks[islands]
-    apart = islands & (np.abs(blocks - level) > BACKGROUND_CLIP_SIGMA * scatter)
-    if cv2.connectedComponents(apart.astype(np.uint8))[0] > FEWEST_ISLANDS:  # one is what is around
-        return True
-    low, high = (
-        min(0.0, level) - BACKGROUND_CLIP_SIGMA * scatter,
-        max(0.0, level) + BACKGROUND_CLIP_SIGMA * scatter,
-    )
-    return int(np.count_nonzero((levels < low) | (levels > high))) >= FEWEST_BEYOND
-
-
-def _has_holes(region: NDArray[np.bool_]) -> bool:
-    """Whether a region surrounds others: contacts pierce a background."""
-    rest = np.pad((~region).astype(np.uint8), 1, constant_values=1)
-    return int(cv2.connectedComponents(rest, connectivity=4)[0]) > 2
+    return int(np.count_nonzero(blocks[whole & ~inside] > level)) >= FEWEST_BEYOND
 
 
 def follow_region(

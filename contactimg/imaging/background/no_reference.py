@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.even_out import NOTABLE_SHARE, even_out, find_background_regions
+from contactimg.imaging.background.even_out import NOTABLE_SHARE, even_out, flat_regions
 from contactimg.imaging.background.find_illumination import (
     QUIET_SHARE,
     find_background_level,
@@ -119,7 +119,10 @@ def _flat_background(frame: NDArray[np.float32], valid: Mask, rounding: float) -
     blocks = block_means(frame, valid)
     finite = np.isfinite(blocks)
     scatter = _scatter(blocks, rounding)
-    largest = find_background_regions(blocks, scatter) == 1
+    labels, regions = flat_regions(blocks, scatter)
+    if not regions:
+        return None
+    largest = labels == regions[0]
     if np.mean(largest) < FLAT_SHARE * np.mean(finite):
         return None
     members = np.where(largest, blocks, np.float32(np.nan))

@@ -35,6 +35,8 @@ from contactimg.timings import stage
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
 SMOOTH_RATIO = 0.1  # noise of a reference over the scatter of the frame below which it was smoothed. By hand
 SUBPIXEL_PX = 0.75  # a larger shift is first taken out in whole pixels
+SIGNS: dict[BackgroundLevel, int] = {"lowest": 1, "highest": -1}
+"""Sign of contacts by the level of the background; any for others."""
 NO_ALIGNMENT = Alignment(np.nan, np.nan, np.inf)
 REGISTERED = Alignment(0.0, 0.0, 0.0)
 
@@ -105,7 +107,7 @@ def subtract_reference(
         registration_failed=textured and not residual.known,
         rounding=images.rounding,
     )
-    return _without_clipped(even_out(difference), frame)
+    return _without_clipped(even_out(difference, sign=SIGNS.get(background_is, 0)), frame)
 
 
 def _without_clipped(difference: DifferenceImage, frame: NDArray) -> DifferenceImage:
