@@ -92,7 +92,9 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     if not (sprawling > SHORTEST_LINE**2).any():
         return NONE
     bars = label_regions(squares > level)
-    long = np.flatnonzero(bars.long)
+    wide = bars.long & (bars.half_width > 0.5 * LINE_WIDTH_PX / SIDE)
+    mostly = bars.area[wide].sum() > 0.5 * bars.area.sum()  # then the surface has ridges, and they are contacts
+    long = np.flatnonzero(bars.long & ~wide if mostly else bars.long)
     bar = np.isin(bars.labels, long)
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1,) * 2)
     wide = np.asarray(cv2.dilate(bar.astype(np.uint8), around), np.uint8)
