@@ -33,8 +33,8 @@ FEWEST_BEYOND = 2
 CONTACT_SIGMA = 7.0  # how far they stand out, scatters of a block. By hand: texture makes 6
 FEWEST_BLOCKS = 60  # of a region. By hand: a contact that fills so many has a radius of 35 px
 MOST_REGIONS = 8  # regions that are followed, the largest; a bound of the work
-# Share of the blocks above which flat ones that are no background are too many for contacts. By hand: contacts
-# up to 24 px make 0.02.
+# Share of the blocks above which flat ones that are no background are too many for contacts. By hand:
+# contacts up to 24 px make 0.02.
 NOTABLE_SHARE = 0.05
 MESH_BLOCKS = 2.0  # standard deviation of the Gaussian that smooths the mesh, blocks: about 4 blocks wide
 # Root mean square of what is left, in scatters of a block, that is worth a correction. By hand.
@@ -115,8 +115,8 @@ def _find_background_regions(
     """Number of the flat background region that each block is in, the largest region first; 0 for none.
 
     Contacts are brighter than the background; ``light_level`` is its brightness, negative for dark contacts,
-    or 0. A region is background where most of its blocks are ``known`` to be, where it is darker than those are,
-    since contacts are brighter, or where contacts stand on it.
+    or 0. A region is background where most of its blocks are ``known`` to be, where it is darker than those
+    are, since contacts are brighter, or where contacts stand on it.
     """
     labels, largest = flat_regions(blocks, scatter)
     number, count = np.zeros(int(labels.max()) + 1, np.int32), 0

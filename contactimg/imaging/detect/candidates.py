@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.detect.components import label_runs
+from contactimg.imaging.detect.components import component_of_pixels, label_runs
 from contactimg.imaging.detect.inscribed_disks import (
     LARGEST_WHOLE_HOLES,
     as_one_contact,
@@ -351,7 +351,7 @@ def _faint_regions(
     support, runs = label_runs(coarse, float(floor))
     support, plateau, half_area = _with_plateaus(coarse, support, runs)
     # a few pixels of noise on a faint plateau reach the level as well
-    where = _component_at(runs, regions["peak_x"] // 2, regions["peak_y"] // 2)
+    where = component_of_pixels(runs, regions["peak_x"] // 2, regions["peak_y"] // 2)
     outlined = (where >= 0) & (regions["area"] > SMALL_AREA_PX2)
     covered = np.bincount(where[outlined], regions["area"][outlined], minlength=len(support))
     at_level = plateau < FAINT_RATIO * 2.0 * level
@@ -370,15 +370,3 @@ def _faint_regions(
             disks, whole = disks_in_region(parts[i], i, pieces, window.shape)
             found.append((float(plateau[k]), disks + np.array([left, top, 0.0]), whole))
     return found, ragged
-
-
-def _component_at(runs: NDArray[np.int64], x: NDArray, y: NDArray) -> NDArray[np.int64]:
-    """Number of the component that contains each of some pixels; -1 for pixels in none."""
-    if not len(runs):
-        return np.full(len(x), -1)
-    width = int(runs[:, 2].max(initial=0)) + 2
-    start, end = runs[:, 0] * width + runs[:, 1], runs[:, 0] * width + runs[:, 2]
-    place = y * width + np.minimum(x, width - 1)
-    k = np.searchsorted(start, place, side="right") - 1
-    inside = (k >= 0) & (place <= end[np.maximum(k, 0)])
-    return np.where(inside, runs[np.maximum(k, 0), 3], -1)

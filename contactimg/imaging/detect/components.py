@@ -102,6 +102,27 @@ def mask_of_component(
     return mask
 
 
+def component_of_pixels(runs: NDArray[np.int64], x: NDArray, y: NDArray) -> NDArray[np.int64]:
+    """Number of the component that contains each of some pixels; -1 for pixels in none.
+
+    ``runs`` are those of `label_runs`.
+
+    Examples
+    --------
+    >>> runs = label_runs(np.array([[0, 2, 0], [0, 0, 3], [4, 0, 0]], np.float32), 1.0)[1]
+    >>> component_of_pixels(runs, np.array([2, 0, 0]), np.array([1, 2, 0])).tolist()
+    [0, 1, -1]
+    """
+    if not len(runs):
+        return np.full(len(x), -1)
+    width = int(runs[:, 2].max(initial=0)) + 2
+    start, end = runs[:, 0] * width + runs[:, 1], runs[:, 0] * width + runs[:, 2]
+    place = y * width + np.minimum(x, width - 1)
+    k = np.searchsorted(start, place, side="right") - 1
+    inside = (k >= 0) & (place <= end[np.maximum(k, 0)])
+    return np.where(inside, runs[np.maximum(k, 0), 3], -1)
+
+
 @njit(cache=True)
 def _draw(mask, runs, number, top, left):
     """Set the pixels of one component in a window whose first pixel is at (top, left)."""

@@ -3,7 +3,8 @@
 A contact is a disk, and contacts that touch are a union of disks. A bar is longer than any group of its half
 width, and its pixels lie half as far from its rim as those of a disk. A hair or scratch may cross contacts:
 it is what is left of a region without its wide parts, many times longer than wide, however it is bent. Both
-are masked before contrast and contacts are learned. Hot pixels and lines one pixel wide are gone by then
+are masked before contrast and contacts are learned; but where most of what stands out are wide bars, these
+are the contacts of ridges. Hot pixels and lines one pixel wide are gone by then
 (`contactimg.imaging.pixels.field_of_view.repair_defects`).
 """
 
@@ -48,6 +49,9 @@ LINE_LENGTH, PIECE_LENGTH = 11.0, 5.5
 """Length of a thin part over its half width from which it is a line, and part of one where there are lines.
 By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of 15 px make 12. Theory:
 11 for seven contacts in a row."""
+MOSTLY = 0.5
+"""Share of bars wider than that in what stands out above which the surface has ridges, and they are contacts.
+By hand."""
 MARGIN = 3
 """Squares around an object that are masked with it: its blurred rim. By hand: four blur widths of 1.5 px."""
 
@@ -92,9 +96,10 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     if not (sprawling > SHORTEST_LINE**2).any():
         return NONE
     bars = label_regions(squares > level)
-    wide = bars.long & (bars.half_width > 0.5 * LINE_WIDTH_PX / SIDE)
-    mostly = bars.area[wide].sum() > 0.5 * bars.area.sum()  # then the surface has ridges, and they are contacts
-    long = np.flatnonzero(bars.long & ~wide if mostly else bars.long)
+    ridges = bars.long & (bars.half_width > 0.5 * LINE_WIDTH_PX / SIDE)
+    if bars.area[ridges].sum() < MOSTLY * bars.area.sum():
+        ridges[:] = False
+    long = np.flatnonzero(bars.long & ~ridges)
     bar = np.isin(bars.labels, long)
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1,) * 2)
     wide = np.asarray(cv2.dilate(bar.astype(np.uint8), around), np.uint8)

@@ -33,6 +33,9 @@ CONVEX_SHARE, CONVEX_LACK = 0.955, 0.2
 Theory: 0.94 for two equal disks that overlap by a fifth of their radius; a square lacks 0.045, a
 triangle 0.17. By hand: pixels
 and noise make 0.97."""
+LEAST_CONVEX = 0.92
+"""Share of its convex hull of a region that no disks describe, from which it is one contact. By hand: pixels
+make 0.94 of a triangle of 30 px."""
 LARGEST_WHOLE_HOLES, LEAST_WHOLE_PX2 = 0.5, 24
 """Holes over the area of a region that may be one contact, and its least area (px^2). By hand: pixels make
 smaller regions look like anything."""
@@ -109,12 +112,12 @@ def as_one_contact(
         moments["mu11"] / area
     ) ** 2
     lack = 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9)))
-    if lack > CONVEX_LACK or (lack > ONE_SHAPE_LACK and _share_of_hull(mask, float(bare.sum())) < convex):
+    if lack > CONVEX_LACK or (lack > ONE_SHAPE_LACK and share_of_hull(mask, float(bare.sum())) < convex):
         return None
     return np.array([[moments["m10"] / area, moments["m01"] / area, np.sqrt(area / np.pi)]])
 
 
-def _share_of_hull(mask: NDArray[np.uint8], area: float) -> float:
+def share_of_hull(mask: NDArray[np.uint8], area: float) -> float:
     """An area over the number of pixels in the convex hull of a region."""
     outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     hull = np.zeros_like(mask)

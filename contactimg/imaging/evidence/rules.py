@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe
 
+from contactimg.imaging.detect.components import component_of_pixels, label_runs, mask_of_component
 from contactimg.imaging.detect.hand_edits import HandEdit
+from contactimg.imaging.detect.inscribed_disks import CONVEX_SHARE, LEAST_CONVEX, share_of_hull
 from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
 from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, FittedDisks
 from contactimg.imaging.fit.method import FrameFit
@@ -68,6 +70,12 @@ hand."""
 SHARP_PX2 = 2.5
 """Counted pixels up to which a faint candidate that does not fit is part of a hair. Theory: a
 point behind a blur of 0.5 px has four pixels above half height."""
+MOST_APART = 0.12
+"""Pixels either of a region or of the disks fitted to it, over its area, from which it is no union of disks.
+By hand: mottled contacts that touch make 0.02 to 0.11, islands of a random surface 0.1 to 0.5."""
+LARGEST_PART = 0.8
+"""Share of the largest of three disks and more in the area of a convex region, below which they are no
+contacts. Theory: 0.6 for a triangle and 0.79 for a square; three disks that touch are not convex."""
 AGREEMENT_SIGMA = 2.0
 """Standard errors up to which two measures of the same thing agree."""
 DISAGREES_SIGMA = 4.0
@@ -160,7 +168,8 @@ def judge_contacts(
     for flag, shown in FLAGS:
         flags |= np.where(shown(e), int(flag), 0)
     table["flags"] = flags
-    kept = np.flatnonzero(reason == "")
+    found = np.flatnonzero(reason == "")
+    kept = _join_parts(foreground, result, e, table, found)
     kept = kept[np.lexsort([table["x_px"][kept], table["y_px"][kept]])]
     bad = reason != ""
     dropped = np.column_stack(
@@ -176,6 +185,63 @@ def judge_contacts(
         {name: values[kept] for name, values in table.items()}, rejected, kept,
         {name: values[kept] for name, values in e.items() if np.ndim(values)}, unmatched,
     )  # fmt: skip
+
+
+def _join_parts(
+    foreground: Foreground, result: FrameFit, e: Columns, table: Columns, found: NDArray[np.intp]
+) -> NDArray[np.intp]:
+    """Make one contact of free shape of those in a region that is no union of disks; which rows are left.
+
+    It has the pixels of the region above half of the contrast. Contacts that touch leave a notch between
+    them, and fill the region.
+    """
+    half = 0.5 * (result.problem.contrast if result.joint is None else result.joint.contrast)
+    regions, runs = label_runs(foreground.image, half)
+    x, y = result.problem.in_frame(result.fit.disks[:, [X, Y]]).T
+    a = result.fit.disks[:, RADIUS] * result.problem.binning
+    own = component_of_pixels(runs, np.rint(x[found]).astype(int), np.rint(y[found]).astype(int))
+    kept = np.ones(len(found), np.bool_)
+    for k in np.flatnonzero(np.bincount(own[own >= 0], minlength=len(regions)) > 1):
+        rows, region = found[own == k], regions[k]
+        area = np.pi * a[rows] ** 2
+        poor, undescribed = (area @ e[name][rows] > 0.5 * area.sum() for name in ("poor", "undescribed"))
+        several = len(rows) > 2 and area.max() < LARGEST_PART * region["area"]
+        if not (poor or several):
+            continue
+        top, left = int(region["top"]), int(region["left"])
+        shape = int(region["bottom"]) + 1 - top, int(region["right"]) + 1 - left
+        mask, drawn = mask_of_component(runs, k, (top, left), shape), np.zeros(shape, np.bool_)
+        for row in rows:
+            i, j = np.arange(shape[1]) + left - x[row], np.arange(shape[0])[:, None] + top - y[row]
+            drawn |= np.hypot(i, j) < a[row]
+        outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+        whole = cv2.drawContours(mask.copy(), outlines, -1, 1, cv2.FILLED)  # speckles are no outline
+        apart = np.count_nonzero(drawn != (whole > 0)) / float(region["area"])
+        convex = share_of_hull(mask, float(region["area"]))
+        if convex > CONVEX_SHARE or (undescribed and (convex > LEAST_CONVEX or apart > MOST_APART)):
+            largest = rows[np.argmax(area)]
+            _count_region(table, largest, rows, region)
+            kept[(own == k) & (found != largest)] = False
+    return found[kept]
+
+
+def _count_region(table: Columns, row: np.intp, parts: NDArray[np.intp], region: np.void) -> None:
+    """Put a region in the place of a contact, with the uncertainties and flags of its parts."""
+    area = float(region["area"])
+    radius, std = np.sqrt(area / np.pi), float(np.linalg.norm(table["area_std_px2"][parts]))
+    middle, xx, xy = (region[name] / area for name in ("moment", "xx", "xy"))
+    middle, apart = 0.5 * middle + 1 / 12, xx - 0.5 * middle  # a pixel is a square: its moment is 1/12
+    root = np.hypot(apart, xy)
+    ratio = ((middle + root) / max(middle - root, 1 / 12)) ** 0.25
+    flags = np.bitwise_or.reduce(table["flags"][parts]) | int(Flag.POOR_FIT | Flag.COUNTED)
+    values = {
+        "x_px": region["x"], "y_px": region["y"], "radius_px": radius,
+        "radius_std_px": std / (2.0 * np.pi * radius), "area_px2": area, "area_std_px2": std,
+        "visible_area_px2": area, "semi_major_px": radius * ratio, "semi_minor_px": radius / ratio,
+        "angle_rad": 0.5 * np.arctan2(xy, apart), "shape": "free", "flags": flags,
+    }  # fmt: skip
+    for name, value in values.items():
+        table[name][row] = value
 
 
 def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Columns:

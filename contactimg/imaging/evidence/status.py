@@ -142,7 +142,16 @@ def judge_frame(seen: FrameEvidence) -> Verdict:
     message = "; ".join(text for text in [pair.message, *(text for _, text in found), *remarks] if text)
     status = pair.defect or next((status for status, _ in found if status), Status.OK)
     changed = any(status == Status.LIGHT_CHANGED for status, _ in found)
-    return Verdict(status, message, measurable=bool(seen.count or not changed))
+    empty = not changed and _left_out(seen.foreground) < SPOILED_SHARE
+    return Verdict(status, message, measurable=bool(seen.count or empty))
+
+
+def _left_out(foreground: Foreground) -> float:
+    """Share of the frame that stands out of the background or is hidden by what does, without contacts."""
+    mask, step = foreground.foreign.mask, 4
+    hidden = 0.0 if mask is None else float(np.mean(mask))
+    bright = max(0.5 * foreground.contrast.plateau, 5.0 * foreground.noise)
+    return hidden + float(np.mean(foreground.image[::step, ::step] > bright)) * foreground.shown.resolved
 
 
 def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
@@ -154,7 +163,8 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         text = f"the background is {ratio:.2g} times the reference: the light changed or {what} the frame"
         yield Status.LIGHT_CHANGED, text
     elif not seen.count:
-        yield Status.NO_CONTACT, _why_no_contact(seen.foreground)
+        lost = _left_out(seen.foreground) > HIDDEN_SHARE
+        yield Status.UNRESOLVED if lost else Status.NO_CONTACT, _why_no_contact(seen.foreground)
     if difference.registration_failed:
         yield Status.NOT_REGISTERED, ""
     if (moved := difference.alignment) is not None and moved.known:

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from contactimg.imaging.detect.inscribed_disks import (
     LARGEST_WHOLE_HOLES,
+    LEAST_CONVEX,
     as_one_contact,
     fill,
     find_holes,
@@ -76,10 +77,6 @@ LEAST_GAIN = 1.0
 uncertainty of one parameter."""
 LIT_FRACTION = 0.02
 """Height from which pixels belong to a group, of the contrast. By hand."""
-LEAST_CONVEX = 0.92
-"""Share of its convex hull of a region that no disks describe, from which it is one contact. By hand: pixels
-make 0.94 of a triangle of 30 px."""
-
 MOST_WINDOW_SHARE = 1.5
 """Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By
 hand: a crowd of which half is covered takes 0.7."""
