@@ -96,7 +96,7 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     if not (sprawling > SHORTEST_LINE**2).any():
         return NONE
     bars = label_regions(squares > level)
-    ridges = bars.long & (bars.half_width > 0.5 * LINE_WIDTH_PX / SIDE)
+    ridges = bars.long & (bars.half_width > 0.5 * LINE_WIDTH_PX / SQUARE_PX)
     if bars.area[ridges].sum() < MOSTLY * bars.area.sum():
         ridges[:] = False
     long = np.flatnonzero(bars.long & ~ridges)
