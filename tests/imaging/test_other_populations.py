@@ -131,3 +131,23 @@ def test_a_packing_that_hides_the_background_is_not_no_contact():
     frame, reference, _, _ = photograph(disks(*places), rng)
     result = measure_image(frame, reference)
     assert len(result.disks) > 100 or (result.status not in ("ok", "no contact") and not result.measurable)
+
+
+def test_the_threshold_counts_a_contact_with_air_in_it_once():
+    rng = np.random.default_rng(4)
+    holes = disks(*((rng.uniform(220, 420), rng.uniform(130, 340), rng.uniform(3, 9)) for _ in range(15)))
+    frame, reference, area, _ = photograph(disks((320, 235, 190)) & ~holes & 1, rng)
+    result = measure_image(frame, reference, method="threshold")
+    assert len(result.disks) == 1
+    assert result.disks.area_px2[0] == pytest.approx(area, rel=0.01)
+
+
+@pytest.mark.parametrize("polarity", ["bright", "dark"])
+def test_the_polarity_tells_which_half_of_a_frame_is_in_contact(polarity):
+    rng = np.random.default_rng(7)
+    mask = np.zeros((ROWS * FINER, COLUMNS * FINER), np.uint8)
+    mask[:, 270 * FINER :] = 1
+    frame, _, area, _ = photograph(mask, rng)
+    result = measure_image(frame if polarity == "bright" else 255 - frame, polarity=polarity)
+    assert result.disks.visible_area_px2.sum() == pytest.approx(area, rel=0.3)
+    assert result.status != "ok"

@@ -94,7 +94,8 @@ def _estimate(frame: NDArray[np.float32], valid: Mask, signs: tuple[int, ...]) -
     more blocks agree with the background then.
     """
     rounding, shown = rounding_of_blocks(frame), exclude(valid, find_clipped(frame))
-    flat = _flat_background(frame, shown, rounding)
+    known = signs[0] if len(signs) == 1 else 0
+    flat = _flat_background(frame, shown, rounding, known)
     if flat is None:
         both = [(_background_of_crowd(frame, shown, sign, rounding), sign) for sign in signs]
         roundness = [_roundness(one, sign, valid) for one, sign in both] if len(both) > 1 else [1.0]
@@ -112,8 +113,14 @@ def _estimate(frame: NDArray[np.float32], valid: Mask, signs: tuple[int, ...]) -
     return replace(flat, valid=valid), sign
 
 
-def _flat_background(frame: NDArray[np.float32], valid: Mask, rounding: float) -> DifferenceImage | None:
-    """Frame minus the light that flat blocks show, whatever the sign of the contacts; None in a crowd."""
+def _flat_background(
+    frame: NDArray[np.float32], valid: Mask, rounding: float, sign: int
+) -> DifferenceImage | None:
+    """Frame minus the light that flat blocks show; None in a crowd.
+
+    The background is the largest flat region. Where the ``sign`` of contacts is known (else 0), it is the
+    darkest of large ones, for dark contacts the brightest: contacts may cover more of the frame.
+    """
     if _hides_blocks(frame, valid, rounding):
         return None
     blocks = block_means(frame, valid)
@@ -122,7 +129,9 @@ def _flat_background(frame: NDArray[np.float32], valid: Mask, rounding: float) -
     labels, regions = flat_regions(blocks, scatter)
     if not regions:
         return None
-    largest = labels == regions[0]
+    large = [k for k in regions if np.mean(labels == k) > FLAT_SHARE * np.mean(finite)] or regions[:1]
+    darkest = min(large, key=lambda k: sign * float(np.median(blocks[labels == k])))
+    largest = labels == darkest
     if np.mean(largest) < FLAT_SHARE * np.mean(finite):
         return None
     members = np.where(largest, blocks, np.float32(np.nan))
@@ -136,7 +145,7 @@ def _flat_background(frame: NDArray[np.float32], valid: Mask, rounding: float) -
     near = np.abs(blocks - light.at_blocks(blocks.shape, frame.shape)) < BACKGROUND_CLIP_SIGMA * light.scatter
     level = float(np.median(np.abs(blocks[largest])))
     light = replace(light, background=near)
-    return _divide_by_illumination(frame, light, level, blocks.shape, valid, rounding)
+    return _divide_by_illumination(frame, light, level, blocks.shape, valid, rounding, sign)
 
 
 def _flat_behind_envelope(
@@ -151,7 +160,8 @@ def _flat_behind_envelope(
     rows, columns = frame.shape
     size = (light.shape[1] * BLOCK, light.shape[0] * BLOCK)
     wide = cv2.resize(light, size, interpolation=cv2.INTER_LINEAR)[:rows, :columns]
-    flat = _flat_background(np.asarray(frame * (np.float32(level) / wide), np.float32), valid, rounding)
+    even = np.asarray(frame * (np.float32(level) / wide), np.float32)
+    flat = _flat_background(even, valid, rounding, sign)
     return None if flat is None else replace(flat, brightness=flat.brightness * (light / np.float32(level)))
 
 
@@ -165,7 +175,7 @@ def _background_of_crowd(
     blocks = (-(-frame.shape[0] // BLOCK), -(-frame.shape[1] // BLOCK))
     level = abs(float(np.median(polynomial.at_blocks(blocks, frame.shape))))
     rest = frame - np.float32(sign) * uneven
-    return _divide_by_illumination(rest, illumination, level, blocks, valid, rounding)
+    return _divide_by_illumination(rest, illumination, level, blocks, valid, rounding, sign)
 
 
 def _hides_blocks(frame: NDArray[np.float32], valid: Mask, rounding: float) -> bool:
@@ -263,6 +273,7 @@ def _divide_by_illumination(
     blocks: tuple[int, int],
     valid: Mask,
     rounding: float,
+    sign: int,
 ) -> DifferenceImage:
     """Frame minus background, relative to it: contacts transmit a fraction of the light."""
     at_blocks = illumination.at_blocks(blocks, frame.shape)
@@ -276,7 +287,7 @@ def _divide_by_illumination(
         image *= np.float32(level) / np.maximum(background, np.float32(DARKEST_FRACTION * level))
         brightness = (at_blocks / level).astype(np.float32)
     difference = DifferenceImage(image, level, brightness, illumination, None, valid=valid, rounding=rounding)
-    return even_out(difference, relative=relative)
+    return even_out(difference, sign=sign, relative=relative)
 
 
 def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:

@@ -1,6 +1,7 @@
 """Split components that consist of several contacts.
 
-A component with a larger second moment than a disk of its area is a candidate. Disks are inscribed in it;
+A component with a larger second moment than a disk of its area is a candidate. An ellipse, or nearly one and
+convex, is one contact, also with holes in it. Disks are inscribed in others;
 those that overlap no more than contacts do share its pixels. Each pixel goes to the disk with the least
 power, i.e. in which it lies deepest. No pixel is lost, so the areas add up.
 
@@ -22,7 +23,7 @@ from contactimg.imaging.detect.components import (
     label_runs,
     mask_of_component,
 )
-from contactimg.imaging.detect.inscribed_disks import inscribed_disks
+from contactimg.imaging.detect.inscribed_disks import disks_in_mask
 from contactimg.imaging.kernels.pairs import hidden
 from contactimg.imaging.pixels.masks import Mask, for_kernel
 
@@ -74,9 +75,8 @@ def split_components(
         members = mask_of_component(runs, number, (box[0].start, box[1].start), window.shape)
         alone = np.where(members > 0, window, np.float32(0.0))
         above = (_smoothed(alone, smoothing) > level).astype(np.uint8)
-        # the border repeats: a region cut by it goes on beyond
-        mask = np.asarray(cv2.copyMakeBorder(above, 3, 3, 3, 3, cv2.BORDER_REPLICATE), np.uint8)
-        disks = inscribed_disks(mask, 3)
+        cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
+        disks, _ = disks_in_mask(above, cut)
         disks = disks[~hidden(disks)]
         if len(disks) > 1:
             counts[number] = len(disks)

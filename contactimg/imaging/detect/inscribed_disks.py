@@ -77,18 +77,24 @@ def disks_in_region(
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
     own = mask_of_component(runs, number, (top, left), (bottom - top + 1, right - left + 1))
     cut = (top == 0, bottom == shape[0] - 1, left == 0, right == shape[1] - 1)
-    corner, holes = np.array([left, top, 0.0]), find_holes(own)
+    corner = np.array([left, top, 0.0])
+    disks, whole = disks_in_mask(own, cut)
+    if not len(disks):
+        disks = np.array([[region["x"], region["y"], np.sqrt(region["area"] / np.pi)]]) - corner
+    return disks + corner, whole
+
+
+def disks_in_mask(own: NDArray[np.uint8], cut: tuple[bool, ...]) -> tuple[NDArray[np.float64], bool]:
+    """The same of the pixels set in a mask; ``cut`` marks the sides beyond which the region continues."""
+    holes = find_holes(own)
     disk = None if any(cut) else as_one_contact(fill(own, holes, LARGEST_WHOLE_HOLES * own.sum()), own)
     if disk is not None:
-        return disk + corner, True
+        return disk, True
     if np.isfinite(holes[1]).any():
         closed = cv2.copyMakeBorder(own, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
         widest = float(cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_5).max())
         own = fill(own, holes, LARGEST_HOLE_SHARE * np.pi * widest**2)
-    disks = inscribed_in(own, cut)
-    if not len(disks):
-        disks = np.array([[region["x"], region["y"], np.sqrt(region["area"] / np.pi)]]) - corner
-    return disks + corner, False
+    return inscribed_in(own, cut), False
 
 
 def component_at(above: NDArray[np.bool_], x: int, y: int) -> NDArray[np.uint8]:

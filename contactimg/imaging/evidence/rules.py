@@ -16,7 +16,14 @@ from scipy.special import ellipe
 
 from contactimg.imaging.detect.components import component_of_pixels, label_runs, mask_of_component
 from contactimg.imaging.detect.hand_edits import HandEdit
-from contactimg.imaging.detect.inscribed_disks import CONVEX_SHARE, LEAST_CONVEX, share_of_hull
+from contactimg.imaging.detect.inscribed_disks import (
+    CONVEX_SHARE,
+    LARGEST_HOLE_SHARE,
+    LEAST_CONVEX,
+    fill,
+    find_holes,
+    share_of_hull,
+)
 from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
 from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, FittedDisks
 from contactimg.imaging.fit.method import FrameFit
@@ -72,7 +79,8 @@ SHARP_PX2 = 2.5
 point behind a blur of 0.5 px has four pixels above half height."""
 MOST_APART = 0.12
 """Pixels either of a region or of the disks fitted to it, over its area, from which it is no union of disks.
-By hand: mottled contacts that touch make 0.02 to 0.11, islands of a random surface 0.1 to 0.5."""
+By hand: mottled contacts that touch make up to 0.12, a packing of beads 0.09, islands of a random surface
+0.1 to 0.5."""
 LARGEST_PART = 0.8
 """Share of the largest of three disks and more in the area of a convex region, below which they are no
 contacts. Theory: 0.6 for a triangle and 0.79 for a square; three disks that touch are not convex."""
@@ -214,22 +222,24 @@ def _join_parts(
         for row in rows:
             i, j = np.arange(shape[1]) + left - x[row], np.arange(shape[0])[:, None] + top - y[row]
             drawn |= np.hypot(i, j) < a[row]
-        outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-        whole = cv2.drawContours(mask.copy(), outlines, -1, 1, cv2.FILLED)  # speckles are no outline
-        apart = np.count_nonzero(drawn != (whole > 0)) / float(region["area"])
+        # speckles are no outline, the gaps of a packing are
+        filled = fill(mask, find_holes(mask), LARGEST_HOLE_SHARE * float(area.max()))
+        apart = np.count_nonzero(drawn != (filled > 0)) / float(region["area"])
         convex = share_of_hull(mask, float(region["area"]))
-        if convex > CONVEX_SHARE or (undescribed and (convex > LEAST_CONVEX or apart > MOST_APART)):
+        least = LEAST_CONVEX if several or undescribed else CONVEX_SHARE
+        if convex > least or (undescribed and apart > MOST_APART):
             largest = rows[np.argmax(area)]
-            _count_region(table, largest, rows, region)
+            _count_region(table, largest, rows, region, float(filled.sum()))
             kept[(own == k) & (found != largest)] = False
     return found[kept]
 
 
-def _count_region(table: Columns, row: np.intp, parts: NDArray[np.intp], region: np.void) -> None:
-    """Put a region in the place of a contact, with the uncertainties and flags of its parts."""
-    area = float(region["area"])
+def _count_region(
+    table: Columns, row: np.intp, parts: NDArray[np.intp], region: np.void, area: float
+) -> None:
+    """Put a region of an area in the place of a contact, with the uncertainties and flags of its parts."""
     radius, std = np.sqrt(area / np.pi), float(np.linalg.norm(table["area_std_px2"][parts]))
-    middle, xx, xy = (region[name] / area for name in ("moment", "xx", "xy"))
+    middle, xx, xy = (region[name] / region["area"] for name in ("moment", "xx", "xy"))
     middle, apart = 0.5 * middle + 1 / 12, xx - 0.5 * middle  # a pixel is a square: its moment is 1/12
     root = np.hypot(apart, xy)
     ratio = ((middle + root) / max(middle - root, 1 / 12)) ** 0.25
