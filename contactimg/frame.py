@@ -3,9 +3,23 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import FrameError
+
+
+def as_pixels(image: ArrayLike) -> NDArray:
+    """Grey levels as an array of this machine's byte order; masked pixels are NaN.
+
+    Examples
+    --------
+    >>> as_pixels(np.ma.masked_equal(np.array([[1, 2]], np.uint8), 2)).tolist()
+    [[1.0, nan]]
+    """
+    if np.ma.is_masked(image):
+        image = np.ma.filled(np.ma.asarray(image).astype(float), np.nan)
+    pixels = np.asarray(image)
+    return pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,7 +29,8 @@ class Frame:
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-        Grey levels: uint8, uint16, float32 or float64. Non-finite pixels of a float image are holes.
+        Grey levels: uint8, uint16, float32 or float64, of any byte order. Non-finite pixels of a float image
+        and masked ones of a masked array are holes.
     name : str
         File name with extension; a page of a stack is ``name[k]``, k from 0.
     full_scale : float or None
@@ -32,6 +47,7 @@ class Frame:
     full_scale: float | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "image", as_pixels(self.image))
         if self.image.ndim != 2 or self.image.size == 0:
             raise FrameError(
                 f"{self.name or 'frame'}: an image must have two dimensions (rows, columns) "

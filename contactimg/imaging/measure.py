@@ -477,7 +477,8 @@ def _subtract_background(
             whole=whole,
         )
         if polarity == "auto":
-            polarity = find_polarity(block_means(difference.image))
+            valid = frame_pair.valid if difference.valid is None else difference.valid
+            polarity = find_polarity(block_means(difference.image, valid))
         return difference, -1 if polarity == "dark" else 1
     image = np.asarray(frame, np.float32)
     if polarity == "auto":

@@ -15,7 +15,7 @@ from contactimg.effects.optics import measuring
 from contactimg.errors import FrameWarning, InputError
 from contactimg.files import FrameTables, read_part
 from contactimg.forces import common_radius
-from contactimg.frame import Frame
+from contactimg.frame import Frame, as_pixels
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.measure import LINEARITY, ImageMeasurement
@@ -128,8 +128,12 @@ def measure_frame(
     }
     scene = scene_from_dict(keys, name="measure_frame")
     optics = None if contrast is None else SharedOptics(contrast)
-    frame = frame if isinstance(frame, Frame) else Frame(np.asarray(frame))
+    if not isinstance(frame, Frame):
+        pixels = np.asarray(frame)
+        full_scale = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind == "u" else None
+        frame = Frame(frame, full_scale=full_scale)  # of masked integers as well
     image = reference.image if isinstance(reference, Frame) else reference
+    image = None if image is None else as_pixels(image)
     measurement = measuring(scene, frame.full_scale, optics)(frame.image, image)
     pose = Pose(frame.shape, pixel_size)
     contacts = locate_contacts(contacts_table(measurement, frame.name), pose, shift_px=(0.0, 0.0))

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from small_series import SCENE, copy_of, write_small_series
 
-from contactimg.errors import InputError
+from contactimg.errors import FrameWarning, InputError
 from contactimg.files import FrameSource, open_experiment, read_scene, write_frame, write_table
 from contactimg.frame import Frame
 from contactimg.mechanics import hertz
@@ -251,3 +251,41 @@ def test_sphere_profile_switched_on_gives_the_forces_of_spheres(tmp_path):
     assert (error.abs() < 3 * exact["force_sum_std_N"]).all()
     # an exponent above 3 widens the uncertainty
     assert (exact["force_sum_std_N"] > parabola["force_sum_std_N"]).all()
+
+
+def spots(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frame of three contacts in each half, and reference."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[0:160, 0:240]
+    light = np.full((160, 240), 60.0)
+    for cy in (40, 120):
+        for cx in (50, 120, 190):
+            light += 80.0 / (1 + np.exp(1.5 * (np.hypot(x - cx, y - cy) - 9.5)))
+    images = (light + rng.normal(0, 2, light.shape), 60.0 + rng.normal(0, 2, light.shape))
+    return tuple(np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in images)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("hidden", [0.5, 0.55])
+def test_masked_pixels_say_nothing_of_the_polarity(hidden, sign):
+    frame, reference = (image if sign > 0 else 255 - image for image in spots(1))
+    masked = np.ma.array(frame, mask=np.zeros(frame.shape, bool))
+    masked[: round(hidden * len(frame))] = np.ma.masked
+    with pytest.warns(FrameWarning):
+        table = measure_frame(masked, reference, pixel_size=1e-6)
+    assert len(table) == 3
+    assert (table["y_px"] > 100).all()
+    holes = np.where(masked.mask, np.nan, frame)
+    with pytest.warns(FrameWarning):
+        other = measure_frame(holes, reference, pixel_size=1e-6)
+    # a masked image of integers tells its full scale, one of floats does not
+    np.testing.assert_allclose(table["radius_px"], other["radius_px"], rtol=1e-4)
+
+
+@pytest.mark.parametrize("kind", [">u2", ">f4", "<f8"])
+def test_pixels_of_any_byte_order_and_of_a_table_are_measured_alike(kind):
+    frame, reference = spots(2)
+    plain = measure_frame(frame.astype(np.dtype(kind).newbyteorder("=")), reference, pixel_size=1e-6)
+    for image in (frame.astype(kind), pd.DataFrame(frame.astype(np.dtype(kind).newbyteorder("=")))):
+        pd.testing.assert_frame_equal(measure_frame(image, reference, pixel_size=1e-6), plain)
+    assert len(plain) == 6
