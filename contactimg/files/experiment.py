@@ -5,6 +5,7 @@ import logging
 import math
 import re
 import tomllib
+import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -314,8 +315,15 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
     return LOADS.conform(loads.set_index("frame").reindex(names).reset_index())
 
 
+def _plain(name: str) -> str:
+    """The name in small letters, each accent in one character with its letter."""
+    return unicodedata.normalize("NFC", name).casefold()
+
+
 def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """The loads by the names of the frames, which may be given with a path, without extension or by number.
+
+    Names that differ in capitals or in the composition of accents only are the same where one frame has them.
 
     Raises
     ------
@@ -326,8 +334,14 @@ def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFr
     known = _by_number(path, loads["frame"].tolist(), names)
     known |= {Path(name).stem: name for name in names if stems[Path(name).stem] == 1}
     known |= {name: name for name in names}
+    alike: dict[str, str] = {}
+    for name, frame in known.items():
+        alike[_plain(name)] = frame if alike.get(_plain(name), frame) == frame else ""
     last = loads["frame"].str.split(r"[/\\]", regex=True).str[-1]
-    meant = [known.get(one, known.get(end, one)) for one, end in zip(loads["frame"], last, strict=True)]
+    meant = [
+        known.get(one) or known.get(end) or alike.get(_plain(end)) or one
+        for one, end in zip(loads["frame"], last, strict=True)
+    ]
     table = loads.assign(frame=meant)
     repeated = table[table.duplicated(["frame"])]
     if len(repeated):

@@ -296,6 +296,16 @@ def test_relative_paths_are_those_of_the_scene_file(folder, monkeypatch, tmp_pat
     assert names(open_experiment(read_scene(Path(folder.name)))) == ["frame_2.tif"]
 
 
+def test_loads_may_name_frames_in_other_capitals_or_composed_accents(tmp_path):
+    for name in ("\u00d6l_1.TIF", "b_2.tif", "B_2.tif"):
+        write_frame(Frame(np.ones((4, 5), np.uint8)), tmp_path / name)
+    (tmp_path / "loads.csv").write_text("frame,load_N\nO\u0308l_1.tif,1\nb_2.tif,2\n", encoding="utf-8")
+    experiment = open_experiment(scene_from_dict({}, folder=str(tmp_path)))
+    assert experiment.load_of("\u00d6l_1.TIF") == 1.0
+    assert experiment.load_of("b_2.tif") == 2.0
+    assert experiment.load_of("B_2.tif") != 2.0
+
+
 def test_loads_may_name_frames_by_path_or_without_extension(tmp_path):
     for name in ("a_1.tif", "a_2.tif", "b.tif"):
         write_frame(Frame(np.ones((4, 5), np.uint8)), tmp_path / name)
