@@ -270,7 +270,7 @@ def measure_image(
             for covariance in (joint.covariance, joint.own_covariance)
         )
         own = replace(own, edge=None if result.edge is None else result.edge.knowledge)
-    erase_disks(problem, result.fit, ~np.isin(np.arange(len(result.fit.disks)), judged.rows))
+    erase_disks(problem, result.fit, ~np.isin(np.arange(len(result.fit.disks)), judged.explained))
     model = made_round(replace(problem, image=result.fit.model), result.fit, result.ellipses, -1.0)[0].image
     seen = FrameEvidence(
         foreground, judged.contacts, judged.rejected, judged.evidence, own.contrast_relative_std, result,

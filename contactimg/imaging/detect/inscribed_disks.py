@@ -85,7 +85,10 @@ def disks_in_region(
 
 
 def disks_in_mask(own: NDArray[np.uint8], cut: tuple[bool, ...]) -> tuple[NDArray[np.float64], bool]:
-    """The same of the pixels set in a mask; ``cut`` marks the sides beyond which the region continues."""
+    """Disks inscribed in a mask as `disks_in_region` finds them, and whether it is one ellipse.
+
+    ``cut`` marks the sides beyond which the region continues; no disk may fit into a small one.
+    """
     holes = find_holes(own)
     disk = None if any(cut) else as_one_contact(fill(own, holes, LARGEST_WHOLE_HOLES * own.sum()), own)
     if disk is not None:

@@ -104,6 +104,8 @@ class Judged:
     contacts, rejected : dict of arrays
     rows : ndarray of int
         Row of each contact among the disks of the fit.
+    explained : ndarray of int
+        Rows of all disks whose light belongs to a contact; several may be parts of one.
     evidence : dict of arrays
         One row for each contact.
     unmatched : list of HandEdit
@@ -113,6 +115,7 @@ class Judged:
     contacts: Columns
     rejected: Columns
     rows: NDArray[np.intp]
+    explained: NDArray[np.intp]
     evidence: Columns = field(default_factory=dict)
     unmatched: list[HandEdit] = field(default_factory=list)
 
@@ -190,7 +193,7 @@ def judge_contacts(
     rejected = dict(zip(PLACE, every[placed].T, strict=True)) | {"reason": why[placed]}
     unmatched = [] if result.edited is None else result.edited.unmatched + result.edited.vanished(kept)
     return Judged(
-        {name: values[kept] for name, values in table.items()}, rejected, kept,
+        {name: values[kept] for name, values in table.items()}, rejected, kept, found,
         {name: values[kept] for name, values in e.items() if np.ndim(values)}, unmatched,
     )  # fmt: skip
 
@@ -245,7 +248,7 @@ def _count_region(
     ratio = ((middle + root) / max(middle - root, 1 / 12)) ** 0.25
     flags = np.bitwise_or.reduce(table["flags"][parts]) | int(Flag.POOR_FIT | Flag.COUNTED)
     values = {
-        "x_px": region["x"], "y_px": region["y"], "radius_px": radius,
+        "x_px": region["x"], "y_px": region["y"], "radius_px": radius, "perimeter_px": 2.0 * np.pi * radius,
         "radius_std_px": std / (2.0 * np.pi * radius), "area_px2": area, "area_std_px2": std,
         "visible_area_px2": area, "semi_major_px": radius * ratio, "semi_minor_px": radius / ratio,
         "angle_rad": 0.5 * np.arctan2(xy, apart), "shape": "free", "flags": flags,
