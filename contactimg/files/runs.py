@@ -8,11 +8,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from math import degrees, nan, radians
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
@@ -31,16 +30,12 @@ from contactimg.pose import Pose
 from contactimg.pose.apex import FOUND, STATED, Apex
 from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene, scene_from_dict
-from contactimg.scene.rules import Count, CountFrom1, NonNegative, Number, Point, Positive, YesNo
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
 
 logger = logging.getLogger(__name__)
 
 RUN_TABLES = ("contacts.csv", "frames.csv", "contacts.parquet", "frames.parquet")
 """The tables that other results are derived from, in either format."""
-
-Size = Annotated[CountFrom1, Field(le=10**6)]
-Text = Annotated[str, Field(strict=True)]
 
 
 def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
@@ -61,102 +56,20 @@ def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
     )
 
 
-class _Part(BaseModel):
-    """A part of the record; what else it holds is kept."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-
-
-class PoseRecord(_Part):
-    """The pose of the camera."""
-
-    rows: Size
-    columns: Size
-    pixel_size_m: Positive
-    centre_m: Point
-    rotation_deg: Number
-    mirrored: YesNo
-    fitted: YesNo
-    n_points: Count
-    n_matched: Count
-    residual_m: NonNegative | None
-
-    @property
-    def fit(self) -> PoseFit:
-        """The pose, and how well it explains the contacts."""
-        turn = radians(self.rotation_deg)
-        pose = Pose((self.rows, self.columns), self.pixel_size_m, self.centre_m, turn, self.mirrored)
-        residual = nan if self.residual_m is None else self.residual_m
-        return PoseFit(pose, self.fitted, self.n_points, self.n_matched, residual)
-
-
-class ApexRecord(_Part):
-    """The apex of the indenter over the sample."""
-
-    apex_m: Point
-    std_m: Point
-    known: Text
-
-
-class _UsedCalibration(_Part):
-    """The calibration that a run was measured with."""
-
-    file: Text
-    record: dict[str, Any]
-
-
-class _Options(_Part):
-    """Settings that are not in the scene."""
-
-    calibration: _UsedCalibration | None = None
-
-
-class _Configuration(_Part):
-    """Scene and options."""
-
-    scene: dict[str, Any] | None = None
-    scene_folder: Text = "."
-    scene_folder_relative: Text | None = None
-    options: _Options = _Options()
-
-
-class _InputFile(_Part):
-    """A file that was read."""
-
-    path: Text
-    sha256: Text | None = None
-
-
-class RunRecord(_Part):
-    """The record of a run."""
-
-    schema_version: CountFrom1
-    command: Text
-    created: Text = ""
-    configuration: _Configuration
-    inputs: list[_InputFile] = []
-    outputs: list[Text] = []
-    sha256: dict[str, Text] = {}
-    pose: PoseRecord | None = None
-    apex: ApexRecord | None = None
-
-
-def _checked(record: Mapping[str, Any], file: Path) -> RunRecord:
-    """The record of a run; an `InputError` names a key that is missing or has another type."""
-    try:
-        checked = RunRecord.model_validate(dict(record))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(key) for key in first["loc"])
-        raise InputError(f"{file}: is damaged ({place}: {first['msg']}); repeat the run") from None
-    used = checked.configuration.options.calibration
-    if used is not None:
-        check_calibration(used.record, f"{file}: the calibration of the run")
-    return checked
+def _pose_of(record: Mapping[str, Any]) -> PoseFit:
+    """The pose of the camera, and how well it explains the contacts, from its `pose_record`."""
+    rows, columns, points, matched = (
+        int(record[name]) for name in ("rows", "columns", "n_points", "n_matched")
+    )
+    x, y = map(float, record["centre_m"])
+    turn = radians(record["rotation_deg"])
+    pose = Pose((rows, columns), float(record["pixel_size_m"]), (x, y), turn, bool(record["mirrored"]))
+    residual = nan if record["residual_m"] is None else float(record["residual_m"])
+    return PoseFit(pose, bool(record["fitted"]), points, matched, residual)
 
 
 def pose_record(fit: PoseFit) -> dict[str, Any]:
-    """The pose of the camera as the provenance states it, for `PoseRecord`."""
+    """The pose of the camera as the provenance states it."""
     return {
         "rows": fit.pose.shape[0],
         "columns": fit.pose.shape[1],
@@ -173,7 +86,7 @@ def pose_record(fit: PoseFit) -> dict[str, Any]:
 
 
 def apex_record(apex: Apex) -> dict[str, Any]:
-    """The apex of the indenter as the provenance states it, for `ApexRecord`."""
+    """The apex of the indenter as the provenance states it."""
     found: dict[str, Any] = {"apex_m": list(apex.place), "std_m": list(apex.std), "known": apex.known}
     if apex.radius is not None:
         found["indenter_radius_m"] = {"value": apex.radius, "std": apex.radius_std}
@@ -307,27 +220,19 @@ def read_run(folder: str | Path) -> Run:
 
 def _read_run(folder: Path) -> Run:
     """The run in a folder; see `read_run`."""
+    file = folder / PROVENANCE_FILE
     try:
-        records = read_records(folder)
+        record, scene, pose = _read_record(folder)
     except OSError:
         raise InputError(f"{folder}: holds no run of contactimg ({PROVENANCE_FILE} is missing)") from None
-    except (ValueError, RecursionError):
-        raise InputError(f"{folder / PROVENANCE_FILE}: is damaged; repeat the run") from None
-    # the record of the command that wrote the contacts; the last one if none says so
-    made = {"contacts.csv", "contacts.parquet"}
-    named = ((one, one.get("outputs")) for one in records)
-    wrote = (one for one, files in named if isinstance(files, list) and made & set(map(str, files)))
-    record = next(wrote, records[0])
-    version = record.get("schema_version")
-    if isinstance(version, int) and version > SCHEMA_VERSION:
-        raise InputError(
-            f"{folder}: was written by a newer contactimg (schema {version}, this one reads {SCHEMA_VERSION})"
-        )
-    checked = _checked(record, folder / PROVENANCE_FILE)
+    except InputError:
+        raise
+    except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+        raise InputError(f"{file}: is damaged ({type(error).__name__}: {error}); repeat the run") from None
     contacts = read_run_table(folder, CONTACTS, infinite=True)
     frames = read_run_table(folder, FRAMES, infinite=True)
     _check_tables(folder, contacts, frames)
-    known = checked.sha256
+    known = record["sha256"]
     changed = [name for name in RUN_TABLES if name in known and known[name] != sha256_of(folder / name)]
     if changed:
         frames = sums_of_contacts(contacts, frames)
@@ -336,15 +241,37 @@ def _read_run(folder: Path) -> Run:
             folder,
             " and ".join(changed),
         )
-    stated = checked.configuration
-    place, relative = stated.scene_folder, stated.scene_folder_relative
+    return Run(scene, contacts, frames, pose, folder=folder, provenance=record, changed=tuple(changed))
+
+
+def _read_record(folder: Path) -> tuple[dict[str, Any], Scene, PoseFit | None]:
+    """The record of the run in a folder, with the scene and the pose of the camera that it states.
+
+    Whatever a damaged record leads to is raised as it is.
+    """
+    records, name = read_records(folder), str(folder / PROVENANCE_FILE)
+    # the record of the command that wrote the contacts; the last one if none says so
+    made = {"contacts.csv", "contacts.parquet"}
+    record = next((one for one in records if made & set(one.get("outputs", []))), records[0])
+    version = record["schema_version"]
+    if version > SCHEMA_VERSION:
+        raise InputError(
+            f"{folder}: was written by a newer contactimg (schema {version}, this one reads {SCHEMA_VERSION})"
+        )
+    record["command"].split()  # is a text
+    stated = record["configuration"]
+    calibration = stated.get("options", {}).get("calibration")
+    if calibration is not None:
+        check_calibration(calibration["record"], f"{name}: the calibration of the run")
+    place, relative = stated.get("scene_folder", "."), stated.get("scene_folder_relative")
     if relative is not None and not Path(place).is_dir():  # moved together with the output folder
         place = os.path.normpath(folder / relative)
-    scene = scene_from_dict(stated.scene or {}, name=str(folder / PROVENANCE_FILE), folder=place)
-    scene = scene if checked.apex is None else scene.with_apex(checked.apex.apex_m)
-    pose = None if checked.pose is None else checked.pose.fit
-    provenance = {"created": checked.created, "inputs": []} | record
-    return Run(scene, contacts, frames, pose, folder=folder, provenance=provenance, changed=tuple(changed))
+    scene = scene_from_dict(stated.get("scene") or {}, name=name, folder=place)
+    if record.get("apex") is not None:
+        x, y = map(float, record["apex"]["apex_m"])
+        scene = scene.with_apex((x, y))
+    pose = None if record.get("pose") is None else _pose_of(record["pose"])
+    return {"created": "", "inputs": [], "sha256": {}} | record, scene, pose
 
 
 def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) -> None:

@@ -403,9 +403,7 @@ def test_folder_without_a_run(tmp_path):
 @pytest.mark.parametrize("text", ["{", "[]", '{"schema_version": "a", "configuration": {}}', "{}"])
 def test_run_with_a_damaged_provenance(tmp_path, text):
     (tmp_path / "provenance.json").write_text(text)
-    with pytest.raises(
-        InputError, match=r"provenance\.json: is damaged( \(schema_version: .*\))?; repeat the run$"
-    ):
+    with pytest.raises(InputError, match=r"provenance\.json: is damaged \(.*\); repeat the run$"):
         read_run(tmp_path)
 
 
