@@ -6,7 +6,7 @@ import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from itertools import islice
 from multiprocessing import parent_process
@@ -154,11 +154,11 @@ def _in_order(
     memory. If the caller stops, the calls that still run are dropped.
     """
     calls, failures = deque[tuple[tuple[Any, ...], Future[Result]]](), 0
-    with workers.holding(function) as submit:
+    with _stored(function, workers.folder()) as name:
         try:
             while True:
                 for item in islice(items, max(AHEAD * workers.processes() - len(calls), 0)):
-                    calls.append((item, submit(item)))
+                    calls.append((item, workers.submit(_call, name, *item)))
                 if not calls:
                     return
                 item, future = calls[0]
@@ -167,7 +167,7 @@ def _in_order(
                         result = _result(workers, future)
                     except WorkerEndedError:  # by any call under way: this one is made again alone
                         _settle(workers, [other for _, other in calls])
-                        result = _result(workers, submit(item))
+                        result = _result(workers, workers.submit(_call, name, *item))
                     failures = 0
                 except WorkerEndedError as error:
                     failures += 1
@@ -222,27 +222,15 @@ class _Processes:
         keep_workers(executor)
         return executor
 
-    @contextmanager
-    def holding(self, function: Callable[..., Result]) -> Iterator[Callable[..., Future[Result]]]:
-        """Processes for calls of a function, which each reads once from a file: it may hold images.
+    def folder(self) -> Path | None:
+        """Where files for the processes lie: None stands for the usual folder of temporary files."""
+        return None
 
-        The file is deleted when this process ends, whatever ends it.
-        """
-        handle, name = tempfile.mkstemp(prefix="contactimg_", suffix=".pickle")
-        resource_tracker.register(name, "file")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                cloudpickle.dump(function, file, protocol=pickle.HIGHEST_PROTOCOL)
-            yield partial(self._submit, name)
-        finally:
-            resource_tracker.maybe_unlink(name, "file")
-
-    def _submit(self, name: str, item: tuple[Any, ...]) -> Future[Any]:
+    def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
         """Hand a call to the processes, to new ones if one of them ends while it is handed over."""
-        try:
-            return self._executor().submit(_call, name, *item)
-        except BrokenProcessPool:
-            return self._executor().submit(_call, name, *item)
+        with suppress(BrokenProcessPool):
+            return self._executor().submit(function, *arguments)
+        return self._executor().submit(function, *arguments)
 
     def seen(self, last: float) -> float:
         """Nothing is to be looked for: a process of this machine that has gone ends its calls."""
@@ -257,6 +245,22 @@ class _Processes:
 
     def drop(self) -> None:
         end_workers()
+
+
+@contextmanager
+def _stored(function: Callable[..., Any], folder: Path | None) -> Iterator[str]:
+    """A file with a function, which each worker reads once: it may hold images.
+
+    The file is deleted when this process ends, whatever ends it.
+    """
+    handle, name = tempfile.mkstemp(prefix=".contactimg_", suffix=".pickle", dir=folder)
+    resource_tracker.register(name, "file")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            cloudpickle.dump(function, file, protocol=pickle.HIGHEST_PROTOCOL)
+        yield name
+    finally:
+        resource_tracker.maybe_unlink(name, "file")
 
 
 def _call(file: str, *arguments: Any) -> Any:

@@ -15,7 +15,6 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from uuid import uuid4
 
 from contactimg.errors import ContactimgError, InputError, finite_number
 
@@ -32,9 +31,6 @@ system."""
 
 PATIENCE_VARIABLE = "CONTACTIMG_CLUSTER_WAIT_S"
 """Environment variable with the patience in seconds."""
-
-SENDING_TRIES = 3
-"""Times that a function is sent while workers are being ended. Chosen by hand; changes no result."""
 
 _CLOSE_SECONDS = 5.0  # chosen: a connection that cannot be closed in this time is left to the system
 
@@ -78,27 +74,24 @@ def _difference(one: dict[str, str], other: dict[str, str]) -> str:
     return ", ".join(f"{name} {one.get(name)} against {other.get(name)}" for name in names)
 
 
-def _call(name: str, arguments: tuple[Any, ...]) -> Any:
-    """A call on a worker, of the function that it has under a name.
+def _call(
+    installed: dict[str, str], folder: Path, function: Callable[..., Any], file: str, *arguments: Any
+) -> Any:
+    """A call on a worker, which must have the same installation and see the file that the call needs.
 
-    Beside it stand the working directory of the command, in which relative paths are read, and its
-    installation: workers must have the same.
+    ``folder`` is the working directory of the command, in which relative paths are read.
     """
-    from distributed import get_worker
-
-    plugin: Any = get_worker().plugins[name]
-    function, folder, installed = plugin.task
     other = _difference(installed, installation())
     if other:
         raise ClusterError(f"the command and a worker of the cluster differ: {other}; install the same")
-    if not Path(folder).is_dir():
+    if not Path(file).is_file():
         raise ClusterError(
-            f"a worker of the cluster has no folder {folder}; command and workers must see frames "
-            "and results under the same path (a shared folder)"
+            f"a worker of the cluster does not see the files in {folder}, where the command was started; "
+            "command and workers must see frames and results under the same path (a shared folder)"
         )
     # figures and the working directory belong to the process: its threads take turns
     with _one_at_a_time, chdir(folder):
-        return function(*arguments)
+        return function(file, *arguments)
 
 
 class Cluster:
@@ -113,47 +106,26 @@ class Cluster:
 
     def __init__(self, client: "Client", place: str) -> None:
         self.client, self.place = client, place
+        self._executor = client.get_executor(pure=False)
 
     def processes(self) -> int:
         """Threads of all workers now; one at least."""
         with self._failures_named():
             return max(1, sum(self.client.nthreads().values()))
 
-    @contextmanager
-    def holding(self, function: Callable[..., Any]) -> Iterator[Callable[..., Future]]:
-        """The workers with a function, those that come later as well.
+    def folder(self) -> Path:
+        """Where files for the workers lie: in the working directory, which all must see."""
+        return Path.cwd()
 
-        A function that calls depend on as on a result is lost with the only worker that has it: distributed
-        2026.8 then may wait for ever for another worker that was just about to fetch it.
+    def submit(self, function: Callable[..., Any], file: str, *arguments: Any) -> Future:
+        """Hand a call to the workers that needs a file.
+
+        What many calls share lies in a file and is no result that they depend on: this may be lost with the
+        only worker that has it, and distributed 2026.8 may then wait for ever for another one to fetch it.
         """
-        from distributed import WorkerPlugin
-
-        class CommonTask(WorkerPlugin):
-            task = function, str(Path.cwd()), installation()
-
-        name, executor = f"contactimg-{uuid4().hex}", self.client.get_executor(pure=False)
-
-        def submit(item: tuple[Any, ...]) -> Future:
-            with self._failures_named(), warnings.catch_warnings():
-                warnings.filterwarnings("ignore", message="Sending large graph", category=UserWarning)
-                return executor.submit(_call, name, item)
-
-        with self._failures_named():
-            for tries_left in reversed(range(SENDING_TRIES)):
-                try:
-                    self.client.register_plugin(CommonTask(), name=name)
-                    break
-                except OSError:  # a worker was ended just then
-                    if not tries_left:
-                        raise
-        try:
-            yield submit
-        finally:
-            scheduler: Any = self.client.scheduler
-            with suppress(Exception):  # it may have gone
-                self.client.sync(
-                    scheduler.unregister_worker_plugin, name=name, callback_timeout=_CLOSE_SECONDS
-                )
+        with self._failures_named(), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Sending large graph", category=UserWarning)
+            return self._executor.submit(_call, installation(), Path.cwd(), function, file, *arguments)
 
     def seen(self, last: float) -> float:
         """When there was a worker: now, or else the ``last`` time, unless that is too long ago."""
@@ -269,9 +241,10 @@ def on_cluster(place: str) -> Iterator[Cluster]:
                 f"no scheduler answers at {place} ({type(error).__name__}: {error}); "
                 "start one with: dask scheduler"
             ) from None
-        token = _in_use.set(Cluster(client, place))
+        cluster = Cluster(client, place)
+        token = _in_use.set(cluster)
         try:
-            yield Cluster(client, place)
+            yield cluster
         finally:
             _in_use.reset(token)
             with suppress(Exception):  # the scheduler may have gone
