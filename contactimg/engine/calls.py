@@ -92,54 +92,33 @@ def in_parallel(
     -----
     Local workers end with this process, whatever ends it (`contactimg.engine.processes`).
     """
-    items, processes = iter(arguments), _processes(workers)
+    items = iter(arguments)
+    processes = cpu_count() if workers is None else workers
+    if parent_process() is not None:  # a process that was started for calls starts none
+        processes = 1
+
+    def alone() -> Iterator[Result]:
+        """Results from this process, until several processes are the faster ones for what is left."""
+        for done, item in enumerate(items, start=1):
+            begin = perf_counter()
+            result = function(*item)
+            saved = (count - done) * (perf_counter() - begin) * (1 - 1 / processes)
+            yield result
+            # the first call may have loaded compiled functions, so that its time is not that of the others
+            if done > 1 and saved > (HANDING_SECONDS if workers_wait() else START_SECONDS):
+                yield from shared(_Processes(processes))
+
+    def shared(takers: Any) -> Iterator[Result]:
+        """Results from workers; where stages are timed, those of their processes are as well."""
+        if not is_collecting():
+            return _in_order(takers, function, items, lost)
+        timed_lost = None if lost is None else partial(collect_call, lost)
+        results = _in_order(takers, partial(collect_call, function), items, timed_lost)
+        return gather(results, processes=takers.processes())
+
     asked = _Processes(processes) if workers is not None and processes > 1 else None
     takers = cluster_in_use() or asked
-    if takers is None:
-        return counted(_begun_alone(function, items, count, processes, lost), shown, count)
-    return counted(_shared(takers, function, items, lost), shown, count)
-
-
-def _processes(workers: int | None) -> int:
-    """Processes of this machine that may share calls; a process that was started for calls starts none."""
-    if parent_process() is not None:
-        return 1
-    if workers is None:
-        return int(cpu_count())
-    return workers if workers > 0 else max(1, cpu_count() + 1 + workers)
-
-
-def _begun_alone(
-    function: Callable[..., Result],
-    items: Iterator[tuple[Any, ...]],
-    count: int,
-    processes: int,
-    lost: Callable[..., Result] | None,
-) -> Iterator[Result]:
-    """Results from this process, until several processes are the faster ones for what is left."""
-    for done, item in enumerate(items, start=1):
-        begin = perf_counter()
-        result = function(*item)
-        saved = (count - done) * (perf_counter() - begin) * (1 - 1 / processes)
-        yield result
-        # the first call may have loaded compiled functions, so that its time is not that of the others
-        if done > 1 and saved > (HANDING_SECONDS if workers_wait() else START_SECONDS):
-            yield from _shared(_Processes(processes), function, items, lost)
-            return
-
-
-def _shared(
-    workers: Any,
-    function: Callable[..., Result],
-    items: Iterator[tuple[Any, ...]],
-    lost: Callable[..., Result] | None,
-) -> Iterator[Result]:
-    """Results from workers; where stages are timed, those of their processes are as well."""
-    if not is_collecting():
-        return _in_order(workers, function, items, lost)
-    timed_lost = None if lost is None else partial(collect_call, lost)
-    results = _in_order(workers, partial(collect_call, function), items, timed_lost)
-    return gather(results, processes=workers.processes())
+    return counted(alone() if takers is None else shared(takers), shown, count)
 
 
 def _in_order(
