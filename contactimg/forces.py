@@ -15,7 +15,6 @@ what stands out of the noise by `DETECTION_SIGMA` is detected in half of the cas
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -273,20 +272,41 @@ def fill_forces(
     The uncertainties of the sums allow for the contacts that are too small to be detected
     (`contactimg.forces`); these are not in the sums but beside them.
     """
-    exponent = np.full(len(contacts), HERTZ_EXPONENT)
-    if scene.elastic is not None:
+    elastic, relative, correlation = scene.elastic, 0.0, 0.0
+    exponent, law = np.full(len(contacts), HERTZ_EXPONENT), law_name(scene)
+    if elastic is not None:
         contacts, exponent = local_forces(scene, contacts, sites)
-    law = law_name(scene)
+        relative = elastic.young_modulus_std / elastic.young_modulus
+        if scene.measure.method == "threshold":
+            correlation = scene.measure.threshold_modulus_correlation
     groups, rows = contacts.groupby("frame").indices, []
     for row in frames.to_dict("records"):
-        sums: dict[str, Any] = {}
-        if pd.notna(row["n_contacts"]):
-            which = groups.get(row["frame"], np.empty(0, np.intp))
-            smallest = row["smallest_px"] * pixel_size
-            sums |= _sums(scene, contacts.iloc[which], exponent[which], smallest, length_relative_std)
-            if scene.elastic is not None:
-                sums["law"] = law if np.isfinite(sums["force_sum_N"]) else ""
-        rows.append(row | sums)
+        rows.append(row)
+        if pd.isna(row["n_contacts"]):
+            continue
+        which = groups.get(row["frame"], np.empty(0, np.intp))
+        its, smallest = contacts.iloc[which], row["smallest_px"] * pixel_size
+        missing, lacking = unseen_area(its, smallest), unseen_force(its, smallest)
+        area = total_area(its, unseen=missing, length_relative_std=length_relative_std)
+        row |= {"area_m2": area.value, "area_std_m2": area.std}
+        if np.isfinite(smallest):
+            row |= {"unseen_area_m2": missing.value, "unseen_area_std_m2": missing.std}
+        if elastic is None:
+            continue
+        force = total_force(
+            its,
+            exponent=exponent[which],
+            unseen=lacking,
+            modulus_relative_std=relative,
+            modulus_edge_correlation=correlation,
+            length_relative_std=length_relative_std,
+        )
+        row |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
+        # NaN if no contact has a force
+        row["force_hertz_sum_N"] = its["force_hertz_N"].sum(min_count=min(len(its), 1))
+        row["law"] = law if np.isfinite(force.value) else ""
+        if np.isfinite(smallest) and np.isfinite(force.value):
+            row |= {"unseen_force_N": lacking.value, "unseen_force_std_N": lacking.std}
     return contacts, FRAMES.conform(pd.DataFrame(rows, columns=list(FRAMES.columns)))
 
 
@@ -319,41 +339,6 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
         if std is not None:
             new.loc[scaled, std] *= summed[scaled] / stated[scaled]
     return new
-
-
-def _sums(
-    scene: Scene,
-    contacts: pd.DataFrame,
-    exponent: NDArray[np.float64],
-    smallest: float,
-    length_relative_std: float,
-) -> dict[str, float]:
-    """Area and forces of one frame for its row; of contacts of radius ``smallest`` (m) half are found."""
-    missing = unseen_area(contacts, smallest)
-    area = total_area(contacts, unseen=missing, length_relative_std=length_relative_std)
-    sums = {"area_m2": area.value, "area_std_m2": area.std}
-    if np.isfinite(smallest):
-        sums |= {"unseen_area_m2": missing.value, "unseen_area_std_m2": missing.std}
-    if scene.elastic is None:
-        return sums
-    lacking = unseen_force(contacts, smallest)
-    counted = scene.measure.method == "threshold"
-    force = total_force(
-        contacts,
-        exponent=exponent,
-        unseen=lacking,
-        modulus_relative_std=scene.elastic.young_modulus_std / scene.elastic.young_modulus,
-        modulus_edge_correlation=scene.measure.threshold_modulus_correlation if counted else 0.0,
-        length_relative_std=length_relative_std,
-    )
-    if np.isfinite(smallest) and np.isfinite(force.value):
-        sums |= {"unseen_force_N": lacking.value, "unseen_force_std_N": lacking.std}
-    hertz = contacts["force_hertz_N"].sum(min_count=min(len(contacts), 1))  # NaN if no contact has a force
-    return sums | {
-        "force_sum_N": force.value,
-        "force_sum_std_N": force.std,
-        "force_hertz_sum_N": float(hertz),
-    }
 
 
 def local_forces(
