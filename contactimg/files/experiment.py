@@ -297,11 +297,35 @@ def edits_file(scene: Scene) -> Path:
 
 
 def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.DataFrame:
-    """One row per frame; mismatches are logged, and it is an error if no load belongs to a frame."""
+    """One row per frame, which the table may name with a path, without extension or by number.
+
+    Names that differ in capitals or in the composition of accents only are the same where one frame has them.
+    Mismatches are logged.
+
+    Raises
+    ------
+    InputError
+        If two rows mean the same frame, or no load belongs to a frame.
+    """
     if path is None:
         return LOADS.conform({"frame": names})
-    loads = _name_frames(path, read_loads(path, pulled=pulled), names)
-    with_load, present = set(loads["frame"]), set(names)
+    loads, present = read_loads(path, pulled=pulled), set(names)
+    alike: dict[str, set[str]] = {}
+    for name in names:
+        for alias in (name, Path(name).stem):
+            alike.setdefault(_plain(alias), set()).add(name)
+    for number, name in _by_number(path, loads["frame"].tolist(), names).items():
+        alike.setdefault(number, {name})
+
+    def meant(given: str) -> str:
+        last = re.split(r"[/\\]", given)[-1]
+        exact, frames = {given, last} & present, alike.get(_plain(last), set())
+        return next(iter(exact or frames)) if exact or len(frames) == 1 else given
+
+    loads["frame"] = loads["frame"].map(meant)
+    repeated, with_load = loads["frame"][loads["frame"].duplicated()], set(loads["frame"])
+    if len(repeated):
+        raise InputError(f"{path}: {len(repeated) + 1} rows mean the frame {repeated.iloc[0]}; keep one")
     if not with_load & present:
         raise InputError(
             f"{path}: none of its frames ({_some(loads['frame'])}) is among the frames read ({_some(names)})"
@@ -318,37 +342,6 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
 def _plain(name: str) -> str:
     """The name in small letters, each accent in one character with its letter."""
     return unicodedata.normalize("NFC", name).casefold()
-
-
-def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFrame:
-    """The loads by the names of the frames, which may be given with a path, without extension or by number.
-
-    Names that differ in capitals or in the composition of accents only are the same where one frame has them.
-
-    Raises
-    ------
-    InputError
-        If two rows mean the same frame.
-    """
-    stems = Counter(Path(name).stem for name in names)
-    known = _by_number(path, loads["frame"].tolist(), names)
-    known |= {Path(name).stem: name for name in names if stems[Path(name).stem] == 1}
-    known |= {name: name for name in names}
-    alike: dict[str, str] = {}
-    for name, frame in known.items():
-        alike[_plain(name)] = frame if alike.get(_plain(name), frame) == frame else ""
-    last = loads["frame"].str.split(r"[/\\]", regex=True).str[-1]
-    meant = [
-        known.get(one) or known.get(end) or alike.get(_plain(end)) or one
-        for one, end in zip(loads["frame"], last, strict=True)
-    ]
-    table = loads.assign(frame=meant)
-    repeated = table[table.duplicated(["frame"])]
-    if len(repeated):
-        raise InputError(
-            f"{path}: {len(repeated) + 1} rows mean the frame {repeated['frame'].iloc[0]}; keep one"
-        )
-    return table
 
 
 def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]:
