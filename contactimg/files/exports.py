@@ -215,42 +215,31 @@ def label_image(
     >>> label_image(contacts, (3, 4)).tolist()
     [[0, 0, 7, 0], [0, 7, 7, 7], [0, 0, 7, 0]]
     """
+    from skimage.draw import polygon  # noqa: PLC0415 - slow to import, seldom needed
+
     highest = int(contacts["label"].max()) if len(contacts) else 0
     labels = np.zeros(shape, np.uint16 if highest < 2**16 else np.uint32)
-    power = np.full(shape, np.inf, np.float32)
+    power = np.full(shape, np.inf)
     for outline in contact_outlines(contacts, outlines):
-        window = _window(outline, shape)
-        rows, cols = (np.arange(size)[part] for size, part in zip(shape, window, strict=True))
-        if not (len(rows) and len(cols)):
-            continue
-        own = _power(outline, cols, rows)
-        mine = (own <= max(0.0, float(own.min()))) & (own < power[window])
-        power[window][mine] = own[mine]
-        labels[window][mine] = outline.label
+        x, y = outline.polygon.T
+        rows, columns = polygon(y, x, shape)
+        if not len(rows):
+            nearest = np.clip(np.rint([outline.y, outline.x]), 0, np.array(shape) - 1)
+            rows, columns = nearest.astype(int)[:, np.newaxis]
+        own = _power(outline, columns, rows)
+        mine = own < power[rows, columns]
+        power[rows[mine], columns[mine]] = own[mine]
+        labels[rows[mine], columns[mine]] = outline.label
     return labels
 
 
-def _window(outline: Outline, shape: tuple[int, ...]) -> tuple[slice, ...]:
-    """Rows and columns of the image that a contact may cover."""
-    line = outline.polygon[:, ::-1]
-    ends = zip(np.floor(line.min(axis=0)) - 1, np.ceil(line.max(axis=0)) + 2, shape, strict=True)
-    return tuple(slice(int(max(low, 0)), int(np.clip(high, 0, size))) for low, high, size in ends)
-
-
 def _power(outline: Outline, columns: NDArray[np.intp], rows: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Power of each pixel with respect to the outline, px^2: negative inside.
+    """Power of pixels with respect to the outline, px^2; of a free shape that of the disk of its area.
 
     Of a circle: the squared distance from its centre less the squared radius.
     """
-    x, y = columns - outline.x, rows[:, None] - outline.y
-    a, b = outline.semi_major, outline.semi_minor
-    if outline.lines:
-        from skimage.measure import grid_points_in_poly  # noqa: PLC0415 - slow to import, seldom needed
-
-        corner = np.array([rows[0], columns[0]])
-        points = outline.polygon[:, ::-1] - corner
-        return np.where(grid_points_in_poly((len(rows), len(columns)), points), -a * b, 1.0 + x**2 + y**2)
-    cosine, sine = np.cos(outline.angle), np.sin(outline.angle)
+    x, y = columns - outline.x, rows - outline.y
+    a, b, cosine, sine = outline.semi_major, outline.semi_minor, np.cos(outline.angle), np.sin(outline.angle)
     along, across = (cosine * x + sine * y) / a, (cosine * y - sine * x) / b
     return np.asarray(a * b * (along**2 + across**2 - 1.0))
 
