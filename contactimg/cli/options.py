@@ -52,6 +52,7 @@ def command(
 
         @wraps(function)
         def call(**values: Any) -> Any:
+            _prepare(click.get_current_context(), values)
             stated: Stated = {}
             for option in keys:
                 value = values.pop(str(option.name))
@@ -140,67 +141,49 @@ Load = Annotated[
 Annulus = Annotated[float, "Width of the rings around the apex over which profiles are averaged, in mm."]
 
 
-def _preparing(
-    flag: str, meaning: str, act: Callable[[click.Context, Any], None], **how: Any
-) -> click.Option:
-    """An option that prepares the run of a command and is not handed to it."""
-
-    def prepare(context: click.Context, _parameter: click.Parameter, value: Any) -> None:
-        if value:
-            act(context, value)
-
-    return click.Option(
-        [flag], help=meaning, callback=prepare, expose_value=False, **how or {"is_flag": True}
-    )
-
-
-def _print_timings(context: click.Context, _value: Any) -> None:
-    times = context.with_resource(collect())
-    context.call_on_close(lambda: echo_timings(times))
-
-
-def _refuse_no_doubt(context: click.Context, _value: Any) -> None:
-    from contactimg.plausibility import doubts_as_warnings
-
-    context.with_resource(doubts_as_warnings())
-
-
-def _work_on_cluster(context: click.Context, address: str) -> None:
-    from contactimg.engine.cluster import on_cluster
-
-    context.with_resource(on_cluster(address))
-
-
 EVERYWHERE = (
-    _preparing(
-        "--quiet",
-        "Print nothing but warnings and errors: no tables, no progress bars.",
-        lambda context, _value: context.meta.update({QUIET: True}),
+    click.Option(
+        ["--quiet"], is_flag=True, help="Print only warnings and errors: no tables, no progress bars."
     ),
-    _preparing(
-        "--verbose",
-        "Report each step on standard error.",
-        lambda _context, _value: logging.getLogger("contactimg").setLevel(logging.INFO),
-    ),
-    _preparing(
-        "--timings", "Print a table at the end: how long each stage took, in seconds.", _print_timings
-    ),
+    click.Option(["--verbose"], is_flag=True, help="Report each step on standard error."),
+    click.Option(["--timings"], is_flag=True, help="Print at the end how long each stage took, in seconds."),
 )
 """Options that every command has."""
 
-NO_PLAUSIBILITY = _preparing(
-    "--no-plausibility",
-    "Warn about values that physics makes doubtful (a length in mm, say) instead of refusing them.",
-    _refuse_no_doubt,
+NO_PLAUSIBILITY = click.Option(
+    ["--no-plausibility"],
+    is_flag=True,
+    help="Warn about values that physics makes doubtful (a length in mm, say) instead of refusing them.",
 )
 
-CLUSTER = _preparing(
-    "--cluster",
-    "Work on the cluster of a dask.distributed scheduler, instead of --workers: its address, for example "
-    "tcp://host:8786, or its scheduler file.",
-    _work_on_cluster,
+CLUSTER = click.Option(
+    ["--cluster"],
     metavar="ADDRESS",
+    help="Work on the cluster of a dask.distributed scheduler, instead of --workers: its address, for "
+    "example tcp://host:8786, or its scheduler file.",
 )
+
+PREPARING = ("quiet", "verbose", "timings", "no_plausibility", "cluster")
+"""Options that prepare the run of a command: no result depends on them, and no command takes them."""
+
+
+def _prepare(context: click.Context, values: dict[str, Any]) -> None:
+    """Do what `PREPARING` options ask for, as long as the command runs, and take them out of its values."""
+    quiet, verbose, timings, no_doubt, cluster = (values.pop(name, None) for name in PREPARING)
+    context.meta[QUIET] = quiet
+    if verbose:
+        logging.getLogger("contactimg").setLevel(logging.INFO)
+    if timings:
+        times = context.with_resource(collect())
+        context.call_on_close(lambda: echo_timings(times))
+    if no_doubt:
+        from contactimg.plausibility import doubts_as_warnings
+
+        context.with_resource(doubts_as_warnings())
+    if cluster:
+        from contactimg.engine.cluster import on_cluster
+
+        context.with_resource(on_cluster(cluster))
 
 
 # --- the results of a command
@@ -248,7 +231,7 @@ def results_in(
     if options is None:
         context = click.get_current_context()
         names = {param.name for param in context.command.params if isinstance(param, click.Option)}
-        names -= {"output", "folder", "workers"}  # which do not change the result
+        names -= {"output", "folder", "workers", *PREPARING}  # which do not change the result
         options = {name: value for name, value in context.params.items() if name in names}
     record = files.provenance(command=command_line(), scene=scene, options=options, inputs=inputs)
     target = Path(output or Path(parent) / DEFAULT_FOLDER)

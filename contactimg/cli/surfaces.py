@@ -221,12 +221,8 @@ def _wanted(
     if Path(law).suffix != ".csv":
         if largest is None:
             raise InputError("a law in words needs --max-load-N, the largest load at which it holds")
-        return WantedLaw.parse(
-            law,
-            least=largest / 10 if least is None else least,
-            largest=largest,
-            shear_strength=shear_strength,
-        )
+        least = least or largest / 10
+        return WantedLaw.parse(law, least=least, largest=largest, shear_strength=shear_strength)
     table = files.read_table(law, tables.WANTED_LAW, required=("load_N",))
     areas = table["area_m2"].notna().all()
     column = table["area_m2" if areas else "friction_N"].to_numpy(float)
