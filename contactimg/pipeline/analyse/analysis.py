@@ -244,7 +244,7 @@ def _left_out(place: Place) -> list[str]:
     unused = place.frames[~place.frames["frame"].isin(usable_frames(place)["frame"])]
     notes = []
     for row in unused.to_dict("records"):
-        if np.isnan(row["area_m2"]):
+        if np.isnan(row["area_m2"]) or row["load_N"] > 0:
             reason = row["message"] or "it has no area"
         else:
             reason = "its load is not known" if np.isnan(row["load_N"]) else "its load is not above zero"
