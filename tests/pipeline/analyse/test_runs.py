@@ -203,6 +203,14 @@ def test_a_failed_frame_is_named_and_left_out(small_series, tmp_path):
     assert any("frame_2.tif: left out" in note for note in found.notes)
 
 
+def test_a_table_of_asperities_that_is_gone_is_named(run):
+    found = analyse_places([replace(open_place(run), asperities=None)], AnalysisOptions())
+    models = [note for note in found.notes if "no model curves" in note]
+    assert len(models) == 1
+    assert "asperities.csv, which cannot be read" in models[0]
+    assert "lens" not in models[0]
+
+
 def without_asperities(series):
     """Hide the asperities from the scene, as on a rough lens."""
     scene = dict(read_scene(series).source)
