@@ -23,7 +23,7 @@ from contactimg.pipeline.background import (
     pool_background,
 )
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
-from contactimg.pipeline.inputs import asperities_and_sites
+from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.scene import Scene
@@ -70,6 +70,7 @@ def measure_parts(
     With a ``store``, frames that it contains are not measured again, and a long series takes little memory.
     """
     scene = experiment.scene
+    check_modulus(scene)
     asperities, sites = asperities_and_sites(experiment)
     edits = edits_by_frame(experiment)
     options = FrameOptions.of(scene, sites)

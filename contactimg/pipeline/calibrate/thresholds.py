@@ -18,7 +18,7 @@ from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
 from contactimg.imaging.measure import count_again
 from contactimg.pipeline.frame import frame_row, measure_prepared
-from contactimg.pipeline.inputs import asperities_and_sites
+from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
 from contactimg.pipeline.measured_series import find_pose, local_law, with_forces, with_pose
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.results import Calibrated, cell_notes
@@ -88,6 +88,7 @@ def measure_thresholds(
     """
     levels, scene = np.sort(np.asarray(thresholds, float)), experiment.scene
     scene.need("camera", "a calibration")
+    check_modulus(scene)
     measure = partial(_count_frame, scene=scene, thresholds=levels)
     parts = list(for_each_frame(experiment, measure, workers=workers, shown="measuring frames"))
     rows = [part.row if isinstance(part, FailedFrame) else part[0] for part in parts]
