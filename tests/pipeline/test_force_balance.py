@@ -53,7 +53,7 @@ RIGID = {
 
 
 def balanced(load_over_forces, places, **load):
-    """Status and message of a frame of 200 x 200 pixels with equal contacts, under a multiple of their load."""
+    """Status and message of a frame of 200 x 200 pixels with equal contacts, under a load given by them."""
     contacts = CONTACTS.conform(pd.DataFrame(places, columns=["x_px", "y_px"]).assign(frame="a.tif"))
     contacts = contacts.assign(radius_px=4.0, radius_m=2.4e-5, radius_std_m=1e-7, area_m2=np.pi * 2.4e-5**2)
     # Hertz: P = 4/3 E* a^3 / R with E* = E/(1 - 1/4)
