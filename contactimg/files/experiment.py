@@ -328,7 +328,7 @@ def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFr
     Raises
     ------
     InputError
-        If two rows mean the same frame.
+        If two rows mean the same frame, or one may mean several.
     """
     stems = Counter(Path(name).stem for name in names)
     known = _by_number(path, loads["frame"].tolist(), names)
@@ -342,6 +342,10 @@ def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFr
         known.get(one) or known.get(end) or alike.get(_plain(end)) or one
         for one, end in zip(loads["frame"], last, strict=True)
     ]
+    for one, frame in zip(last, meant, strict=True):
+        if stems[one] > 1 and frame not in names:
+            several = " and ".join(name for name in names if Path(name).stem == one)
+            raise InputError(f"{path}: {one} means {several}; give the name with its ending")
     table = loads.assign(frame=meant)
     repeated = table[table.duplicated(["frame"])]
     if len(repeated):
