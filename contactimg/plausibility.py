@@ -106,7 +106,8 @@ def settle(doubts: Iterable[str], place: str | Path) -> None:
         warn_of(doubts, str(place))
     elif doubts:
         more = f" (and {len(doubts) - 1} more of this kind)" if len(doubts) > 1 else ""
-        raise InputError(f"{place}: {doubts[0]}{more}; correct it, or give --no-plausibility if it is right")
+        allow = "--no-plausibility (Python: doubts_as_warnings)"
+        raise InputError(f"{place}: {doubts[0]}{more}; correct it, or give {allow} if it is right")
 
 
 def _doubt(key: str, value: float, *, said: str = "", hint: str = "") -> Iterator[str]:

@@ -120,6 +120,13 @@ def test_a_missing_modulus_is_told_before_frames_are_measured(tmp_path):
         measure_thresholds(open_experiment(scene), [0.5])
 
 
+def test_a_pixel_size_in_micrometres_is_refused():
+    with pytest.raises(InputError, match=r"measure_frame: pixel_size_m = 6 is outside .* given in µm"):
+        measure_frame(np.zeros((20, 20)), pixel_size=6)
+    with pytest.raises(InputError, match=r"pixel_size_m = 6 is outside .* given in µm"):
+        measure_series(scene_from_dict({"camera": {"pixel_size_m": 6.0}}, folder="no_such_folder"))
+
+
 def test_radius_unknown_means_no_force(small_series, tmp_path):
     data = {section: dict(keys) for section, keys in read_scene(small_series).source.items()}
     del data["asperities"]
