@@ -78,6 +78,34 @@ def write_calibration(result: Calibrated, folder: Path, *, frames: list[Mapping[
     write_results(folder, result.tables, result.figures)
 
 
+def frame_notes(frames: pd.DataFrame) -> list[str]:
+    """The remarks on frames, with the frame; one that differs in numbers only is said once for all of them.
+
+    Parameters
+    ----------
+    frames : DataFrame
+        With ``frame, message``.
+
+    Examples
+    --------
+    >>> said = ["the lamp is 1.1 of the reference", "", "the lamp is 1.2 of the reference; a hair"]
+    >>> frame_notes(pd.DataFrame({"frame": ["a.tif", "b.tif", "c.tif"], "message": said}))
+    ['2 frames, the first: the lamp is 1.1 of the reference', 'c.tif: a hair']
+    """
+    remarks = frames.assign(said=frames["message"].str.split("; ")).explode("said")
+    remarks = remarks[remarks["said"].fillna("") != ""]
+    kinds = remarks["said"].str.replace(r"[-+]?\d[\d.e+-]*", "#", regex=True)
+    alike = remarks.groupby(kinds, sort=False).agg(
+        frames=("frame", tuple), said=("said", "first"), forms=("said", "nunique")
+    )
+    notes = []
+    for _, part in alike.groupby("frames", sort=False):
+        those = part["frames"].iloc[0]
+        several = f"{len(those)} frames{', the first' * bool((part['forms'] > 1).any())}"
+        notes.append(f"{those[0] if len(those) == 1 else several}: {'; '.join(part['said'])}")
+    return notes
+
+
 def cell_notes(scene: Scene) -> list[str]:
     """Notes on what was assumed of the load cell because the scene does not state it."""
     if scene.load.gain_std is not None:
