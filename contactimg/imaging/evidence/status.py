@@ -144,7 +144,9 @@ def judge_frame(seen: FrameEvidence) -> Verdict:
     if pair.reference is None and not pair.defect:
         remarks.insert(0, "no reference: the background was estimated from the frame")
     message = "; ".join(text for text in [pair.message, *(text for _, text in found), *remarks] if text)
-    status = pair.defect or next((status for status, _ in found if status), Status.OK)
+    statuses = [pair.defect, *(status for status, _ in found)]
+    # holes do not spoil what is seen beside them
+    status = next(filter(None, sorted(statuses, key=Status.HOLES.__eq__)), Status.OK)
     changed = any(status == Status.LIGHT_CHANGED for status, _ in found)
     empty = not changed and _left_out(seen.foreground) < SPOILED_SHARE
     return Verdict(status, message, measurable=bool(seen.count or empty))
