@@ -69,7 +69,8 @@ printed."""
 
 BORDER_WIDTH, CUT_SHARE = 0.1, 0.1
 """Width of the border of a frame over its shorter side, and share of the area of contact there from which
-contacts beyond it bear load too. By hand: a Hertzian contact that the border begins to cut has 0.07 there."""
+contacts beyond it bear load too. By hand, on parts of the frames of SA+: of those that show less than two
+thirds of the forces one of a hundred has less there, of those that show 95 % and more one of six has more."""
 
 Result = TypeVar("Result")
 
