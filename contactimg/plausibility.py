@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
@@ -40,6 +41,8 @@ RANGES = {
     "height_m over radius_m of the asperities": (0.0, 1.0),
     # chosen: shallow caps reach a few, sparse samples 0.1
     "radius_m of the asperities over their distance": (1e-3, 30.0),
+    # chosen: of random places in a table of 10^4 a pair is so close once in 60 tables
+    "distance of the closest asperities over the mean one": (1e-3, np.inf),
     # chosen: an indenter that stands beside its sample touches it in a corner at most
     "distance from the asperities over their side": (0.0, 0.5),
     # chosen: small-strain contact mechanics holds to about 0.1, and nothing of it is left at 0.5
@@ -103,7 +106,8 @@ def settle(doubts: Iterable[str], place: str | Path) -> None:
         warn_of(doubts, str(place))
     elif doubts:
         more = f" (and {len(doubts) - 1} more of this kind)" if len(doubts) > 1 else ""
-        raise InputError(f"{place}: {doubts[0]}{more}; correct it, or give --no-plausibility if it is right")
+        allow = "--no-plausibility (Python: doubts_as_warnings)"
+        raise InputError(f"{place}: {doubts[0]}{more}; correct it, or give {allow} if it is right")
 
 
 def _doubt(key: str, value: float, *, said: str = "", hint: str = "") -> Iterator[str]:
@@ -161,6 +165,12 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
         metres = "are x_m, y_m and radius_m in metres?"
         yield from _doubt("radius_m of the asperities over their distance", radius / spacing, hint=metres)
     points = asperities[["x_m", "y_m"]].to_numpy(float)
+    if spacing:
+        distances, nearest = np.asarray(cKDTree(points).query(points, k=2))[..., 1]
+        one = int(distances.argmin())
+        said = f"distance of the asperities {one} and {int(nearest[one])} over the mean one"
+        key = "distance of the closest asperities over the mean one"
+        yield from _doubt(key, distances[one] / spacing, said=said, hint="is one of them there twice?")
     low, high = points.min(axis=0), points.max(axis=0)
 
     def outside(place: tuple[float, float], factor: float = 1.0) -> float:

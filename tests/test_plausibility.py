@@ -83,6 +83,10 @@ def test_a_slip_in_a_scene_is_named_with_its_likely_unit(asperities, sections, s
         (lambda t: t.assign(height_m=1e3 * t["height_m"].abs()), "height_m over radius_m .* different units"),
         (lambda t: t.assign(y_m=-t["y_m"]), "from the asperities .* another sign"),
         (lambda t: t.assign(x_m=1e3 * t["x_m"], y_m=1e3 * t["y_m"]), "over their distance .* in metres"),
+        (
+            lambda t: pd.concat([t, t[:1] + 1e-7]),
+            "distance of the asperities 0 and .* is one of them there twice",
+        ),
     ],
 )
 def test_a_slip_in_the_asperity_table_is_named(asperities, change, said):

@@ -114,14 +114,14 @@ def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, in
 
 def _echo_messages(frames: "pd.DataFrame") -> None:
     """Print what several frames have in common once, and one line of each frame that is not "ok"."""
-    remarks = frames.assign(remark=frames["message"].str.split("; ")).explode("remark")
-    shared = remarks[remarks["remark"] != ""].groupby("remark", sort=False)["frame"].agg(tuple)
+    from contactimg.pipeline.results import alike_remarks
+
     fine = set(frames.loc[frames["status"] == "ok", "frame"])
     whole = logging.getLogger("contactimg").isEnabledFor(logging.INFO)
     untold = 0
-    for those, said in shared.index.to_series().groupby(shared, sort=False):
+    for those, said in alike_remarks(frames, exact=(frames["status"] == "ok") | whole):
         many = "all frames" if len(those) == len(frames) else f"{len(those)} frames from {those[0]} on"
-        text = f"{those[0] if len(those) == 1 else many}: {'; '.join(said)}"
+        text = f"{those[0] if len(those) == 1 else many}: {said}"
         if whole:
             say(text)
         elif len(those) == 1 and those[0] in fine:

@@ -305,7 +305,7 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
     Raises
     ------
     InputError
-        If two rows mean the same frame, or no load belongs to a frame.
+        If two rows mean the same frame, one may mean several, or no load belongs to a frame.
     """
     if path is None:
         return LOADS.conform({"frame": names})
@@ -320,7 +320,9 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
     def meant(given: str) -> str:
         last = re.split(r"[/\\]", given)[-1]
         exact, frames = {given, last} & present, alike.get(_plain(last), set())
-        return next(iter(exact or frames)) if exact or len(frames) == 1 else given
+        if not exact and len(frames) > 1:
+            raise InputError(f"{path}: {last} means several frames ({_some(sorted(frames))}): give the whole name")
+        return next(iter(exact or frames or {given}))
 
     loads["frame"] = loads["frame"].map(meant)
     repeated, with_load = loads["frame"][loads["frame"].duplicated()], set(loads["frame"])

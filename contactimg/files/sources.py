@@ -212,8 +212,9 @@ def _files(folder: Path, entry: PathLike) -> Iterable[Path]:
 
 
 def is_image(path: Path) -> bool:
-    """True for a file, not hidden, with the extension of an image."""
-    return path.suffix.lower() in _DECODERS and not path.name.startswith(".") and path.is_file()
+    """True for a file, not hidden, with the extension of an image; also for a link to one that is gone."""
+    named = path.suffix.lower() in _DECODERS and not path.name.startswith(".")
+    return named and (path.is_file() or not path.exists())
 
 
 def _in_order(folder: Path, names: list[str], complaint: str) -> Iterable[Path]:

@@ -43,6 +43,12 @@ _BLOCK_ROWS = 50_000  # converted at once; chosen for memory: text takes about t
 _SEPARATORS = (",", ";", "\t")
 _LARGEST_COUNT = 2**63 - 1  # of an int64
 _SHOWN_CHARACTERS = 60  # of a cell or header in a message
+_KINDS = {
+    b"PK": "an Excel workbook or another zip file",
+    b"\xd0\xcf\x11\xe0": "an old Excel workbook",
+    **dict.fromkeys((b"II", b"MM", b"\x89PNG", b"\xff\xd8", b"BM"), "an image"),
+}
+"""First bytes of a file that is no text -> what it is."""
 
 MAX_ASPERITY_HEIGHT = 0.01
 """Height in m above which a value is taken to be in another unit. Chosen by hand."""
@@ -129,14 +135,16 @@ def _text(path: str | Path) -> str:
     """Text of a file in UTF-8 or UTF-16; other bytes are kept, since they occur in names of files."""
     data = read_bytes(path)
     wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
-    return data.decode("utf-16" if wide else "utf-8-sig", errors="replace" if wide else "surrogateescape")
+    text = data.decode("utf-16" if wide else "utf-8-sig", errors="replace" if wide else "surrogateescape")
+    if "\0" in text[:1000]:
+        kind = next((kind for start, kind in _KINDS.items() if data.startswith(start)), "a binary file")
+        raise InputError(f"{path}: is {kind}, not text; save the table as 'CSV UTF-8' and name that file")
+    return text
 
 
 def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out."""
     text = _text(path)
-    if "\0" in text[:1000]:
-        raise OtherFormError(f"{path}: is no text; save it as 'CSV UTF-8'")
     separator = max(_SEPARATORS, key=text.lstrip("\r\n").partition("\n")[0].count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 

@@ -23,6 +23,7 @@ from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.parallel import FailedFrame
+from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.pose import Pose
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Status
@@ -98,7 +99,8 @@ def measure_frame(
     Raises
     ------
     InputError
-        If the pixel size, the contrast or the blur is not a positive number, or an option has another value.
+        If the pixel size, the contrast or the blur is not a positive number, or an option has another value,
+        or the pixel size is that of no microscope (`contactimg.plausibility`).
     FrameError
         If the reference has another shape than the frame.
 
@@ -127,6 +129,7 @@ def measure_frame(
         "effects": {"film": film},
     }
     scene = scene_from_dict(keys, name="measure_frame")
+    settle(doubts_about_scene(scene), "measure_frame")
     optics = None if contrast is None else SharedOptics(contrast)
     if not isinstance(frame, Frame):
         pixels = np.asarray(frame)

@@ -8,6 +8,7 @@ import pandas as pd
 
 from contactimg.errors import InputError
 from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
+from contactimg.files.atomic import naming
 from contactimg.frame import Frame
 from contactimg.imaging.pooled import average_references
 from contactimg.scene import Scene
@@ -47,6 +48,13 @@ def read_reference(experiment: Experiment) -> Frame | None:
             "%s: left out of the mean of the references; it differs from the others", sources[number].name
         )
     return Frame(mean, frames[0].name, frames[0].full_scale)
+
+
+def check_modulus(scene: Scene) -> None:
+    """Refuse an elastic body without its modulus, which the local forces need, before frames are measured."""
+    if scene.elastic is not None:
+        with naming(scene.folder):
+            _ = scene.elastic.young_modulus
 
 
 def scene_asperities(scene: Scene) -> pd.DataFrame | None:

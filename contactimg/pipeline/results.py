@@ -78,6 +78,48 @@ def write_calibration(result: Calibrated, folder: Path, *, frames: list[Mapping[
     write_results(folder, result.tables, result.figures)
 
 
+def alike_remarks(
+    frames: pd.DataFrame, *, exact: pd.Series | bool = False
+) -> list[tuple[tuple[str, ...], str]]:
+    """The remarks on frames, those of the same frames joined, with the names of these frames.
+
+    Parameters
+    ----------
+    frames : DataFrame
+        With ``frame, message``.
+    exact : Series of bool, or bool
+        Whose remarks are the same only if their numbers are; of the others those of the first are given.
+
+    Examples
+    --------
+    >>> said = ["the lamp is 1.1 of the reference", "", "the lamp is 1.2 of the reference; a hair"]
+    >>> table = pd.DataFrame({"frame": ["a.tif", "b.tif", "c.tif"], "message": said})
+    >>> alike_remarks(table)[0]
+    (('a.tif', 'c.tif'), 'the lamp is 1.1 of the reference (numbers of the first)')
+    """
+    remarks = frames.assign(exact=exact, said=frames["message"].str.split("; ")).explode("said")
+    remarks = remarks[remarks["said"].fillna("") != ""]
+    kinds = (
+        remarks["said"]
+        .str.replace(r"[-+]?\d[\d.e+-]*", "#", regex=True)
+        .mask(remarks["exact"], remarks["said"])
+    )
+    alike = remarks.groupby(kinds, sort=False).agg(
+        frames=("frame", tuple), said=("said", "first"), forms=("said", "nunique")
+    )
+    differ = alike["forms"] > 1
+    texts = alike["said"].mask(differ, alike["said"] + " (numbers of the first)")
+    return [(those, "; ".join(part)) for those, part in texts.groupby(alike["frames"], sort=False)]
+
+
+def frame_notes(frames: pd.DataFrame) -> list[str]:
+    """The remarks on frames, each once: with the frame, or with the number of frames."""
+    return [
+        f"{those[0] if len(those) == 1 else f'{len(those)} frames'}: {text}"
+        for those, text in alike_remarks(frames)
+    ]
+
+
 def cell_notes(scene: Scene) -> list[str]:
     """Notes on what was assumed of the load cell because the scene does not state it."""
     if scene.load.gain_std is not None:

@@ -23,9 +23,10 @@ from contactimg.pipeline.background import (
     pool_background,
 )
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
-from contactimg.pipeline.inputs import asperities_and_sites
+from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -57,8 +58,10 @@ def measure_series(scene: Scene, *, workers: int | None = None) -> Run:
     Raises
     ------
     InputError
-        If no frame at all could be measured; the message gives the first reason.
+        If no frame at all could be measured; the message gives the first reason. For a value of the scene
+        that is no plausible one (`contactimg.plausibility`).
     """
+    settle(doubts_about_scene(scene), scene.folder)
     return measure_parts(open_experiment(scene), workers=workers).whole()
 
 
@@ -70,6 +73,7 @@ def measure_parts(
     With a ``store``, frames that it contains are not measured again, and a long series takes little memory.
     """
     scene = experiment.scene
+    check_modulus(scene)
     asperities, sites = asperities_and_sites(experiment)
     edits = edits_by_frame(experiment)
     options = FrameOptions.of(scene, sites)

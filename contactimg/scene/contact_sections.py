@@ -54,7 +54,9 @@ class Elastic(Section):
     def young_modulus(self) -> float:
         """Young's modulus E, Pa, or an `InputError` that says that it is missing."""
         if self.stated_modulus is None:
-            raise InputError("[elastic] young_modulus_Pa is missing: Young's modulus in Pa; add it")
+            raise InputError(
+                "[elastic] young_modulus_Pa is missing: Young's modulus in Pa; add it to the scene"
+            )
         return self.stated_modulus
 
     @property

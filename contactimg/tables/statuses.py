@@ -86,8 +86,9 @@ class Status(enum.StrEnum):
     contacts have no asperities. Radii and areas do not depend on that."""
     OFF_LOAD = "forces off load", "check unit and zero of the loads, modulus, pixel size, asperities' radii"
     """The local forces add up to less than two thirds or more than one and a half times the load, beyond the
-    errors: the modulus, the load or its zero, the pixel size or the radii of the asperities are not what the
-    scene says. Radii and areas in pixels do not depend on that."""
+    errors, or bear one where there is none: the modulus, the load or its zero, the pixel size or the radii of
+    the asperities are not what the scene says. Less is no fault where contacts reach the border of the frame.
+    Radii and areas in pixels do not depend on that."""
 
 
 FAILED = Status.FAILED

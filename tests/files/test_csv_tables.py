@@ -98,6 +98,7 @@ def test_long_tables_are_read_in_blocks(tmp_path):
 # ---------------------------------------------------------------- refused
 
 
+NO_TEXT = "not text; save the table as 'CSV UTF-8' and name that file"
 NO_UNIT = "no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
 
 
@@ -137,7 +138,9 @@ NO_UNIT = "no column is a load with its unit, such as load_mN, load_g, Kraft [mN
             ),
         ),
         ("frame,load_N\na,0.1\nb,0.2\na,0.3\n", "frame a is there more than once; keep one row"),
-        (b"PK\3\4\0\0", f"is no text; save it as 'CSV UTF-8'; {NO_UNIT}"),
+        (b"PK\3\4\0\0", f"is an Excel workbook or another zip file, {NO_TEXT}"),
+        (b"II*\0\x08\0\0\0", f"is an image, {NO_TEXT}"),
+        (b"\1\0\2\0frame,load_N", f"is a binary file, {NO_TEXT}"),
     ],
 )
 def test_loads_that_are_refused(tmp_path, content, sentence):

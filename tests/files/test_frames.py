@@ -755,6 +755,16 @@ def test_writing_is_compressed_and_repeatable(tmp_path):
     assert (tmp_path / "a.tif").stat().st_size < smooth.image.nbytes / 10
 
 
+def test_a_link_to_a_file_that_is_gone_is_a_frame_that_cannot_be_read(tmp_path, levels):
+    write_tiff(tmp_path / "frame_1.tif", levels)
+    (tmp_path / "frame_2.tif").symlink_to(tmp_path / "gone.tif")
+    for path in (tmp_path, tmp_path / "frame_*.tif"):
+        frames = list_frames(path)
+        assert [frame.name for frame in frames] == ["frame_1.tif", "frame_2.tif"]
+        with pytest.raises(FrameError, match=r"frame_2\.tif cannot be read: No such file"):
+            frames[1].read()
+
+
 def test_a_long_series_is_listed_in_little_memory(tmp_path, levels):
     """The list of 10^5 frames must not decide about the memory of a run."""
     write_tiff(tmp_path / "frame_00000.tif", levels)

@@ -212,6 +212,15 @@ def test_hard_frames_are_named(usual, name, method):
         assert result.status == status
 
 
+def test_a_frame_with_holes_and_without_contacts_has_no_contact(usual, rng):
+    _, _, reference = usual
+    holed = reference.astype(np.float32) + rng.normal(0, 1, reference.shape).astype(np.float32)
+    holed[100:130, 200:240] = np.nan
+    result = measure_image(holed, reference)
+    assert result.status == "no contact"
+    assert "without a finite value" in result.message
+
+
 @pytest.mark.parametrize("method", ["disk", "threshold"])
 def test_holes_are_left_out(usual, method):
     truth, frame, reference = usual

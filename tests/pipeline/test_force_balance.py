@@ -1,11 +1,16 @@
 """A frame whose local forces do not balance its load is not ok."""
 
+import numpy as np
 import pandas as pd
 import pytest
 from small_series import copy_of
 
 from contactimg.cli import main
-from contactimg.files import read_scene, write_scene
+from contactimg.files import Run, read_scene, write_scene
+from contactimg.pipeline.measured_series import local_law, with_forces
+from contactimg.pose.fit import PoseFit
+from contactimg.scene import scene_from_dict
+from contactimg.tables import CONTACTS, FRAMES
 
 
 def processed(folder, out, modulus, load_factor=1.0):
@@ -35,6 +40,45 @@ def processed(folder, out, modulus, load_factor=1.0):
 def test_the_balance_of_forces_decides_the_status(small_series, tmp_path, modulus, load_factor, status):
     row = processed(copy_of(small_series, tmp_path / "frames"), tmp_path / "out", modulus, load_factor)
     assert row["status"] == status
-    ratio = row["force_sum_N"] / row["load_N"]
-    said = f"add up to {ratio:.3g} times the load" in str(row["message"])
-    assert said == (status != "ok")
+    numbers = f"add up to {row['force_sum_N']:.3g} N at a load of {row['load_N']:.3g} N"
+    assert (numbers in str(row["message"])) == (status != "ok")
+
+
+RIGID = {
+    "indenter": {"radius_m": "flat"},
+    "elastic": {"young_modulus_Pa": 3.0e6},
+    "asperities": {"radius_m": 1e-4},
+    "camera": {"pixel_size_m": 6.0e-6},
+}
+
+
+def balanced(load_over_forces, places, **load):
+    """Status and message of a frame of 200 x 200 pixels with equal contacts, under a load given by them."""
+    contacts = CONTACTS.conform(pd.DataFrame(places, columns=["x_px", "y_px"]).assign(frame="a.tif"))
+    contacts = contacts.assign(radius_px=4.0, radius_m=2.4e-5, radius_std_m=1e-7, area_m2=np.pi * 2.4e-5**2)
+    # Hertz: P = 4/3 E* a^3 / R with E* = E/(1 - 1/4)
+    forces = len(contacts) * 4 / 3 * 4e6 * 2.4e-5**3 / 1e-4
+    row = {"frame": "a.tif", "status": "ok", "n_contacts": len(contacts), "load_N": load_over_forces * forces}
+    frames, scene = FRAMES.conform(pd.DataFrame([row])), scene_from_dict(RIGID | {"load": load})
+    pose = PoseFit(scene.pose((200, 200)), fitted=False, n_points=0, n_matched=0, residual=np.nan)
+    run = Run(scene, contacts, frames, pose)
+    found = with_forces(run, None, local_law(run, None)).frames.iloc[0]
+    return found["status"], found["message"]
+
+
+INSIDE = [(x, y) for x in (60, 100, 140) for y in (60, 100, 140)]
+CUT = [(x, y) for x in (10, 60, 110, 160) for y in (30, 80, 130, 190)]
+
+
+def test_forces_without_a_load_are_off_it():
+    status, message = balanced(0.0, INSIDE)
+    assert status == "forces off load"
+    assert "N at a load of 0 N" in message
+    assert balanced(0.0, INSIDE, zero_std_N=0.01) == ("ok", "")
+    assert balanced(0.0, []) == ("ok", "")
+
+
+def test_a_frame_that_shows_a_part_of_the_contact_bears_a_part_of_the_load():
+    assert balanced(5.0, INSIDE)[0] == "forces off load"
+    assert balanced(5.0, CUT) == ("ok", "")
+    assert balanced(0.2, CUT)[0] == "forces off load"  # a part does not bear more than all

@@ -1,5 +1,6 @@
 """Series: change of units, memory, backends, order; one set of contacts whatever the road."""
 
+import re
 import shutil
 import weakref
 from dataclasses import replace
@@ -13,6 +14,7 @@ from contactimg.errors import FrameWarning, InputError
 from contactimg.files import FrameSource, open_experiment, read_scene, write_frame, write_table
 from contactimg.frame import Frame
 from contactimg.mechanics import hertz
+from contactimg.pipeline.calibrate.thresholds import measure_thresholds
 from contactimg.pipeline.frame import measure_frame
 from contactimg.pipeline.inputs import contact_sites, need_asperities
 from contactimg.pipeline.series import measure_parts, measure_series
@@ -105,6 +107,24 @@ def test_tables_have_their_schema_also_without_any_contact(small_series, tmp_pat
     assert run.frames.columns.tolist() == list(FRAMES.columns)
     assert run.frames["area_m2"].tolist() == [0.0, 0.0, 0.0]
     assert not run.pose.fitted
+
+
+def test_a_missing_modulus_is_told_before_frames_are_measured(tmp_path):
+    (tmp_path / "frame_1.tif").write_bytes(b"an image that no one reads")
+    keys = {"camera": {"pixel_size_m": 6e-6}, "elastic": {"poisson_ratio": 0.5}}
+    scene = scene_from_dict(keys, folder=str(tmp_path))
+    missing = re.escape(f"{tmp_path}: [elastic] young_modulus_Pa is missing")
+    with pytest.raises(InputError, match=missing):
+        measure_series(scene)
+    with pytest.raises(InputError, match=missing):
+        measure_thresholds(open_experiment(scene), [0.5])
+
+
+def test_a_pixel_size_in_micrometres_is_refused():
+    with pytest.raises(InputError, match=r"measure_frame: pixel_size_m = 6 is outside .* given in µm"):
+        measure_frame(np.zeros((20, 20)), pixel_size=6)
+    with pytest.raises(InputError, match=r"pixel_size_m = 6 is outside .* given in µm"):
+        measure_series(scene_from_dict({"camera": {"pixel_size_m": 6.0}}, folder="no_such_folder"))
 
 
 def test_radius_unknown_means_no_force(small_series, tmp_path):

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.detect.candidates import ODD_RATIO, dark_spots, measure_contrast
+from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.evidence.background_left import BackgroundLeft
 from contactimg.imaging.evidence.rules import Columns
 from contactimg.imaging.fit.edge_profile import describe_edge
@@ -25,6 +26,9 @@ SPOILED_SHARE = 0.2
 DOUBTED_SHARE = 0.05
 """Share of the candidates that prove to be no contacts, or of the bright pixels that belong to none, above
 which others may be false or missing. By hand."""
+PLATEAU_BLURS = 4.0
+"""Radius of a contact over a usual blur above which its middle shows its brightness. Theory: all but exp(-8).
+"""
 LIGHT_CHANGE = 1.5
 """Ratio of the background to the reference, or its inverse, above which the light has changed. By hand."""
 HIDDEN_SHARE = 0.02
@@ -140,7 +144,9 @@ def judge_frame(seen: FrameEvidence) -> Verdict:
     if pair.reference is None and not pair.defect:
         remarks.insert(0, "no reference: the background was estimated from the frame")
     message = "; ".join(text for text in [pair.message, *(text for _, text in found), *remarks] if text)
-    status = pair.defect or next((status for status, _ in found if status), Status.OK)
+    statuses = [pair.defect, *(status for status, _ in found)]
+    # holes do not spoil what is seen beside them
+    status = next(filter(None, sorted(statuses, key=Status.HOLES.__eq__)), Status.OK)
     changed = any(status == Status.LIGHT_CHANGED for status, _ in found)
     empty = not changed and _left_out(seen.foreground) < SPOILED_SHARE
     return Verdict(status, message, measurable=bool(seen.count or empty))
@@ -387,8 +393,10 @@ def _remarks(seen: FrameEvidence) -> Iterator[str]:
             if seen.fit is None or seen.fit.joint is None
             else (seen.fit.joint.contrast)
         )
+        wide = np.max(seen.contacts["radius_px"]) > PLATEAU_BLURS * DEFAULT_BLUR_PX
+        why = "few to settle" if wide else "small to show"
         yield (
-            "the contacts are too small to show their brightness: the radii depend on a contrast of "
+            f"the contacts are too {why} their brightness: the radii depend on a contrast of "
             f"{contrast * unit:.3g} grey levels, {source}"
         )
     if n := seen.flagged(Flag.BRIGHTNESS):

@@ -156,11 +156,11 @@ def analyse_places(
     notes = [note for place in places for note in _left_out(place)]
     friction, density = _friction_table(places), _density(places[0])
     seen = {own: grouped(places, tolerance=options.load_tolerance)}
-    known = (
-        place.scene.indenter and place.scene.elastic and place.asperities is not None for place in places
-    )
-    if options.models and not all(known):
-        notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
+    lacking = [
+        f"{place.name} lacks {' and '.join(missing)}" for place in places if (missing := _lacking(place))
+    ]
+    if options.models and lacking:
+        notes.append(f"no model curves: {'; '.join(lacking)}")
     elif options.models:
         for model in COMPARED_MODELS:
             seen[model], left_out = predict_places(places, seen[own][1], model, workers=workers)
@@ -239,12 +239,20 @@ def _doubt_match(place: Place, contacts: pd.DataFrame, frames: pd.DataFrame, min
     settle(doubts, place.name)
 
 
+def _lacking(place: Place) -> list[str]:
+    """What the models of a place need and do not have."""
+    scene, file = place.scene, place.scene.asperities and place.scene.asperities.file
+    table = f"the table {Path(scene.folder) / file}, which cannot be read" if file else "the asperities"
+    needed = {"the lens": scene.indenter, "the rubber": scene.elastic, table: place.asperities}
+    return [name for name, value in needed.items() if value is None]
+
+
 def _left_out(place: Place) -> list[str]:
     """The frames of a place that cannot be used, and why."""
     unused = place.frames[~place.frames["frame"].isin(usable_frames(place)["frame"])]
     notes = []
     for row in unused.to_dict("records"):
-        if np.isnan(row["area_m2"]):
+        if np.isnan(row["area_m2"]) or row["load_N"] > 0:
             reason = row["message"] or "it has no area"
         else:
             reason = "its load is not known" if np.isnan(row["load_N"]) else "its load is not above zero"

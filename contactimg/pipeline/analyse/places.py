@@ -233,9 +233,9 @@ def differences(places: Sequence[Place]) -> Iterator[str]:
 
 
 def usable_frames(place: Place) -> pd.DataFrame:
-    """Frames of a place with a load above zero and a measured area."""
+    """Frames of a place with a load above zero and contacts that bear it."""
     frames = place.frames
-    return frames[(frames["load_N"] > 0) & frames["area_m2"].notna()]
+    return frames[(frames["load_N"] > 0) & (frames["area_m2"] > 0)]
 
 
 def grouped(places: Sequence[Place], *, tolerance: float) -> Tables:

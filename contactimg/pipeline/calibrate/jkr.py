@@ -23,14 +23,14 @@ from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.pipeline.results import Calibrated, cell_notes
+from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
 from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.numbers import number_with_interval
 from contactimg.pose.apex import SIGNIFICANT_STDS
 from contactimg.pose.pairs import MAD_TO_STD
 from contactimg.scene import Scene
-from contactimg.tables import CIRCLES, Schema, Status
+from contactimg.tables import CIRCLES, FAILED, Schema, Status
 
 CURVE_POINTS = 200  # of the fitted curve in the figure
 
@@ -380,8 +380,10 @@ def _jkr_figure(calibration: JkrCalibration) -> Axes:
 def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene: Scene) -> list[str]:
     """Sentences for a person on frames, load zero, order of the loads, edge, lens and layer."""
     left_out = circles[circles["radius_m"].notna() & (circles["used"] == 0)]
+    failed = circles["status"] == FAILED
     notes = [
-        *(str(text) for text in circles["message"] if text),
+        *frame_notes(circles[~failed]),
+        *(str(text) for text in circles["message"][failed]),
         *(
             f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
             for name in left_out["frame"]

@@ -18,10 +18,10 @@ from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
 from contactimg.imaging.measure import count_again
 from contactimg.pipeline.frame import frame_row, measure_prepared
-from contactimg.pipeline.inputs import asperities_and_sites
+from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
 from contactimg.pipeline.measured_series import find_pose, local_law, with_forces, with_pose
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.pipeline.results import Calibrated, cell_notes
+from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
 from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
@@ -88,6 +88,7 @@ def measure_thresholds(
     """
     levels, scene = np.sort(np.asarray(thresholds, float)), experiment.scene
     scene.need("camera", "a calibration")
+    check_modulus(scene)
     measure = partial(_count_frame, scene=scene, thresholds=levels)
     parts = list(for_each_frame(experiment, measure, workers=workers, shown="measuring frames"))
     rows = [part.row if isinstance(part, FailedFrame) else part[0] for part in parts]
@@ -159,8 +160,7 @@ def _common_errors(experiment: Experiment, relative: float = 0.0) -> dict[str, f
 
 def _notes(series: ThresholdSeries) -> list[str]:
     """Sentences of the frames' rows."""
-    kept = [f"{row['frame']}: {row['message']}" for row in series.frames.to_dict("records") if row["message"]]
-    return kept + [str(text) for text in series.failed["message"]]
+    return frame_notes(series.frames) + [str(text) for text in series.failed["message"]]
 
 
 def _result(

@@ -153,6 +153,18 @@ def test_loads_in_any_order_repeated_and_zero(run, tmp_path):
     assert measured["frame"].unique().tolist() == ["load_0.05N"]
 
 
+def test_a_loaded_frame_without_contacts_is_named_and_left_out(run):
+    place = open_place(run)
+    hidden, none = place.frames["frame"] == "frame_2.tif", "nothing stands out of the noise"
+    changes = {"status": "no contact", "area_m2": 0.0, "n_contacts": 0, "message": none}
+    frames = place.frames.assign(**{name: place.frames[name].mask(hidden, changes[name]) for name in changes})
+    contacts = place.contacts[place.contacts["frame"] != "frame_2.tif"]
+    found = analyse_places([replace(place, frames=frames, contacts=contacts)], AnalysisOptions(models=False))
+    assert found.area["load_N"].tolist() == [0.005, 0.05]
+    assert "frame_2.tif" not in set(found.profile["frame"])
+    assert f"frame_2.tif: left out: {none}" in "; ".join(found.notes)
+
+
 def test_one_load_is_analysed_without_an_exponent(run, tmp_path):
     single = change_frames(run, tmp_path / "single", load_N=[np.nan, np.nan, 0.05])
     assert analyse(single, "-o", tmp_path / "out", "--no-models") == 0
@@ -189,6 +201,14 @@ def test_a_failed_frame_is_named_and_left_out(small_series, tmp_path):
     found = analyse_places([open_place(tmp_path / "run")], AnalysisOptions(models=False))
     assert found.area["load_N"].tolist() == [0.005, 0.05]
     assert any("frame_2.tif: left out" in note for note in found.notes)
+
+
+def test_a_table_of_asperities_that_is_gone_is_named(run):
+    found = analyse_places([replace(open_place(run), asperities=None)], AnalysisOptions())
+    models = [note for note in found.notes if "no model curves" in note]
+    assert len(models) == 1
+    assert "asperities.csv, which cannot be read" in models[0]
+    assert "lens" not in models[0]
 
 
 def without_asperities(series):

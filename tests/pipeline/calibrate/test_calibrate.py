@@ -92,6 +92,12 @@ def threshold_result(small_series, tmp_path_factory):
     return folder, top / "out"
 
 
+def test_a_remark_on_all_frames_is_said_once(jkr_result):
+    said = [note for note in read_calibration(jkr_result)["notes"] if "their brightness" in note]
+    assert len(said) == 1
+    assert said[0].startswith("6 frames: the contacts are too few to settle their brightness")
+
+
 def with_scene(folder, **sections):
     source = {name: dict(keys) for name, keys in read_scene(folder).source.items()}
     for name, keys in sections.items():
