@@ -321,7 +321,9 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
         last = re.split(r"[/\\]", given)[-1]
         exact, frames = {given, last} & present, alike.get(_plain(last), set())
         if not exact and len(frames) > 1:
-            raise InputError(f"{path}: {last} means several frames ({_some(sorted(frames))}): give the whole name")
+            raise InputError(
+                f"{path}: {last} means several frames ({_some(sorted(frames))}): give the whole name"
+            )
         return next(iter(exact or frames or {given}))
 
     loads["frame"] = loads["frame"].map(meant)

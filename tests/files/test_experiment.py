@@ -276,9 +276,8 @@ def test_frame_without_load_and_load_without_frame_are_told(folder, caplog):
 def test_a_load_of_a_name_that_two_frames_share_is_refused(folder):
     write_frame(Frame(np.zeros((3, 4), np.uint16)), folder / "frame_2.tiff")
     (folder / "loads.csv").write_text("frame,load_N\nframe_1,0.1\nframe_2,0.2\n")
-    assert refusal(folder) == (
-        f"{folder / 'loads.csv'}: frame_2 means several frames (frame_2.tif, frame_2.tiff): give the whole name"
-    )
+    several = "frame_2 means several frames (frame_2.tif, frame_2.tiff): give the whole name"
+    assert refusal(folder) == f"{folder / 'loads.csv'}: {several}"
 
 
 def test_loads_of_other_frames_altogether(folder):
