@@ -82,7 +82,7 @@ def mechanisms():
         "envelope of the light": [("background.no_reference", "_flat_behind_envelope", lambda *_a: None)],
         "dark spots": [("evidence.status", "dark_spots", lambda *_a: np.zeros(0))],
     }
-    for reason in ("REFERENCE_DUST", "NO_RIM", "INVISIBLE", "TOO_SHARP", "SCRATCH", "NOISE"):
+    for reason in ("REFERENCE_DUST", "NO_RIM", "INVISIBLE", "SCRATCH", "NOISE"):
         table[f"rule: {reason.lower().replace('_', ' ')}"] = [("evidence.rules", "RULES", no_rule(reason))]
     return table
 

@@ -68,8 +68,6 @@ class Reason(enum.StrEnum):
 
     NOISE = "noise"
     """The summed light of its pixels does not stand out of the noise."""
-    TOO_SHARP = "sharper than the optics"
-    """Faint, as narrow as a pixel or two, and described by no model: a piece of a hair."""
     LONG = "long: neither a disk nor a group of disks"
     """A bar, hair or scratch."""
     REFERENCE_DUST = "dust in the reference"

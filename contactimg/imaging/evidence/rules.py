@@ -74,9 +74,6 @@ dust shows."""
 LONGEST = 3.5
 """Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
 hand."""
-SHARP_PX2 = 2.5
-"""Counted pixels up to which a faint candidate that does not fit is part of a hair. Theory: a
-point behind a blur of 0.5 px has four pixels above half height."""
 MOST_APART = 0.12
 """Pixels either of a region or of the disks fitted to it, over its area, from which it is no union of disks.
 By hand: mottled contacts that touch make up to 0.12, a packing of beads 0.09, islands of a random surface
@@ -132,10 +129,6 @@ RULES: list[Rule] = [
     (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
     (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
-    (
-        Reason.TOO_SHARP,
-        lambda e: e["undescribed"] & (e["counted"] <= SHARP_PX2) & (e["signal"] < LOW_SIGNAL_SIGMA),
-    ),
     (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
 ]
 """Reasons of rejection, in order; those after the first do not hold for what was drawn by hand."""

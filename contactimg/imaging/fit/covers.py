@@ -425,6 +425,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     expected = usual * window.pixels
     slack = CHI_SQUARE_SLACK_SIGMA * usual * np.sqrt(2.0 * window.pixels)
     first = chi_square = window.chi_square(disks)
+    allowed = expected + EXCESS_LEFT_FRACTION * (first - expected) + slack
     best = disks
     unsettled = first < POOR_CHI_SQUARE * expected
     for number in range(-1 if unsettled else 0, ROUNDS):
@@ -435,12 +436,15 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
         covers = same_again or list(_larger_covers(window, best))
         costs = [value + DISK_PRICE * (len(cover) - len(best)) for cover, value in covers]
         gain, same = chi_square - min(costs, default=np.inf), True
+        before = chi_square
         if gain > 0.0:
-            before, (best, chi_square) = best, covers[int(np.argmin(costs))]
-            same = len(best) == len(before) and gain < LEAST_GAIN
-        if number >= 0 and same:
+            disks_before, (best, chi_square) = best, covers[int(np.argmin(costs))]
+            same = len(best) == len(disks_before) and gain < LEAST_GAIN
+        # rounds that gain as much as this one are not enough
+        hopeless = chi_square - (before - chi_square) * (ROUNDS - 1 - number) > allowed
+        if number >= 0 and (same or hopeless):
             break
-    return disks if chi_square - expected > EXCESS_LEFT_FRACTION * (first - expected) + slack else best
+    return disks if chi_square > allowed else best
 
 
 def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
