@@ -67,33 +67,48 @@ def find_illumination(
     blocks, expected = means(BLOCK)
     level, scatter = find_background_level(blocks, background_is=background_is, least=rounding)
     coarse = fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=rounding)
-    if coarse.scatter <= CROWD_SCATTER * max(expected, rounding):
-        return coarse
+    even = coarse.scatter <= CROWD_SCATTER * max(expected, rounding)
+    white = expected * BLOCK / SQUARE_PX  # for squares whose scatter whole grey levels hide
     squares, expected = means(SQUARE_PX)
     if not np.isfinite(squares).any():
         return coarse
-    expected = max(expected, rounding, _scatter_of_darkest(squares, background_is))
-    if share_without_rims(squares, expected) > QUIET_SHARE:
-        return coarse  # the illumination is less even than a cubic
+    expected = max(expected, rounding) or white
+    # where the blocks are even, only a lattice can hide the background from them; where they are not, and do
+    # not hide it, the illumination is less even than a cubic
+    if share_without_rims(squares, expected) > (0.5 if even else 1.0) * QUIET_SHARE:
+        return coarse
+    expected = max(expected, scatter_of_extreme(squares, background_is))
     expected = max(min(expected, neighbour_scatter(squares)), rounding)
     level, scatter = find_background_level(squares, background_is=background_is, scatter=expected)
     return fit_illumination(squares, shape, level=level, scatter=min(scatter, 2.0 * expected))
 
 
-def _scatter_of_darkest(squares: NDArray, background_is: BackgroundLevel) -> float:
-    """Scatter of a square from the differences of neighbours that are both among the least covered."""
-    covered = {"highest": -squares, "nearest_one": np.abs(squares - 1.0)}.get(background_is, squares)
-    dark = covered < np.float32(quantile(covered[np.isfinite(covered)], POPULATED_FRACTION))
-    differences = np.diff(squares, axis=1)[dark[:, 1:] & dark[:, :-1]]
+def scatter_of_extreme(squares: NDArray, background_is: BackgroundLevel) -> float:
+    """Scatter of a square from the differences of neighbours whose mean is most like the background.
+
+    Of noise, the difference of two values does not depend on their mean.
+    """
+    means = 0.5 * (squares[:, 1:] + squares[:, :-1])
+    covered = {"highest": -means, "nearest_one": np.abs(means - 1.0)}.get(background_is, means)
+    known = np.isfinite(covered)
+    if not known.any():
+        return 0.0
+    like = covered <= np.float32(quantile(covered[known], POPULATED_FRACTION))
+    differences = np.diff(squares, axis=1)[like]
     return robust_std(differences, centre=0.0) / np.sqrt(2) if len(differences) else 0.0
 
 
 def share_without_rims(squares: NDArray, expected: float) -> float:
     """Share of the blocks whose squares scatter no more than noise and texture explain: ``expected``."""
+    rims, known = find_rims(squares, expected)
+    return 1.0 - float(np.mean(rims[known])) if known.any() else 1.0
+
+
+def find_rims(squares: NDArray, expected: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Blocks whose squares scatter by more than noise and texture explain, and blocks with data."""
     mean, square = (block_means(part, side=BLOCK // SQUARE_PX) for part in (squares, squares**2))
     inside = np.sqrt(np.maximum(square - mean**2, 0.0))
-    known = np.isfinite(inside)
-    return float(np.mean(inside[known] <= RIM_SCATTER * expected)) if known.any() else 1.0
+    return inside > RIM_SCATTER * expected, np.isfinite(inside)
 
 
 def find_background_level(

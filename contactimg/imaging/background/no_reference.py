@@ -16,8 +16,9 @@ from contactimg.imaging.background.even_out import NOTABLE_SHARE, even_out, flat
 from contactimg.imaging.background.find_illumination import (
     QUIET_SHARE,
     find_background_level,
+    find_rims,
     neighbour_scatter,
-    share_without_rims,
+    scatter_of_extreme,
 )
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
@@ -34,9 +35,13 @@ from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.detect.foreign import label_regions
 from contactimg.imaging.pixels.blocks import BLOCK, SignedImage, block_means, find_clipped, rounding_of_blocks
 from contactimg.imaging.pixels.masks import Mask, exclude
-from contactimg.imaging.pixels.robust import MANY, robust_std
+from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.profile.limits import SQUARE_PX
 
+# Share of the blocks without a rim in them below which the others say nothing of the scatter. By hand: disks
+# of 4 px every 20 px leave 0.5, real pins in a lattice 0.6.
+FEW_QUIET = 0.55
+RIMS_EVERYWHERE = 2.5  # scatter of most squares over that of the darkest from which rims make it. By hand
 FLAT_SHARE = 0.2  # share of the blocks: so large a flat region is the background. By hand
 # Squares in one side of the tiles over which the light between small contacts is followed beyond the
 # polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them.
@@ -121,12 +126,17 @@ def _flat_background(
     The background is the largest flat region. Where the ``sign`` of contacts is known (else 0), it is the
     darkest of large ones, for dark contacts the brightest: contacts may cover more of the frame.
     """
-    if _hides_blocks(frame, valid, rounding):
+    squares = block_means(frame, valid, side=SQUARE_PX)
+    rims, known = find_rims(squares, _scatter_of_squares(squares, frame, rounding))
+    quiet = float(np.mean(~rims[known])) if known.any() else 1.0
+    if quiet < 0.5 * QUIET_SHARE:
         return None
     blocks = block_means(frame, valid)
     finite = np.isfinite(blocks)
-    scatter = _scatter(blocks, rounding)
-    labels, regions = flat_regions(blocks, scatter)
+    # among many contacts most blocks differ from their neighbours, and only those without rims are flat
+    flat = np.where(rims & (quiet < FEW_QUIET), np.float32(np.nan), blocks)
+    scatter = _scatter(flat, rounding)
+    labels, regions = flat_regions(flat, scatter)
     if not regions:
         return None
     large = [k for k in regions if np.mean(labels == k) > FLAT_SHARE * np.mean(finite)] or regions[:1]
@@ -170,7 +180,7 @@ def _background_of_crowd(
 ) -> DifferenceImage:
     """Frame minus the light in the gaps of a crowd, where contacts times ``sign`` are bright."""
     squares = np.float32(sign) * block_means(frame, valid, side=SQUARE_PX)
-    polynomial, uneven = _light_between(squares, frame.shape, rounding)
+    polynomial, uneven = _light_between(squares, frame, rounding)
     illumination = replace(polynomial, coefficients=sign * polynomial.coefficients)
     blocks = (-(-frame.shape[0] // BLOCK), -(-frame.shape[1] // BLOCK))
     level = abs(float(np.median(polynomial.at_blocks(blocks, frame.shape))))
@@ -178,26 +188,16 @@ def _background_of_crowd(
     return _divide_by_illumination(rest, illumination, level, blocks, valid, rounding, sign)
 
 
-def _hides_blocks(frame: NDArray[np.float32], valid: Mask, rounding: float) -> bool:
-    """Whether small contacts leave hardly a block without a rim in it, from some rows of blocks."""
-    every = max(int(frame.size / MANY), 1)
-    rows = np.flatnonzero(np.arange(frame.shape[0]) // BLOCK % every == 0)
-    some = frame if every == 1 else frame[rows]
-    seen = valid if valid is None or every == 1 else valid[rows]
-    squares = block_means(some, seen, side=SQUARE_PX)
-    return share_without_rims(squares, _scatter(squares, rounding)) < 0.5 * QUIET_SHARE
-
-
 def _light_between(
-    squares: NDArray[np.float32], shape: tuple[int, int], rounding: float
+    squares: NDArray[np.float32], frame: NDArray[np.float32], rounding: float
 ) -> tuple[Illumination, NDArray[np.float32]]:
     """The light between contacts that leave hardly a block free.
 
-    ``squares`` are means over squares of 2 px, contacts positive. The light is a polynomial and, at each
-    pixel, what tiles of the image show beyond it.
+    ``squares`` are means of the frame over squares of 2 px, contacts positive. The light is a polynomial and,
+    at each pixel, what tiles of the image show beyond it.
     """
-    finite = np.isfinite(squares)
-    expected = _scatter(squares, rounding)
+    finite, shape = np.isfinite(squares), (frame.shape[0], frame.shape[1])
+    expected = _scatter_of_squares(squares, frame, rounding)
     # the lowest square of a block lies between contacts; that it is low by its noise, the rest corrects
     lower = _fit_envelope(_lowest(np.where(finite, squares, np.inf)), shape)
     flat = (squares - lower.at_blocks(squares.shape, shape)).astype(np.float32)
@@ -264,6 +264,19 @@ def _scatter(blocks: NDArray, rounding: float) -> float:
     scatter = neighbour_scatter(blocks)
     least = ROUGHEST_STEP_FRACTION if scatter < NEGLIGIBLE * level else NEGLIGIBLE
     return max(scatter, least * level, rounding, 1e-9)
+
+
+def _scatter_of_squares(squares: NDArray, frame: NDArray, rounding: float) -> float:
+    """Scatter of squares; where rims make most neighbours differ, that of the darkest or brightest ones.
+
+    Where the camera has cut off a part of the levels, the darkest scatter less than others.
+    """
+    usual = _scatter(squares, rounding)
+    if find_clipped(frame) is not None:
+        return usual
+    flattest = min(scatter_of_extreme(squares, "lowest"), scatter_of_extreme(squares, "highest"))
+    flattest = max(flattest, rounding, NEGLIGIBLE * float(np.nanmedian(squares)))
+    return flattest if usual > RIMS_EVERYWHERE * flattest else usual
 
 
 def _divide_by_illumination(

@@ -189,7 +189,10 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             "each way"
         )
         yield Status.LITTLE_BACKGROUND, text
-    if left.free_share >= LEAST_FREE:
+    if seen.count and seen.fit is None and left.free_share < LEAST_FREE:
+        text = f"the light of contacts leaves {100 * left.free_share:.2g} % of the frame for the background"
+        yield Status.LITTLE_BACKGROUND, text
+    elif left.free_share >= LEAST_FREE:
         if difference.ratio and left.dark_share > DARK_SHARE:
             text = (
                 f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, "
