@@ -275,8 +275,7 @@ def _scatter_of_squares(squares: NDArray, frame: NDArray, rounding: float) -> fl
     if find_clipped(frame) is not None:
         return usual
     flattest = min(scatter_of_extreme(squares, "lowest"), scatter_of_extreme(squares, "highest"))
-    flattest = max(flattest, rounding, NEGLIGIBLE * float(np.nanmedian(squares)))
-    return flattest if usual > RIMS_EVERYWHERE * flattest else usual
+    return flattest if usual > RIMS_EVERYWHERE * max(flattest, rounding) > 0.0 else usual
 
 
 def _divide_by_illumination(
