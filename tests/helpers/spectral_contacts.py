@@ -14,7 +14,7 @@ Lengths are in any unit, forces over ``E*`` in that unit squared, places complex
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numba
 import numpy as np
@@ -154,6 +154,12 @@ class DiscBasis:
         return nodes, cell * np.repeat(z**2, around), cell
 
 
+@lru_cache(maxsize=1)  # one of degree 10 holds 300 MB
+def _last_basis(degree):
+    """The basis of a degree, kept for the next problem."""
+    return DiscBasis(degree)
+
+
 def _turning(zeta, m, sine):
     power = zeta**m
     return power.imag if sine else power.real
@@ -225,7 +231,7 @@ def solve_caps(
     problem: CapProblem, force: np.ndarray, radius: np.ndarray, *, degree: int = 6, tolerance: float = 1e-9
 ) -> Answer:
     """Solve from rough forces and radii of all caps (zero: no contact)."""
-    basis, depth, change = DiscBasis(degree), problem.indentation, np.inf
+    basis, depth, change = _last_basis(degree), problem.indentation, np.inf
     contacts = [
         _round(basis, row, problem.place[row], radius[row], force[row]) for row in np.flatnonzero(force)
     ]
