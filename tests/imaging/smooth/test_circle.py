@@ -91,13 +91,18 @@ def frame(scene_changes, *, load=0.05, w=0.05, film="on", shape=(330, 350)):
     return shot.frame.image.astype(np.float32) - np.float32(80.0), shot.contacts.iloc[0]
 
 
-def measured(image, opening=None):
+def edge_of(image):
+    """Samples along the edge of a contact, whose circle is found in two passes."""
     rough = find_circle(image, 60.0)
     outside = MODEL.film_px(rough.radius_px) + 12
     for _ in range(2):
         samples = sample_edge(image, rough, outside_px=outside, noise=NOISE)
         rough = fit_circle(samples, MODEL, opening=np.inf)
-    samples = sample_edge(image, rough, outside_px=outside, noise=NOISE)
+    return sample_edge(image, rough, outside_px=outside, noise=NOISE)
+
+
+def measured(image, opening=None):
+    samples = edge_of(image)
     opening = choose_opening([samples], MODEL).value if opening is None else opening
     return fit_circle(samples, MODEL, opening=opening), opening
 
@@ -128,8 +133,9 @@ def test_without_the_film_in_the_model_the_radius_is_wrong(rng):
     """Hertz's film behind a halo: half the contrast lies 25 um, two pixels, outside the edge."""
     image, truth = frame({"psf": "halo"}, w=0.0)
     image += (NOISE * rng.standard_normal(image.shape)).astype(np.float32)
-    circle, opening = measured(image)
-    blind, _ = measured(image, opening=np.inf)
+    samples = edge_of(image)
+    opening = choose_opening([samples], MODEL).value
+    circle, blind = (fit_circle(samples, MODEL, opening=one) for one in (opening, np.inf))
     assert opening == 0.0
     assert_right(circle, truth)
     assert abs(circle.radius_px - truth["radius_px"]) < 0.02
