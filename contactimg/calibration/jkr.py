@@ -138,10 +138,12 @@ class JkrSeries:
         layer = self.sphere.thickness
         if layer is not None:
             pressing, adhesive = layer_factors(radius / layer, poisson_ratio=self.sphere.poisson_ratio)
-        adhesion = -(adhesive * radius**1.5)[..., None] * self.branches
-        extra = np.broadcast_to(self.extra, (*radius.shape, self.extra.shape[-1]))
-        zero = np.ones((*radius.shape, int(self.zero_std > 0)))
-        return np.concatenate([(pressing * radius**3)[..., None], adhesion, extra, zero], axis=-1)
+        physical, extra = self.physical, self.extra.shape[1]
+        terms = np.ones((*radius.shape, physical + extra + int(self.zero_std > 0)))
+        terms[..., 0] = pressing * radius**3
+        terms[..., 1:physical] = -(adhesive * radius**1.5)[..., None] * self.branches
+        terms[..., physical : physical + extra] = self.extra
+        return terms
 
     def slope(self, parameters: Values) -> Values:
         """Derivative of the load by the radius, N/m."""
