@@ -1,6 +1,7 @@
 """What is measured: a difference image in which contacts are positive, its noise and its contrast."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from contactimg.imaging.detect.candidates import ODD_RATIO, Contrast, measure_co
 from contactimg.imaging.detect.foreign import NONE, Foreign, find_foreign
 from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.pixels.frame_pair import FramePair
+from contactimg.imaging.pixels.masks import mean_of_seen
 from contactimg.imaging.profile.optics import SharedOptics
 
 HOLE_REACH_PX, LEAST_WEIGHT = 2, 0.3
@@ -81,13 +83,9 @@ class Foreground:
 def _filled(image: NDArray[np.float32], valid: NDArray[np.uint8]) -> NDArray[np.float32]:
     """The image with holes filled from the pixels beside them: a line without data does not cut a contact."""
     side = (2 * HOLE_REACH_PX + 1,) * 2
-    seen = valid.astype(np.float32)
-    weight = cv2.blur(seen, side, borderType=cv2.BORDER_REPLICATE)
-    around = cv2.blur(image * seen, side, borderType=cv2.BORDER_REPLICATE)
-    fill = np.where(
-        weight > LEAST_WEIGHT, around / np.maximum(weight, np.float32(LEAST_WEIGHT)), np.float32(0.0)
-    )
-    return np.where(valid > 0, image, fill)
+    blur = partial(cv2.blur, ksize=side, borderType=cv2.BORDER_REPLICATE)
+    around, weight = mean_of_seen(blur, image, valid > 0)
+    return np.where(valid > 0, image, np.where(weight > LEAST_WEIGHT, around, np.float32(0.0)))
 
 
 def find_foreground(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.background.find_illumination import BackgroundLevel
 from contactimg.imaging.background.illumination import DifferenceImage, plain_difference
-from contactimg.imaging.background.no_reference import estimate_background, estimate_either_background
+from contactimg.imaging.background.no_reference import estimate_background
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.count.method import choose_threshold, measure_by_count
@@ -480,11 +480,7 @@ def _subtract_background(
             valid = frame_pair.valid if difference.valid is None else difference.valid
             polarity = find_polarity(block_means(difference.image, valid))
         return difference, -1 if polarity == "dark" else 1
-    image = np.asarray(frame, np.float32)
-    if polarity == "auto":
-        return estimate_either_background(image, valid=frame_pair.valid)
-    dark = polarity == "dark"
-    return estimate_background(image, valid=frame_pair.valid, dark=dark), -1 if dark else 1
+    return estimate_background(frame, valid=frame_pair.valid, polarity=polarity)
 
 
 def _match_levels(image: NDArray, reference: NDArray | None) -> NDArray | None:

@@ -15,6 +15,7 @@ such a rim of their own.
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -36,9 +37,10 @@ from contactimg.imaging.background.find_illumination import BackgroundLevel
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, NEGLIGIBLE, Illumination
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.fit.disks import render_disks
-from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.blocks import block_means, to_pixels
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX
 from contactimg.imaging.pixels.frame_pair import FramePair
+from contactimg.imaging.pixels.masks import mean_of_seen
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, robust_std
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
 from contactimg.timings import stage
@@ -173,12 +175,11 @@ class View:
 
     def restricted(self, used: NDArray[np.bool_], light: NDArray[np.float32]) -> "View":
         """Seen only in the squares that are used, and corrected for its slow light (`Agreement`)."""
-        rows, columns = self.image.shape
-        slow = cv2.resize(light, light.shape[1::-1] * np.array(SQUARE_PX), interpolation=cv2.INTER_LINEAR)
+        shape = self.image.shape
+        slow = to_pixels(light, shape, side=SQUARE_PX, interpolation=cv2.INTER_LINEAR)
         # the neighbours of what is left out are left out too
         bad = cv2.dilate((~used).astype(np.uint8), np.ones((3, 3), np.uint8))
-        wide = bad.repeat(SQUARE_PX, axis=0).repeat(SQUARE_PX, axis=1)[:rows, :columns]
-        return View(self.image - slow[:rows, :columns], self.seen & np.uint8(1 - wide))
+        return View(self.image - slow, self.seen & np.uint8(1 - to_pixels(bad, shape, side=SQUARE_PX)))
 
     def squares(self) -> NDArray[np.float32]:
         """Means over squares of `SQUARE_PX`; NaN where the frame shows too little of a square."""
@@ -372,12 +373,9 @@ def _slow(image: NDArray[np.float32]) -> NDArray[np.float32]:
     if not known.any():
         return np.zeros(image.shape, np.float32)
     middle, limit = np.float32(np.median(image[known])), CLIP_SIGMA * robust_std(image[known]) + 1e-6
-    values = np.where(known, np.clip(image, middle - limit, middle + limit), 0.0).astype(np.float32)
-    total, weight = (
-        cv2.GaussianBlur(part, (0, 0), LIGHT_PX / SQUARE_PX, borderType=cv2.BORDER_REFLECT)
-        for part in (values, known.astype(np.float32))
-    )
-    return np.where(weight > 1e-2, total / np.maximum(weight, np.float32(1e-2)), middle).astype(np.float32)
+    blur = partial(cv2.GaussianBlur, ksize=(0, 0), sigmaX=LIGHT_PX / SQUARE_PX, borderType=cv2.BORDER_REFLECT)
+    mean, weight = mean_of_seen(blur, np.clip(image, middle - limit, middle + limit), known)
+    return np.where(weight > 1e-2, mean, middle).astype(np.float32)
 
 
 # --- their mean
@@ -438,8 +436,7 @@ def smooth_brightness(anchor: NDArray) -> NDArray[np.float32]:
     """The anchor without its detail, grey levels."""
     view = View.plain(anchor)
     window = (LIGHT_PX // 2 + 1, LIGHT_PX // 2 + 1)
-    total, weight = (cv2.blur(part, window) for part in (view.image, view.seen.astype(np.float32)))
-    return np.asarray(total / np.maximum(weight, np.float32(1e-3)), np.float32)
+    return mean_of_seen(lambda part: cv2.blur(part, window), view.image, view.seen > 0)[0]
 
 
 def average_references(images: Sequence[NDArray]) -> tuple[NDArray[np.float32], list[int]]:

@@ -22,12 +22,9 @@ from contactimg.imaging.background.illumination import (
 )
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.polarity import find_polarity
-from contactimg.imaging.pixels.blocks import BLOCK, block_means
+from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 
-# Scatter of the lines, of that of a pixel, below which it is left. Theory: over the 2 a lines of a contact of
-# radius a = 10 px it then adds a fifth to the variance of the noise.
-FLICKER_PART = 0.1
 # Blocks in a region that stand out of it as contacts do: contacts on it. By hand: one may be dirt.
 FEWEST_BEYOND = 2
 CONTACT_SIGMA = 7.0  # how far they stand out, scatters of a block. By hand: texture makes 6
@@ -149,17 +146,17 @@ def follow_region(
     smooth = fit_illumination(inside, shape, level=middle, scatter=2.0 * scatter, least_scatter=scatter)
     level = smooth.at_blocks(blocks.shape, shape)
     used = smooth.background & members
-    mesh = _mesh(blocks - level, used)
-    if np.any(used) and np.mean(mesh[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2:
-        level = level + mesh
+    left = _mesh(blocks - level, used)
+    if np.any(used) and np.mean(left[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2:
+        level = level + left
     return np.clip(level, blocks[members].min(), blocks[members].max())
 
 
-def _mesh(blocks: NDArray, used: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Mean of the used blocks around each; it tends to zero far from them."""
+def _mesh(blocks: NDArray, weight: NDArray) -> NDArray[np.float32]:
+    """Weighted mean of the blocks around each; it tends to zero far from those with weight."""
     total, known = (
         cv2.GaussianBlur(part.astype(np.float32), (0, 0), MESH_BLOCKS, borderType=cv2.BORDER_REFLECT)
-        for part in (np.where(used, blocks, 0.0), used)
+        for part in (np.where(weight > 0, weight * blocks, 0.0), weight)
     )
     # as if one block in the weight of the Gaussian, 4 pi s^2, were known to be zero
     return np.asarray(total / (known + np.float32(1.0 / (4.0 * np.pi * MESH_BLOCKS**2))))
@@ -187,16 +184,11 @@ def _at_pixels(
     What is far from both, and what is next to that, is a contact, and has the level of what surrounds it. So
     is what has the level of another region and is not connected with it.
     """
-    rows, columns = image.shape
-    size = (regions.shape[1] * BLOCK, regions.shape[0] * BLOCK)
-    fields = np.stack([cv2.resize(part.astype(np.float32), size)[:rows, :columns] for part in left])
+    fields = np.stack([to_pixels(part.astype(np.float32), image.shape, interpolation=cv2.INTER_LINEAR)
+                       for part in left])  # fmt: skip
     if len(fields) == 1:
         return np.asarray(fields[0])
-
-    def wide(blocks: NDArray) -> NDArray:
-        return blocks.repeat(BLOCK, 0).repeat(BLOCK, 1)[:rows, :columns]
-
-    places = wide(regions).astype(np.int32)
+    places = to_pixels(regions, image.shape)
     smooth = cv2.blur(image, (5, 5))
     highest, lowest = fields.max(axis=0), fields.min(axis=0)
     beyond = 0.5 * (highest - lowest)
@@ -246,25 +238,17 @@ def _without_flicker(difference: DifferenceImage, axis: int, level: float) -> Di
     noise = estimate_noise(difference.image, difference.illumination.background)
     image, background = difference.image, difference.illumination.background
     image, background = (image, background) if axis else (image.T, background.T)
-
-    def pixels(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        return blocks.repeat(BLOCK, 0).repeat(BLOCK, 1)[: image.shape[0], : image.shape[1]]
-
-    means, number = _half_lines(image, pixels(background))
+    blocks = block_means(image)
+    lost = background.mean(axis=1) < 0.5 * np.median(background.mean(axis=1))  # flicker took it out
+    near = blocks - np.median(blocks, axis=1)[:, None]
+    near = np.abs(near) < BACKGROUND_CLIP_SIGMA * neighbour_scatter(blocks.T)
+    used = np.where(lost[:, None], near, background).astype(np.uint8)
+    means, number = _half_lines(image, to_pixels(used, image.shape) > 0)
     shared = _in_common(means, number, BLOCK)
-    if not shared > (FLICKER_PART * noise) ** 2:
+    # of less, the 2 a lines of a contact of radius a = 10 px add a fifth to the variance of the noise
+    if not shared > 0.01 * noise**2:
         return difference
-    means, number = _half_lines(image, pixels(_with_lost_lines(block_means(image), background)))
     count = number.sum(axis=1, keepdims=True)
     offset = (means * number).sum(axis=1, keepdims=True) / np.maximum(count, 1.0)
     left = (offset * shared / (shared + noise**2 / np.maximum(count, 1e-3))).astype(np.float32)
     return replace(difference, image=_subtract_left(difference.image, left if axis else left.T, level))
-
-
-def _with_lost_lines(blocks: NDArray[np.float32], background: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Background with the lines that flicker has taken out of it: in them, what is near their median."""
-    share = background.mean(axis=1)
-    lost = share < 0.5 * np.median(share)
-    scatter = neighbour_scatter(blocks.T)
-    near = np.abs(blocks - np.median(blocks, axis=1)[:, None]) < BACKGROUND_CLIP_SIGMA * scatter
-    return np.where(lost[:, None], near, background)

@@ -33,7 +33,14 @@ from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.detect.foreign import label_regions
-from contactimg.imaging.pixels.blocks import BLOCK, SignedImage, block_means, find_clipped, rounding_of_blocks
+from contactimg.imaging.pixels.blocks import (
+    BLOCK,
+    SignedImage,
+    block_means,
+    find_clipped,
+    rounding_of_blocks,
+    to_pixels,
+)
 from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.profile.limits import SQUARE_PX
@@ -52,8 +59,8 @@ WINDOW_FRACTION = 1.0 / 6.0
 
 
 def estimate_background(
-    frame: NDArray[np.float32], *, valid: Mask = None, dark: bool = False
-) -> DifferenceImage:
+    frame: NDArray, *, valid: Mask = None, polarity: str = "bright"
+) -> tuple[DifferenceImage, int]:
     """Frame minus a slowly varying background fitted to the frame itself.
 
     Parameters
@@ -62,45 +69,34 @@ def estimate_background(
         Grey levels; holes filled with anything finite.
     valid : Mask
         0 at holes.
-    dark : bool
-        Whether the contacts are darker than the background.
+    polarity : {"bright", "dark", "auto"}
+        Whether contacts are brighter or darker than the background.
 
     Returns
     -------
-    DifferenceImage
+    difference : DifferenceImage
         Still with texture and dirt.
+    sign : int
+        That makes contacts positive. A background that is flat between contacts shows it; in a crowd both are
+        tried, and the one whose foreground is more like disks is taken.
+
+    Notes
+    -----
+    Where much lies on the wrong side of what flat blocks show, the frame is divided by its envelope first if
+    more blocks agree with the background then.
 
     Examples
     --------
     >>> y, x = np.mgrid[0:160, 0:240]
     >>> frame = (50 + 0.2 * x + 30 * (np.hypot(x - 80, y - 70) < 12)).astype(np.float32)
-    >>> image = estimate_background(frame).image
-    >>> [bool(abs(image[row, column]) < 1) for row, column in ((20, 200), (150, 10), (70, 80))]
-    [True, True, False]
+    >>> difference, sign = estimate_background(frame, polarity="auto")
+    >>> image = difference.image
+    >>> [bool(abs(image[row, column]) < 1) for row, column in ((20, 200), (150, 10), (70, 80))], sign
+    ([True, True, False], 1)
     """
-    return _estimate(np.asarray(frame, np.float32), valid, (-1 if dark else 1,))[0]
-
-
-def estimate_either_background(
-    frame: NDArray[np.float32], *, valid: Mask = None
-) -> tuple[DifferenceImage, int]:
-    """The background for contacts of unknown polarity, and the sign that makes them positive.
-
-    A background that is flat between contacts shows the sign. In a crowd both are tried, and the one whose
-    foreground is more like disks is taken.
-    """
-    return _estimate(frame, valid, (1, -1))
-
-
-def _estimate(frame: NDArray[np.float32], valid: Mask, signs: tuple[int, ...]) -> tuple[DifferenceImage, int]:
-    """The background for contacts of one of these signs, and which.
-
-    Where much lies on the wrong side of what flat blocks show, the frame is divided by its envelope first if
-    more blocks agree with the background then.
-    """
+    frame, signs = np.asarray(frame, np.float32), {"bright": (1,), "dark": (-1,)}.get(polarity, (1, -1))
     rounding, shown = rounding_of_blocks(frame), exclude(valid, find_clipped(frame))
-    known = signs[0] if len(signs) == 1 else 0
-    flat = _flat_background(frame, shown, rounding, known)
+    flat = _flat_background(frame, shown, rounding, sum(signs))
     if flat is None:
         both = [(_background_of_crowd(frame, shown, sign, rounding), sign) for sign in signs]
         roundness = [_roundness(one, sign, valid) for one, sign in both] if len(both) > 1 else [1.0]
@@ -167,9 +163,7 @@ def _flat_behind_envelope(
     if not level > 0.0:  # a background had been subtracted before
         return None
     light = np.maximum(cv2.GaussianBlur(light, (0, 0), 1.0), DARKEST_FRACTION * level)
-    rows, columns = frame.shape
-    size = (light.shape[1] * BLOCK, light.shape[0] * BLOCK)
-    wide = cv2.resize(light, size, interpolation=cv2.INTER_LINEAR)[:rows, :columns]
+    wide = to_pixels(light, frame.shape, interpolation=cv2.INTER_LINEAR)
     even = np.asarray(frame * (np.float32(level) / wide), np.float32)
     flat = _flat_background(even, valid, rounding, sign)
     return None if flat is None else replace(flat, brightness=flat.brightness * (light / np.float32(level)))
@@ -199,7 +193,10 @@ def _light_between(
     finite, shape = np.isfinite(squares), (frame.shape[0], frame.shape[1])
     expected = _scatter_of_squares(squares, frame, rounding)
     # the lowest square of a block lies between contacts; that it is low by its noise, the rest corrects
-    lower = _fit_envelope(_lowest(np.where(finite, squares, np.inf)), shape)
+    side, highest = BLOCK // SQUARE_PX, np.finfo(np.float32).max
+    window = np.ones((side, side), np.uint8)
+    lowest = cv2.erode(np.where(finite, squares, highest), window, anchor=(0, 0))[::side, ::side]
+    lower = _fit_envelope(np.where(lowest < highest, lowest, np.float32(np.nan)), shape)
     flat = (squares - lower.at_blocks(squares.shape, shape)).astype(np.float32)
     level, scatter = find_background_level(flat, background_is="lowest", scatter=expected)
     rest = fit_illumination(flat, shape, level=level, scatter=min(scatter, 2.0 * expected))
@@ -239,19 +236,7 @@ def _tile_means(
     known = block_means(background.astype(np.float32), side=TILE_SQUARES)
     total = block_means(np.where(background, flat, np.float32(0.0)), side=TILE_SQUARES)
     mean = np.divide(total, known, out=np.zeros_like(total), where=known > NOTABLE_SHARE)
-    side = TILE_SQUARES * SQUARE_PX
-    size = (mean.shape[1] * side, mean.shape[0] * side)
-    return np.asarray(cv2.resize(mean, size, interpolation=cv2.INTER_LINEAR)[: shape[0], : shape[1]])
-
-
-def _lowest(squares: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The lowest square of each block; NaN where there is none."""
-    side = BLOCK // SQUARE_PX
-    rows, columns = (-(-size // side) * side for size in squares.shape)
-    padding = ((0, rows - squares.shape[0]), (0, columns - squares.shape[1]))
-    padded = np.pad(squares, padding, constant_values=np.inf)
-    lowest = padded.reshape(rows // side, side, columns // side, side).min(axis=(1, 3))
-    return np.where(np.isfinite(lowest), lowest, np.float32(np.nan))
+    return to_pixels(mean, shape, side=TILE_SQUARES * SQUARE_PX, interpolation=cv2.INTER_LINEAR)
 
 
 def _scatter(blocks: NDArray, rounding: float) -> float:

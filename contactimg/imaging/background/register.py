@@ -8,8 +8,6 @@ scale shows in the way the shift varies from tile to tile.
 Far: cross-correlation at a quarter of the resolution, over the pixels that are as bright as the background.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +22,7 @@ from contactimg.imaging.background.alignment import (
 )
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, ITERATIONS, Illumination
 from contactimg.imaging.pixels.blocks import side_of, strips
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Mask, mean_of_seen
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST_VALUES, SIGNIFICANT_SIGMA, median, robust_std
 from contactimg.timings import stage
 
@@ -143,7 +141,7 @@ def _gauss_newton(
     x = y = 0.0
     tops = np.arange(0, len(rows), STRIP_ROWS)
     edges = np.linspace(0, shape[1], max(round(shape[1] / TILE_PX), 1) + 1).astype(np.int64)
-    sums = np.zeros((len(tops), len(edges) - 1, SUMS))
+    sums = np.zeros((len(tops), len(edges) - 1, 10))  # of `_sum_row`
     for _ in range(ITERATIONS):
         moved = reference
         if x or y:
@@ -153,35 +151,42 @@ def _gauss_newton(
         clip = CLIP_MAD * median(np.abs(residuals - np.float32(middle))) if len(residuals) else 1.0
         limits = np.float32(middle), np.float32(max(clip, 1e-6))
         _tile_sums(frame, moved, mask, *limits, np.r_[tops, len(rows)], edges, sums)
-        cross, own, right, chi_square, count = _unpack(sums.sum(axis=(0, 1)))
-        if not _correlated(cross, own, count):
+        if not _correlated(sums):
             return UNKNOWN
-        step = np.linalg.solve(cross, right)
+        step, stds = _solve(sums, np.eye(2))
         x, y = x + float(step[0]), y + float(step[1])
         if max(abs(x), abs(y)) > BIN_PX:
             return UNKNOWN
         if np.hypot(step[0], step[1]) < NEGLIGIBLE_PX:
             break
-    inverse = np.linalg.inv(cross)
-    covariance = inverse @ own @ inverse.T * (chi_square / count) * CORRELATED_PX
-    std = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
     middles = (rows[tops] + rows[np.r_[tops[1:], len(rows)] - 1]) / 2
     rotation, scale = _rotation_and_scale(sums, (edges[1:] + edges[:-1] - 1) / 2, middles, shape)
-    return Alignment(x, y, std, rotation, scale, _consistent(sums))
+    return Alignment(x, y, float(stds.max()), rotation, scale, _consistent(sums))
 
 
-def _correlated(cross: NDArray, own: NDArray, count: float) -> bool:
+def _matrices(sums: NDArray) -> list[NDArray]:
+    """Products of the gradients of the two images, and of their mean with itself: matrices of two by two."""
+    return [sums[..., np.array(k)].reshape(*sums.shape[:-1], 2, 2) for k in ([0, 1, 1, 2], [3, 4, 4, 5])]
+
+
+def _correlated(sums: NDArray) -> bool:
     """Whether the gradients of the two images are correlated beyond chance, in every direction."""
-    if count < FEWEST_VALUES / 2:
+    total = sums.sum(axis=(0, 1))
+    if total[9] < FEWEST_VALUES / 2:
         return False
-    noise = SIGNIFICANT_SIGMA / np.sqrt(count / CORRELATED_PX) * _smallest_eigenvalue(own)
-    return _smallest_eigenvalue(cross) > noise > 0.0
+    cross, own = (float(np.linalg.eigvalsh(matrix)[0]) for matrix in _matrices(total))
+    return cross > SIGNIFICANT_SIGMA / np.sqrt(total[9] / CORRELATED_PX) * own > 0.0
 
 
-def _smallest_eigenvalue(matrix: NDArray) -> float:
-    """The smaller eigenvalue of a symmetric matrix of two by two."""
-    (xx, xy), (_, yy) = matrix.tolist()
-    return float(0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy))
+def _solve(sums: NDArray, jacobian: NDArray) -> tuple[NDArray, NDArray]:
+    """Numbers that move the tiles by ``jacobian`` times them, and their standard uncertainties."""
+    transposed = np.swapaxes(jacobian, -1, -2)
+    normal, own = ((transposed @ part @ jacobian).sum(axis=(0, 1)) for part in _matrices(sums))
+    right = (transposed @ sums[..., 6:8, None]).sum(axis=(0, 1))[:, 0]
+    chi_square, count = sums[..., 8:].sum(axis=(0, 1))
+    inverse = np.linalg.pinv(normal, rcond=1e-6)  # what is not determined is 0
+    variance = np.diag(inverse @ own @ inverse.T) * (chi_square / count) * CORRELATED_PX
+    return inverse @ right, np.sqrt(np.maximum(variance, 0.0))
 
 
 def _consistent(sums: NDArray) -> bool:
@@ -200,39 +205,15 @@ def _rotation_and_scale(sums: NDArray, x: NDArray, y: NDArray, shape: tuple[int,
     u, v = np.meshgrid((x - centre[0]) / corner, (y - centre[1]) / corner)
     one, none = np.ones_like(u), np.zeros_like(u)
     jacobian = np.stack([np.stack([one, none, -v, u], -1), np.stack([none, one, u, v], -1)], -2)
-    transposed = np.swapaxes(jacobian, -1, -2)
-    tile_cross, tile_own = (
-        sums[..., np.array(k)].reshape(*u.shape, 2, 2) for k in ([0, 1, 1, 2], [3, 4, 4, 5])
-    )
-    normal = (transposed @ tile_cross @ jacobian).sum(axis=(0, 1))
-    own = (transposed @ tile_own @ jacobian).sum(axis=(0, 1))
-    right = (transposed @ sums[..., 6:8, None]).sum(axis=(0, 1))[:, 0]
-    chi_square, count = sums[..., 8:].sum(axis=(0, 1))
-    if np.linalg.cond(normal) > 1e6:
+    numbers, stds = _solve(sums, jacobian)
+    if not np.any(np.abs(numbers[2:]) > np.maximum(SIGNIFICANT_SIGMA * stds[2:], NEGLIGIBLE_PX)):
         return 0.0, 1.0
-    inverse = np.linalg.inv(normal)
-    solution = inverse @ right
-    std = np.sqrt(np.maximum(np.diag(inverse @ own @ inverse.T) * (chi_square / count) * CORRELATED_PX, 0.0))
-    if not np.any(np.abs(solution[2:]) > np.maximum(SIGNIFICANT_SIGMA * std[2:], NEGLIGIBLE_PX)):
-        return 0.0, 1.0
-    return float(solution[2]) / corner, 1.0 + float(solution[3]) / corner
-
-
-# Length of the packed sums of a tile: products of the gradients of the two images (xx, xy, yy), of their mean
-# with itself (xx, xy, yy) and with the residual (x, y), chi-square, number of pixels.
-SUMS = 10
-
-
-def _unpack(sums: NDArray) -> tuple[NDArray, NDArray, NDArray, float, float]:
-    """Matrices and right side from packed sums."""
-    xx, xy, yy, ox, oxy, oy = sums[:6]
-    cross, own = np.array([[xx, xy], [xy, yy]]), np.array([[ox, oxy], [oxy, oy]])
-    return cross, own, sums[6:8], float(sums[8]), float(sums[9])
+    return float(numbers[2]) / corner, 1.0 + float(numbers[3]) / corner
 
 
 @njit(cache=True)
 def _tile_sums(frame, reference, mask, middle, clip, tops, edges, sums):
-    """Packed sums of every tile; residuals beyond clip are left out."""
+    """Sums of every tile; residuals beyond clip are left out."""
     rows, columns = frame.shape
     sums[:] = 0.0
     for i in range(len(tops) - 1):
@@ -249,7 +230,11 @@ def _tile_sums(frame, reference, mask, middle, clip, tops, edges, sums):
 
 @njit(cache=True, fastmath=True, forceinline=True)
 def _sum_row(frame, above, below, reference, over, under, mask, middle, clip, out):
-    """Add the inside of a row of a tile; single precision within it, for vector instructions."""
+    """Add the inside of a row of a tile; single precision within it, for vector instructions.
+
+    The sums are products of the gradients of the two images (xx, xy, yy), of their mean with itself (xx, xy,
+    yy) and with the residual (x, y), chi-square, number of pixels.
+    """
     half, zero, one = np.float32(0.5), np.float32(0.0), np.float32(1.0)
     squares = count = xx = xy = yy = ox = oxy = oy = rx = ry = zero
     for c in range(1, len(frame) - 1):
@@ -283,25 +268,6 @@ def _sum_row(frame, above, below, reference, over, under, mask, middle, clip, ou
     out[9] += count
 
 
-@dataclass(frozen=True)
-class FarSearch:
-    """Result of the search.
-
-    Parameters
-    ----------
-    alignment : Alignment or None
-        To about 1 px, with a rotation and scale if the tiles show one; None if no peak stands out.
-    textured : bool
-        Whether the reference has any texture or dirt that a shift would move.
-    textured_everywhere : bool
-        Whether it has more than a few grains of dirt.
-    """
-
-    alignment: Alignment | None
-    textured: bool
-    textured_everywhere: bool = False
-
-
 def search_alignment(
     frame: NDArray,
     reference: NDArray,
@@ -309,14 +275,21 @@ def search_alignment(
     valid: Mask,
     *,
     near: Alignment = UNKNOWN,
-) -> FarSearch:
+) -> tuple[Alignment | None, bool] | None:
     """Search shifts of up to a quarter of the image and rotations of up to a degree.
 
     The images are as for `align`; ``near`` is the shift at the centre of the image, if known.
+
+    Returns
+    -------
+    alignment, everywhere
+        To about 1 px, with a rotation and scale if the tiles show one, None if no peak stands out; and
+        whether the reference has more texture than a few grains of dirt. None in place of both if it has
+        nothing that a shift would move.
     """
     size = (frame.shape[1] // BIN_PX, frame.shape[0] // BIN_PX)
     if min(size) < 2 * WINDOW_BINS:
-        return FarSearch(None, textured=False)
+        return None
     binned, before = (
         cv2.resize(np.asarray(image, np.float32), size, interpolation=cv2.INTER_AREA)
         for image in (frame, reference)
@@ -325,14 +298,11 @@ def search_alignment(
     if valid is not None:
         holes = cv2.resize(1 - valid, size, interpolation=cv2.INTER_AREA)
         usable = cv2.dilate(holes, np.ones((3, 3), np.uint8)) == 0
-    weight, around = (
-        cv2.blur(part, (2 * WINDOW_BINS + 1, 2 * WINDOW_BINS + 1))
-        for part in (usable.astype(np.float32), np.where(usable, before, np.float32(0.0)))
-    )
-    around = around / np.maximum(weight, np.float32(1e-3))
+    window = (2 * WINDOW_BINS + 1, 2 * WINDOW_BINS + 1)
+    around, _ = mean_of_seen(lambda part: cv2.blur(part, window), before, usable)
     usable &= around > DARKEST_FRACTION * float(np.abs(around).max())
     if np.count_nonzero(usable) < FEWEST_VALUES:
-        return FarSearch(None, textured=False)
+        return None
     around = np.where(usable, around, np.float32(1.0))
     detail = np.where(usable, before / around - 1.0, np.float32(0.0))
     detail[usable] -= median(detail[usable])  # light that falls off quadratically is above its mean around
@@ -340,7 +310,7 @@ def search_alignment(
     detail = np.clip(detail, -2 * CLIP_SIGMA * scatter, 2 * CLIP_SIGMA * scatter)
     grains, everywhere = _texture(detail, usable, scatter)
     if not (grains or everywhere):
-        return FarSearch(None, textured=False)
+        return None
     middle = [np.arange(count) * BIN_PX + BIN_PX // 2 for count in size]
     ratio = illumination.ratio_at_rows(middle[1], frame.shape, middle[0])
     excess = np.where(usable, binned / (ratio * around) - 1.0, np.float32(0.0))
@@ -354,11 +324,9 @@ def search_alignment(
         reach = [max(count // LARGEST_SHIFT_FRACTION, 2) for count in excess.shape]
         peak = _find_peak(_widened(detail, *reach), excess)
     if peak is None:
-        return FarSearch(None, textured=True, textured_everywhere=everywhere)
+        return None, everywhere
     shift = Alignment(BIN_PX * peak.real, BIN_PX * peak.imag, np.inf)
-    return FarSearch(
-        _align_tiles(excess, detail, peak) or shift, textured=True, textured_everywhere=everywhere
-    )
+    return _align_tiles(excess, detail, peak) or shift, everywhere
 
 
 def _texture(detail: NDArray, usable: NDArray[np.bool_], scatter: float) -> tuple[bool, bool]:

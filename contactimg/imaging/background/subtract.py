@@ -231,16 +231,17 @@ def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReferenc
     search = search_alignment(
         images.frame, placed.reference, placed.illumination, placed.valid, near=residual
     )
-    if not search.textured:
+    if search is None:
         return placed, residual, False
+    shift, textured = search
     if not everywhere:
         residual = placed.align(everywhere=True)
-    if search.alignment is not None and not (residual.known and search.alignment.is_shift):
-        candidate = placed.moved_by(search.alignment)
+    if shift is not None and not (residual.known and shift.is_shift):
+        candidate = placed.moved_by(shift)
         left = candidate.align(everywhere=True)
         if left.std_px < residual.std_px:
             placed, residual = candidate, left
-    return *_approach(placed, residual, everywhere=True), search.textured_everywhere
+    return *_approach(placed, residual, everywhere=True), textured
 
 
 def _approach(

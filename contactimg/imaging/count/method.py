@@ -14,16 +14,15 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from contactimg.errors import InputError
 from contactimg.imaging.count.by_hand import edit_counts
 from contactimg.imaging.count.rim_errors import (
+    FEWEST_WIDE,
     Crossing,
     blur_of_heights,
     height_at_rims,
     rim_errors,
-    shown_contrast,
 )
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.detect.candidates import Contrast
@@ -36,8 +35,8 @@ from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.limits import NOISY_RATIO, SMALL_AREA_PX2
-from contactimg.imaging.profile.optics import SharedOptics, combine_errors
+from contactimg.imaging.profile.limits import NOISY_RATIO, SHOWN_BLUR_WIDTHS, SMALL_AREA_PX2
+from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
 
@@ -128,7 +127,7 @@ def measure_by_count(
     crossing = Crossing(fraction, contrast.plateau, contrast.std, blur, foreground.noise, fraction_std)
     crossing, own_std = _with_unseen_contrast(foreground, contacts["radius_px"], crossing)
     rim_height = height_at_rims(image, contacts, crossing)
-    contacts |= _uncertainties(contacts, crossing, rim_height)
+    contacts |= rim_errors(contacts["radius_px"], contacts["height"], crossing, rim_height=rim_height)
     # of a contact cut by the border the pixels counted are those that are seen
     contacts["visible_area_px2"] = np.pi * contacts["radius_px"] ** 2
     return Counted(
@@ -165,10 +164,11 @@ def _with_unseen_contrast(
     shown = foreground.shown
     if not len(radius_px):
         return crossing, shown.std
-    deficit, wide = shown_contrast(radius_px, crossing)
+    widest = float(np.sort(radius_px)[-FEWEST_WIDE:].min()) / crossing.blur_px
     room = foreground.largest_contrast / max(shown.plateau, 1e-9)
-    if wide and shown.resolved:
-        own, ratio = float(np.hypot(shown.std, deficit * shown.plateau)), 1.0
+    if widest > SHOWN_BLUR_WIDTHS and shown.resolved:
+        # the centre of a disk of radius a behind a blur s lacks exp(-a^2/(2 s^2)) of its contrast
+        own, ratio = float(np.hypot(shown.std, np.exp(-0.5 * widest**2) * shown.plateau)), 1.0
     else:
         ratio = float(np.clip(room, 1.0, LARGEST_CONTRAST_RATIO))
         own = max(np.log(ratio) / np.sqrt(12.0), PLATEAU_STD_FRACTION) * shown.plateau
@@ -176,22 +176,6 @@ def _with_unseen_contrast(
         return crossing, own
     std = own if ratio == 1.0 else PLATEAU_STD_FRACTION * shown.plateau
     return replace(crossing, contrast_std=std, largest_ratio=ratio), own
-
-
-def _uncertainties(contacts: Columns, crossing: Crossing, rim_height: float) -> Columns:
-    """Columns of the uncertainties of counted contacts, of any height at their rims."""
-    errors = rim_errors(contacts["radius_px"], contacts["height"], crossing)
-    edge = errors.threshold_shift
-    if rim_height != 1.0:
-        fractions = np.clip([crossing.fraction, crossing.fraction / rim_height], 0.01, 0.99)
-        edge = np.sign(rim_height - 1.0) * np.hypot(edge, crossing.blur_px * float(np.ptp(ndtri(fractions))))
-    shared = np.stack([errors.contrast_shift, edge], axis=1)
-    return {
-        "radius_std_px": combine_errors(errors.own, shared),
-        "contrast_shift_px": errors.contrast_shift,
-        "blur_shift_px": np.zeros(len(shared)),
-        "edge_shift_px": edge,
-    }
 
 
 def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> float:

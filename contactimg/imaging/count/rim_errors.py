@@ -16,7 +16,7 @@ from scipy.special import ive, ndtr, ndtri
 from contactimg.imaging.fit.contact_pixels import measure_rise
 from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.limits import SHOWN_BLUR_WIDTHS
+from contactimg.imaging.profile.optics import combine_errors
 from contactimg.imaging.profile.threshold_radius import disk_radius
 
 Values = NDArray[np.float64]
@@ -67,29 +67,10 @@ class Crossing:
     largest_ratio: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class RimErrors:
-    """Uncertainties of counted radii, px.
-
-    Parameters
-    ----------
-    own : ndarray, shape (n,)
-        Of each alone: counting, noise, and a contrast of its own.
-    contrast_shift : ndarray, shape (n,)
-        Change if the contrast of the frame is one standard uncertainty higher; where contacts do not show
-        it, root mean square error for all contrasts that they may have.
-    threshold_shift : ndarray, shape (n,)
-        Radius at the threshold minus that of the contact behind the blur; of a calibrated threshold, which
-        took that into account, the change if it is one standard uncertainty higher.
-    """
-
-    own: Values
-    contrast_shift: Values
-    threshold_shift: Values
-
-
-def rim_errors(radius_px: Values, height: Values, crossing: Crossing) -> RimErrors:
-    """Uncertainties of counted radii.
+def rim_errors(
+    radius_px: Values, height: Values, crossing: Crossing, *, rim_height: float = 1.0
+) -> dict[str, Values]:
+    """Uncertainties of counted radii: columns of contacts.
 
     Parameters
     ----------
@@ -98,13 +79,25 @@ def rim_errors(radius_px: Values, height: Values, crossing: Crossing) -> RimErro
     height : ndarray, shape (n,)
         Their mean grey level above the background; NaN where it is not known.
     crossing : Crossing
+    rim_height : float
+        Of `height_at_rims`.
+
+    Returns
+    -------
+    dict of arrays
+        ``contrast_shift_px`` is the change if the contrast of the frame is one standard uncertainty higher;
+        where contacts do not show it, the root mean square error for all contrasts that they may have.
+        ``edge_shift_px`` is the radius at the threshold minus that of the contact behind the blur; of a
+        calibrated threshold, which took that into account, the change if it is one standard uncertainty
+        higher. ``radius_std_px`` contains both, and what each contact has alone: counting, noise, and a
+        contrast of its own.
 
     Examples
     --------
     >>> half = Crossing(0.5, contrast=100.0, contrast_std=1.0, blur_px=1.4, noise=2.0)
     >>> errors = rim_errors(np.array([2.0, 10.0]), np.array([80.0, 95.0]), half)
-    >>> errors.own.round(3), errors.threshold_shift.round(2)
-    (array([0.085, 0.037]), array([-0.48, -0.1 ]))
+    >>> errors["radius_std_px"].round(2), errors["edge_shift_px"].round(2)
+    (array([0.49, 0.11]), array([-0.48, -0.1 ]))
     """
     f, contrast = crossing.fraction, crossing.contrast
     true = disk_radius(radius_px, blur_px=crossing.blur_px, fraction=f)
@@ -113,21 +106,19 @@ def rim_errors(radius_px: Values, height: Values, crossing: Crossing) -> RimErro
     counting = (PIXEL_VARIANCE + (crossing.noise / slope) ** 2) / (2.0 * np.pi * np.maximum(radius_px, 0.5))
     own = np.hypot(np.sqrt(counting), spread)
     calibrated = crossing.fraction_std > 0
-    threshold_shift = -crossing.fraction_std * contrast / slope if calibrated else radius_px - true
-    contrast_shift = -f * crossing.contrast_std / slope
+    edge = -crossing.fraction_std * contrast / slope if calibrated else radius_px - true
     unseen = _unseen_contrast_error(radius_px, true, crossing.largest_ratio)
-    unseen = np.sqrt(np.maximum(unseen**2 - threshold_shift**2, 0.0))
-    return RimErrors(own, -np.hypot(contrast_shift, unseen), threshold_shift)
-
-
-def shown_contrast(radius_px: Values, crossing: Crossing) -> tuple[float, bool]:
-    """Relative deficit of the plateau in the widest contacts, and whether they show their contrast.
-
-    A disk of radius a behind a blur s reaches ``1 - exp(-a^2/(2 s^2))`` of its contrast at the centre.
-    """
-    widest = np.sort(radius_px)[-min(FEWEST_WIDE, len(radius_px)) :].min(initial=np.inf)
-    widths = float(widest / crossing.blur_px)
-    return float(np.exp(-0.5 * widths**2)), widths > SHOWN_BLUR_WIDTHS
+    unseen = np.sqrt(np.maximum(unseen**2 - edge**2, 0.0))
+    shift = -np.hypot(f * crossing.contrast_std / slope, unseen)
+    if rim_height != 1.0:
+        fractions = np.clip([f, f / rim_height], 0.01, 0.99)
+        edge = np.sign(rim_height - 1.0) * np.hypot(edge, crossing.blur_px * float(np.ptp(ndtri(fractions))))
+    return {
+        "radius_std_px": combine_errors(own, np.stack([shift, edge], axis=1)),
+        "contrast_shift_px": shift,
+        "blur_shift_px": np.zeros(len(shift)),
+        "edge_shift_px": edge,
+    }
 
 
 def _unseen_contrast_error(radius: Values, true: Values, ratio: float) -> Values:

@@ -87,7 +87,7 @@ def split_components(
     for alone, disks, box in groups:
         parts = empty_components(len(disks), alone.shape)
         inside = for_kernel(None if marks is None else marks[box])
-        _share(alone, inside, disks, np.argsort(disks[:, 0], kind="stable"), parts)
+        _share(alone, inside, disks, parts)
         for name in ("x", "peak_x", "left", "right"):
             parts[name] += box[1].start
         for name in ("y", "peak_y", "top", "bottom"):
@@ -106,59 +106,24 @@ def _smoothed(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
 
 
 @njit(cache=True)
-def _power(disk, i, j):
-    """Squared distance of a pixel from the centre minus the squared radius."""
-    return (i - disk[0]) ** 2 + (j - disk[1]) ** 2 - disk[2] ** 2
-
-
-@njit(cache=True)
-def _disks_of_row(disks, order, j):
-    """Disks with the least power somewhere in a row, from left to right; ``order`` is that of their x.
-
-    Along a row, powers differ by straight lines: these disks are their lower envelope.
-    """
-    kept, count = np.empty(len(disks), np.int64), 0
-    at_zero = disks[:, 0] ** 2 + (j - disks[:, 1]) ** 2 - disks[:, 2] ** 2
-    for k in order:
-        while count:
-            last = kept[count - 1]
-            rise = at_zero[k] - at_zero[last]
-            if disks[k, 0] == disks[last, 0]:
-                gone = rise < 0.0
-                if not gone:
-                    break
-            elif count > 1:
-                first = kept[count - 2]
-                run, before = disks[last, 0] - disks[first, 0], at_zero[last] - at_zero[first]
-                gone = (at_zero[k] - at_zero[first]) * run <= before * (disks[k, 0] - disks[first, 0])
-            else:
-                gone = False
-            if not gone:
-                break
-            count -= 1
-        if count == 0 or disks[k, 0] > disks[kept[count - 1], 0]:
-            kept[count] = k
-            count += 1
-    return kept[:count]
-
-
-@njit(cache=True)
-def _share(image, marks, disks, order, parts):
+def _share(image, marks, disks, parts):
     """Give each pixel of a component to the disk with the least power ``|p - c|^2 - r^2``.
 
-    The image is 0 outside the component; ``order`` is that of the disks along x.
+    The image is 0 outside the component.
     """
     marked = marks.shape == image.shape
+    owner, least = np.empty(image.shape[1], np.int64), np.empty(image.shape[1])
     for j in range(image.shape[0]):
-        near, best = _disks_of_row(disks, order, j), 0
-        for i in range(image.shape[1]):
-            while best + 1 < len(near) and _power(disks[near[best + 1]], i, j) < _power(
-                disks[near[best]], i, j
-            ):
-                best += 1
-            if image[j, i] == 0:
-                continue
-            add_pixel(parts[near[best]], i, j, image[j, i], marked and marks[j, i] > 0)
+        least[:] = np.inf
+        for k in range(len(disks)):
+            x, start = disks[k, 0], (j - disks[k, 1]) ** 2 - disks[k, 2] ** 2
+            for i in range(len(least)):
+                power = (i - x) ** 2 + start
+                if power < least[i]:
+                    least[i], owner[i] = power, k
+        for i in range(len(least)):
+            if image[j, i] != 0:
+                add_pixel(parts[owner[i]], i, j, image[j, i], marked and marks[j, i] > 0)
     for part in parts:
         if part["area"] > 0:  # else its disk lies in those around it
             finish_component(part)

@@ -44,6 +44,21 @@ def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> NDA
     return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
 
 
+def to_pixels(
+    blocks: NDArray, shape: tuple[int, ...], *, side: int = BLOCK, interpolation: int = cv2.INTER_NEAREST
+) -> NDArray:
+    """The values of blocks at all pixels of an image of ``shape``.
+
+    Examples
+    --------
+    >>> to_pixels(np.array([[1, 2]], np.uint8), (2, 3), side=2).tolist()
+    [[1, 1, 2], [1, 1, 2]]
+    """
+    size = (side * blocks.shape[1], side * blocks.shape[0])
+    pixels = np.asarray(cv2.resize(blocks, size, interpolation=interpolation))
+    return np.ascontiguousarray(pixels[: shape[0], : shape[1]])
+
+
 def rounding_of_blocks(*images: NDArray) -> float:
     """Standard uncertainty that compression leaves in the mean of a block of the difference of two images.
 
@@ -80,7 +95,10 @@ def _rounding_step(image: NDArray) -> float:
     side = BLOCK // 2
     last, across = image.shape[0] // side - 2, image.shape[1] // side
     first = np.arange(0, last, max(8 * last * across // SAMPLE, 1))  # a quarter of it tells a step
-    levels = _levels_without_detail(np.ascontiguousarray(image), np.stack([first, first + 2]), side)
+    rows = np.stack([first, first + 2])[..., None] * side + np.arange(side)
+    squares = image[rows, : across * side].reshape(*rows.shape, across, side)
+    same = (squares == squares[:, :, :1, :, :1]).all(axis=(2, 4))
+    levels = np.where(same, squares[:, :, 0, :, 0], np.nan)
     known = levels[np.isfinite(levels)]
     if known.size <= ROUNDED_SHARE * levels.size:
         return 0.0
@@ -102,8 +120,7 @@ def find_clipped(image: NDArray) -> Mask:
     clipped = block_means(((image == extremes[0]) | (image == extremes[1])).astype(np.float32)) > MOST_CLIPPED
     if not SOME_CLIPPED < np.mean(clipped) < 1.0 - SOME_CLIPPED:
         return None
-    pixels = clipped.astype(np.uint8).repeat(BLOCK, 0).repeat(BLOCK, 1)
-    return pixels[: image.shape[0], : image.shape[1]]
+    return to_pixels(clipped.astype(np.uint8), image.shape)
 
 
 class BlockMeans:
@@ -218,21 +235,6 @@ def side_of(blocks: tuple[int, ...], shape: tuple[int, ...]) -> int:
     while any(-(-size // side) > count for size, count in zip(shape, blocks, strict=True)):
         side *= 2
     return side
-
-
-@njit(cache=True)
-def _levels_without_detail(image, rows, side):
-    """Level of each square, in these rows of squares, whose pixels are all equal; NaN for the others."""
-    levels = np.full((*rows.shape, image.shape[1] // side), np.nan)
-    for j in range(rows.shape[0]):
-        for i in range(rows.shape[1]):
-            for k in range(levels.shape[2]):
-                y, x, pixel = rows[j, i] * side, k * side, 0
-                while pixel < side**2 and image[y + pixel // side, x + pixel % side] == image[y, x]:
-                    pixel += 1
-                if pixel == side**2:
-                    levels[j, i, k] = image[y, x]
-    return levels
 
 
 @njit(cache=True)

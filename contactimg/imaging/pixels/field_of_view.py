@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels.blocks import BLOCK, block_means
+from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import (
     SAMPLE,
@@ -53,13 +53,9 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     if not lit_level > 0 or quantile(means, 0.0) > UNLIT_FRACTION * lit_level:
         return None
     level = median(means[means > 0.5 * lit_level])
-    dark = (means < UNLIT_FRACTION * level).astype(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=4)
-    border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    kept = [k for k in border if k > 0 and stats[k, cv2.CC_STAT_AREA] >= LEAST_UNLIT_BLOCKS]
-    if count < 2 or not kept:
+    unlit = _at_border(means < UNLIT_FRACTION * level)
+    if not unlit.any():
         return None
-    unlit = np.isin(labels, kept).astype(np.uint8)
     inner, outer = (cv2.dilate(unlit, np.ones((size, size), np.uint8)) for size in STOP_EDGE_BLOCKS)
     beside = means[outer > inner]
     if not _is_field_of_view(1 - unlit) or (beside.size and median(beside) < STOP_LIGHT * level):
@@ -76,22 +72,26 @@ def find_margin(image: NDArray, full_scale: float) -> Mask:
     corners = image[[0, 0, -1, -1], [0, -1, 0, -1]]
     if not (corners >= full_scale).all():
         return None
-    white = (block_means((image >= full_scale).astype(np.float32)) == 1.0).astype(np.uint8)
-    labels = cv2.connectedComponents(white, connectivity=4)[1]
-    number = labels[0, 0]
-    sides = (labels[0], labels[-1], labels[:, 0], labels[:, -1])
-    margin = (labels == number).astype(np.uint8)
-    if not number or not all((side == number).any() for side in sides) or not _is_field_of_view(1 - margin):
+    margin = _at_border(block_means((image >= full_scale).astype(np.float32)) == 1.0)
+    sides = (margin[0], margin[-1], margin[:, 0], margin[:, -1])
+    if not all(side.any() for side in sides) or not _is_field_of_view(1 - margin):
         return None
     return _pixels_of(margin, image >= full_scale, DRAWN_EDGE_PX)
 
 
+def _at_border(blocks: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Those of some blocks that are connected with the border of the image, without small regions."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(blocks.astype(np.uint8), connectivity=4)
+    border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    large = stats[border, cv2.CC_STAT_AREA] >= LEAST_UNLIT_BLOCKS
+    return np.isin(labels, border[large & (border > 0)]).astype(np.uint8)
+
+
 def _pixels_of(blocks: NDArray[np.uint8], alike: NDArray[np.bool_], reach: int) -> NDArray[np.uint8]:
     """The pixels of some blocks, those beside them that are alike, and all that their edge reaches (px)."""
-    (rows, columns), side = alike.shape, 2 * reach + 1
-    near = np.asarray(cv2.dilate(blocks, np.ones((3, 3), np.uint8)), np.uint8)
-    own, near = (part.repeat(BLOCK, 0).repeat(BLOCK, 1)[:rows, :columns] for part in (blocks, near))
-    ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    near = cv2.dilate(blocks, np.ones((3, 3), np.uint8))
+    own, near = (to_pixels(part, alike.shape) for part in (blocks, near))
+    ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     return np.asarray(cv2.dilate(own | (near & alike.astype(np.uint8)), ellipse), np.uint8)
 
 

@@ -1,9 +1,10 @@
 """Masks: which pixels of an image are used, and which fraction of a disk they leave visible."""
 
+from collections.abc import Callable
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-
-from contactimg.compiled import njit
 
 Mask = NDArray[np.uint8] | None
 """One value for each pixel, 0 or 1; None where no pixel is masked."""
@@ -37,6 +38,23 @@ def exclude(valid: Mask, marked: Mask) -> Mask:
     return 1 - marked if valid is None else valid & (1 - marked)
 
 
+def mean_of_seen(
+    blur: Callable[[NDArray], NDArray], image: NDArray, seen: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Mean of the pixels seen around each one, with the weights of a blur; and their weight.
+
+    Examples
+    --------
+    >>> image, seen = np.array([[2.0, 4.0, np.nan]], np.float32), np.array([[True, True, False]])
+    >>> mean, weight = mean_of_seen(lambda part: cv2.blur(part, (3, 1)), image, seen)
+    >>> mean.round(3).tolist(), weight.round(3).tolist()
+    ([[3.333, 3.0, 4.0]], [[1.0, 0.667, 0.667]])
+    """
+    parts = (seen.astype(np.float32), np.where(seen, image, np.float32(0.0)))
+    weight, total = (np.asarray(blur(part), np.float32) for part in parts)
+    return np.asarray(total / np.maximum(weight, np.float32(1e-3)), np.float32), weight
+
+
 def clear_disks(mask: NDArray[np.uint8], disks: NDArray[np.float64]) -> None:
     """Set the disks (x, y, radius in pixels of the mask) to 0: centres rounded, radii rounded up.
 
@@ -47,30 +65,9 @@ def clear_disks(mask: NDArray[np.uint8], disks: NDArray[np.float64]) -> None:
     >>> mask.tolist()
     [[1, 0, 1, 1], [0, 0, 0, 1], [1, 0, 1, 1]]
     """
-    _clear_circles(mask, np.rint(disks[:, :2]).astype(np.int64), np.ceil(disks[:, 2]).astype(np.int64))
-
-
-@njit(cache=True)
-def _clear_circles(mask, centres, radii):
-    """Set filled circles to 0: eight octants from one, by the midpoint algorithm."""
-    for i in range(len(radii)):
-        x, y, across, down = centres[i, 0], centres[i, 1], radii[i], 0
-        error, fall = 0, 2 * radii[i] - 1
-        while across >= down:
-            for half, away in ((across, down), (down, across)):
-                _clear_run(mask, y - away, x - half, x + half)
-                _clear_run(mask, y + away, x - half, x + half)
-            error += 2 * down + 1
-            down += 1
-            if error > 0:
-                error, across, fall = error - fall, across - 1, fall - 2
-
-
-@njit(cache=True)
-def _clear_run(mask, row, first, last):
-    """Set the pixels of a row from first to last to 0, as far as they lie in the image."""
-    if 0 <= row < mask.shape[0]:
-        mask[row, max(first, 0) : max(last + 1, 0)] = 0
+    places = np.column_stack([np.rint(disks[:, :2]), np.ceil(disks[:, 2])]).astype(int)
+    for x, y, radius in places.tolist():
+        cv2.circle(mask, (x, y), radius, 0, cv2.FILLED)
 
 
 def visible_fraction(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDArray[np.float64]:
@@ -95,17 +92,12 @@ def visible_fraction(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDA
         cut = (x < reach) | (y < reach) | (x > shape[1] - reach) | (y > shape[0] - reach)
     else:
         cut = np.ones(len(disks), np.bool_)
-    fraction = np.ones(len(disks))
-    fraction[cut] = _fraction_of_points(disks[cut], shape, valid)
-    return fraction
-
-
-def _fraction_of_points(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDArray[np.float64]:
-    """`visible_fraction` from points all over each disk."""
-    x = np.rint(disks[:, :1] + disks[:, 2:3] * UNIT_DISK.real)
-    y = np.rint(disks[:, 1:2] + disks[:, 2:3] * UNIT_DISK.imag)
+    fraction, some = np.ones(len(disks)), disks[cut]
+    x = np.rint(some[:, :1] + some[:, 2:3] * UNIT_DISK.real)
+    y = np.rint(some[:, 1:2] + some[:, 2:3] * UNIT_DISK.imag)
     visible = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
     if valid is not None:
         rows, columns = (np.where(visible, place, 0).astype(int) for place in (y, x))
         visible &= valid[rows, columns] > 0
-    return np.asarray(visible.mean(axis=1))
+    fraction[cut] = visible.mean(axis=1)
+    return fraction

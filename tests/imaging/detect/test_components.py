@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from contactimg.imaging.count.split_touching import _disks_of_row
-from contactimg.imaging.detect.components import label_components
+from contactimg.imaging.count.split_touching import _share
+from contactimg.imaging.detect.components import empty_components, label_components
+from contactimg.imaging.pixels.masks import for_kernel
 
 
 @pytest.mark.parametrize("density", [0.05, 0.3, 0.6])
@@ -57,13 +58,11 @@ def test_nothing_above_the_level_is_an_empty_result():
     assert len(label_components(np.zeros((4, 4), np.float32), 0.5)) == 0
 
 
-def test_disks_of_a_row_are_those_with_the_least_power(rng):
-    disks = np.column_stack([rng.integers(0, 60, 40), rng.uniform(0, 40, 40), rng.uniform(2, 9, 40)])
-    order = np.argsort(disks[:, 0], kind="mergesort")
-    x = np.arange(60)
-    for row in range(0, 40, 3):
-        powers = [(x - cx) ** 2 + (row - cy) ** 2 - a**2 for cx, cy, a in disks]
-        near = _disks_of_row(disks, order, row)
-        least = np.argmin(powers, axis=0)
-        assert set(least) <= set(near)
-        assert (np.diff(disks[near, 0]) > 0).all()
+def test_pixels_go_to_the_disk_with_the_least_power(rng):
+    disks = np.column_stack([rng.uniform(0, 60, 40), rng.uniform(0, 40, 40), rng.uniform(2, 9, 40)])
+    y, x = np.mgrid[0:40, 0:60]
+    powers = [(x - cx) ** 2 + (y - cy) ** 2 - a**2 for cx, cy, a in disks]
+    parts = empty_components(40, x.shape)
+    _share(np.ones(x.shape, np.float32), for_kernel(None), disks, parts)
+    nearest = np.argmin(powers, axis=0)
+    assert parts["area"].tolist() == np.bincount(nearest.ravel(), minlength=40).tolist()
