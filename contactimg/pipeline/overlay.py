@@ -17,6 +17,7 @@ from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.pictures import (
+    MARKS,
     PREDICTED,
     draw_frames,
     draw_predicted,
@@ -40,25 +41,19 @@ class Comparison:
         Pairs with the coupled model's contacts.
     scores : DataFrame
         One row a frame and model.
-    predicted : dict
-        Frame -> model -> its prediction, restricted to the field of view.
+    seen : dict
+        Frame -> model -> the contacts in the field of view by kind, as `compare_frame` tells them apart.
+    plans : dict
+        Frame -> plan of the coupled model; absent where every switch is set.
     left_out : dict
         Frame -> which model has no solution for it, and why.
-    min_radius_px : float
-        Smaller predicted contacts and their partners do not count.
     """
 
     matches: pd.DataFrame
     scores: pd.DataFrame
-    predicted: dict[str, dict[str, Prediction]]
+    seen: dict[str, dict[str, dict[str, pd.DataFrame]]]
+    plans: dict[str, Plan]
     left_out: dict[str, str]
-    min_radius_px: float
-
-    @property
-    def plans(self) -> dict[str, Plan]:
-        """Frame -> plan of the coupled model; absent where every switch is set."""
-        coupled = ((frame, models.get("coupled")) for frame, models in self.predicted.items())
-        return {frame: one.plan for frame, one in coupled if one is not None and one.plan is not None}
 
 
 def compare_run(
@@ -106,22 +101,25 @@ def compare_run(
             predicted[frame][model] = one
         else:
             left_out.setdefault(frame, []).append(f"{model}: {one}")
+    seen: dict[str, dict[str, dict[str, pd.DataFrame]]] = {}
+    coupled = ((frame, models["coupled"].plan) for frame, models in predicted.items() if "coupled" in models)
+    plans = {frame: plan for frame, plan in coupled if plan is not None}
     for frame, models in predicted.items():
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
         if "coupled" in models and measured["force_N"].notna().any():
             # both sides follow one law
-            plan = models["coupled"].plan
-            measured = local_forces(run.scene if plan is None else plan.apply(run.scene), measured, sites)[0]
+            scene = plans[frame].apply(run.scene) if frame in plans else run.scene
+            measured = local_forces(scene, measured, sites)[0]
         for model, prediction in models.items():
-            pairs, score = compare_frame(
-                measured, prediction.contacts, pixel_size=pose.pixel_size, min_radius_px=min_radius_px
-            )
+            lengths = {"pixel_size": pose.pixel_size, "min_radius_px": min_radius_px}
+            pairs, kinds, score = compare_frame(measured, prediction.contacts, **lengths)
+            seen.setdefault(frame, {})[model] = kinds
             scores.append({"frame": frame, "model": model, **score})
             if model == "coupled":
                 matches.append(pairs)
-    table = SCORES.conform(pd.DataFrame(scores)) if scores else SCORES.empty()
+    table = SCORES.conform(pd.DataFrame(scores, columns=list(SCORES.columns)))
     reasons = {name: "; ".join(why) for name, why in left_out.items()}
-    return Comparison(MATCHES.conform(pd.concat(matches)), table, predicted, reasons, min_radius_px)
+    return Comparison(MATCHES.conform(pd.concat(matches)), table, seen, plans, reasons)
 
 
 def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
@@ -139,19 +137,29 @@ def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
 
 def compare_frame(
     measured: pd.DataFrame, predicted: pd.DataFrame, *, pixel_size: float, min_radius_px: float
-) -> tuple[pd.DataFrame, dict[str, float]]:
-    """Match one frame's contacts and score the prediction.
+) -> tuple[pd.DataFrame, dict[str, pd.DataFrame], dict[str, float]]:
+    """Match one frame's contacts and score the prediction: pairs, contacts by kind, and score.
 
-    Precision is the matched share of the predicted contacts, recall that of the measured ones. A measured
-    contact whose partner is predicted smaller than ``min_radius_px`` counts neither for nor against.
+    The kinds are those of `contactimg.pipeline.pictures.MARKS`, and `PREDICTED`. Precision is the matched
+    share of the predicted contacts, recall that of the measured ones. A measured contact whose partner is
+    predicted smaller than ``min_radius_px`` counts neither for nor against.
     """
-    pairs = match_contacts(measured, predicted, max_distance=3 * pixel_size)
-    visible = predicted["radius_m"] >= min_radius_px * pixel_size
-    counted = pairs["radius_predicted_m"] >= min_radius_px * pixel_size
-    n_measured, n_predicted = len(measured) - int((~counted).sum()), int(visible.sum())
-    n_matched, good = int(counted.sum()), pairs[counted]
+    pairs, least = (
+        match_contacts(measured, predicted, max_distance=3 * pixel_size),
+        min_radius_px * pixel_size,
+    )
+    good = pairs[pairs["radius_predicted_m"] >= least]
+    alone = (predicted["radius_m"] >= least) & ~predicted["asperity"].isin(pairs["asperity"])
+    kinds = {
+        "matched": measured[measured["label"].isin(good["measured_label"])],
+        "measured, not predicted": measured[~measured["label"].isin(pairs["measured_label"])],
+        "predicted, not measured": predicted[alone],
+        PREDICTED: predicted,
+    }
+    n_matched, n_missed, n_alone = (len(kinds[kind]) for kind in MARKS)
+    n_measured, n_predicted = n_matched + n_missed, n_matched + n_alone
     apart = good["radius_measured_m"] - good["radius_predicted_m"]
-    return pairs, {
+    score = {
         "n_measured": n_measured,
         "n_predicted": n_predicted,
         "n_matched": n_matched,
@@ -161,6 +169,7 @@ def compare_frame(
         "position_rms_m": float(np.sqrt((good["distance_m"] ** 2).mean())),
         "radius_rms_m": float(np.sqrt((apart**2).mean())),
     }
+    return pairs, kinds, score
 
 
 def _in_view(contacts: pd.DataFrame, shape: tuple[int, int]) -> pd.DataFrame:
@@ -175,49 +184,29 @@ def draw_comparison(
 ) -> None:
     """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files."""
     folder.mkdir()
-    predicted = {frame: models for frame, models in comparison.predicted.items() if models}
-    sources = {source.name: source for source in experiment.frames}
-    lost = [frame for frame in predicted if frame not in sources]
+    sources, pose = {source.name: source for source in experiment.frames}, run.need_pose()
+    lost = [frame for frame in comparison.seen if frame not in sources]
     if lost:
         raise InputError(f"frame {lost[0]} of the run is not among the frames of its scene; repeat `process`")
-    stretch = series_stretch([sources[frame] for frame in predicted])
-    pose = run.need_pose()
-
+    stretch = series_stretch([sources[frame] for frame in comparison.seen])
     loads, tables = run.frames.set_index("frame")["load_N"], dict(run.by_frame())
-    how = {"pixel_size": pose.pixel_size, "min_radius_px": comparison.min_radius_px}
 
     def jobs() -> Iterator[tuple[Any, ...]]:
-        for frame, models in predicted.items():
-            shift, view = frame_shift(run.frames, frame), view_of(frame, experiment, stretch, pose.pixel_size)
+        for frame, models in comparison.seen.items():
             found, circle = hertz_circle(run.scene, float(loads[frame])), list[Outline]()
             if found is not None:
-                (x, y), radius = np.add(pose.to_pixels(*found[:2]), shift), found[2] / pose.pixel_size
-                circle = [Outline(0, float(x), float(y), radius, radius)]
-            seen, lines = _in_view(tables[frame].contacts, pose.shape), tables[frame].outlines
-            marked = {model: mark_contacts(seen, one.contacts, lines, **how) for model, one in models.items()}
-            draw = partial(draw_predicted, marked=marked, hertz_circle=circle, view=view)
-            yield sources[frame], draw
+                x, y = np.add(pose.to_pixels(*found[:2]), frame_shift(run.frames, frame)).tolist()
+                radius = found[2] / pose.pixel_size
+                circle = [Outline(0, x, y, radius, radius)]
+            lines = tables[frame].outlines
+            marked = {
+                model: {
+                    kind: contact_outlines(table, None if kind.startswith(PREDICTED) else lines)
+                    for kind, table in kinds.items()
+                }
+                for model, kinds in models.items()
+            }
+            view = view_of(frame, experiment, stretch, pose.pixel_size)
+            yield sources[frame], partial(draw_predicted, marked=marked, hertz_circle=circle, view=view)
 
-    draw_frames(jobs(), folder, count=len(predicted), workers=workers)
-
-
-def mark_contacts(
-    measured: pd.DataFrame,
-    predicted: pd.DataFrame,
-    lines: pd.DataFrame | None = None,
-    *,
-    pixel_size: float,
-    min_radius_px: float,
-) -> dict[str, list[Outline]]:
-    """The contacts of one frame by kind (`contactimg.pipeline.pictures.MARKS`), as the scores count them."""
-    pairs, _ = compare_frame(measured, predicted, pixel_size=pixel_size, min_radius_px=min_radius_px)
-    least = min_radius_px * pixel_size
-    matched = measured["label"].isin(pairs.loc[pairs["radius_predicted_m"] >= least, "measured_label"])
-    missed = ~measured["label"].isin(pairs["measured_label"])
-    false = (predicted["radius_m"] >= least) & ~predicted["asperity"].isin(pairs["asperity"])
-    return {
-        "matched": contact_outlines(measured[matched], lines),
-        "measured, not predicted": contact_outlines(measured[missed], lines),
-        "predicted, not measured": contact_outlines(predicted[false]),
-        PREDICTED: contact_outlines(predicted),
-    }
+    draw_frames(jobs(), folder, count=len(comparison.seen), workers=workers)

@@ -8,7 +8,7 @@ import pytest
 from contactimg.files import write_palette_image
 from contactimg.pipeline import pictures
 from contactimg.pipeline.frame import FrameTables
-from contactimg.pipeline.overlay import compare_frame, mark_contacts
+from contactimg.pipeline.overlay import compare_frame
 from contactimg.pipeline.pictures import INSET_ZOOM, MARKS, PREDICTED, draw_measured, draw_predicted
 from contactimg.plots.overlay import GREYS, Layer, View, draw_overlay, grey_indices
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Flag
@@ -123,11 +123,11 @@ def test_marks_tell_matched_missed_and_false_contacts_and_count_as_the_scores_do
     measured = contacts([0, 0, 0]).assign(x_m=[1e-3, 2e-3, 3e-3], y_m=1e-3, radius_m=2e-5, asperity=[0, 1, 2])
     predicted = measured.assign(x_m=[1e-3, 2e-3, 4e-3], asperity=[0, 1, 3], radius_m=[2e-5, 1e-6, 2e-5])
     stated = {"pixel_size": 6e-6, "min_radius_px": 1.0}
-    marks = mark_contacts(measured, predicted, **stated)
+    _, kinds, score = compare_frame(measured, predicted, **stated)
+    marks = {kind: contact_outlines(table) for kind, table in kinds.items()}
     labels = {kind: [one.label for one in outlines] for kind, outlines in marks.items()}
     # the second is predicted too small to be seen: it counts neither for nor against
     assert labels == dict(zip(labels, ([1], [3], [3], [1, 2, 3]), strict=True))
-    _, score = compare_frame(measured, predicted, **stated)
     counts = [len(marks[kind]) for kind in MARKS]
     assert [score["n_matched"], score["n_measured"], score["n_predicted"]] == [
         1,
@@ -160,6 +160,7 @@ def test_the_inset_shows_where_most_contacts_are_missed(frame, monkeypatch):
 def test_predicted_ellipses_are_drawn_as_ellipses():
     table = contacts([0, 0]).assign(shape=["disk", "ellipse"], x_m=[0, 1e-3], y_m=0.0, asperity=[0, 1])
     table = table.assign(radius_m=1e-4, semi_major_px=30.0, semi_minor_px=10.0, angle_rad=0.3)
-    marks = mark_contacts(table[:0], table, pixel_size=6e-6, min_radius_px=1.0)
-    axes = [(one.semi_major, one.semi_minor, one.angle) for one in marks["predicted, not measured"]]
+    _, kinds, _ = compare_frame(table[:0], table, pixel_size=6e-6, min_radius_px=1.0)
+    false = contact_outlines(kinds["predicted, not measured"])
+    axes = [(one.semi_major, one.semi_minor, one.angle) for one in false]
     assert axes == [(RADIUS, RADIUS, 0.0), (30.0, 10.0, 0.3)]
