@@ -14,7 +14,6 @@ from .curves import plot_sheared_areas as plot_sheared_areas
 from .curves import plot_topography as plot_topography
 from .images import plot_circles as plot_circles
 from .images import plot_image as plot_image
-from .images import plot_strip as plot_strip
 from .laws import plot_area as plot_area
 from .laws import plot_areas as plot_areas
 from .laws import plot_design as plot_design

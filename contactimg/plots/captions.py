@@ -18,8 +18,6 @@ CAPTIONS = {
     f"shows what the line leaves over. {BARS} of the area.",
     "sheared_areas": "Area of each contact against the tangential load Q; the colour is its largest radius, "
     f"and a line joins the frames of one contact at one normal load. {NO_BARS}",
-    "strip": "The largest contact under increasing tangential load, about the place where it is in the first "
-    "picture; all pictures have the same grey levels. They have no error bars.",
     "jkr": "Contact radius of the smooth contact against load, with the fitted JKR law. The lower panel "
     f"shows the measured minus the fitted load. {NO_BARS}",
     "slope_threshold": "Slope of the sum of the local forces against the load, for each threshold. The "

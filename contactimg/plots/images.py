@@ -1,6 +1,5 @@
-"""Draw contacts on frames, and one contact as a strip."""
+"""Draw contacts on frames."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,11 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.plots.axes import new_axes, new_figure
+from contactimg.plots.axes import new_axes
 from contactimg.plots.overlay import MEASURED, black_and_white
-
-STRIP_INCHES, MOST_IN_A_ROW = 1.1, 6
-"""Side of a picture of the strip, and pictures beside each other. Chosen by eye."""
 
 
 def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None = None) -> Axes:
@@ -59,30 +55,3 @@ def plot_circles(
     circles = EllipseCollection(sizes, sizes, np.zeros_like(sizes), **style)
     ax.add_collection(circles, autolim=False)
     return circles
-
-
-def plot_strip(pictures: Sequence[tuple[str, NDArray]]) -> Axes:
-    """Show pictures of one contact side by side, all with the same grey levels.
-
-    Parameters
-    ----------
-    pictures : sequence of (str, ndarray)
-        Name and pixels of each, one at least.
-
-    Returns
-    -------
-    Axes
-        The first of one a picture.
-    """
-    columns = min(len(pictures), MOST_IN_A_ROW)
-    rows = -(-len(pictures) // columns)
-    figure = new_figure((STRIP_INCHES * columns, (STRIP_INCHES + 0.2) * rows))
-    every = figure.subplots(rows, columns, squeeze=False).ravel()
-    low = min(float(np.nanmin(pixels)) for _, pixels in pictures)
-    high = max(float(np.nanmax(pixels)) for _, pixels in pictures)
-    for ax in every[len(pictures) :]:
-        ax.set_axis_off()
-    for ax, (name, pixels) in zip(every, pictures, strict=False):
-        plot_image(pixels, ax=ax).images[0].set_clim(low, high)
-        ax.set_title(name, fontsize="small")
-    return every[0]

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from contactimg.plots import plot_sheared_areas, plot_strip
+from contactimg.plots import plot_sheared_areas
 from contactimg.tables import FOLLOWED
 
 
@@ -34,10 +34,3 @@ def test_loads_of_another_normal_load_are_other_lines_and_nothing_is_no_error():
     table = followed().assign(load_N=[0.1, 0.1, 0.2, 0.1, 0.1, 0.2])
     assert len(plot_sheared_areas(table).collections[0].get_segments()) == 4
     assert not plot_sheared_areas(followed().iloc[:0]).collections
-
-
-def test_a_strip_has_one_picture_a_frame_with_common_grey_levels():
-    pictures = [(f"{k} mN", np.full((5, 5), 10.0 * k)) for k in range(8)]
-    axes = [ax for ax in plot_strip(pictures).figure.axes if ax.images]
-    assert [ax.get_title() for ax in axes] == [name for name, _ in pictures]
-    assert {ax.images[0].get_clim() for ax in axes} == {(0.0, 70.0)}

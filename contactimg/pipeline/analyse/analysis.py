@@ -39,7 +39,7 @@ from contactimg.pipeline.analyse.sheared import Sheared, analyse_shear
 from contactimg.pipeline.measured_series import shown_apex
 from contactimg.pipeline.results import write_results
 from contactimg.plausibility import doubts_about_match, mean_spacing, settle
-from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile
+from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile, plot_sheared_areas
 from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE, RESULTS, RUN_MODELS
 
@@ -537,16 +537,16 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
         The numbers of the analysis, results.csv.
     """
     results = result_rows(analysis)
-    tables = [
-        (AREA, analysis.area),
-        (PROFILE, analysis.profile),
-        (NORMALISED, analysis.normalised),
-        (PRESSURE_LAW, analysis.pressure_law),
-        (RESULTS, results),
-        *([(FRICTION, analysis.friction)] if len(analysis.friction) else []),
-    ]
-    analysis.sheared.write(folder)
+    schemas = {"area": AREA, "profile": PROFILE, "normalised": NORMALISED, "pressure_law": PRESSURE_LAW}
+    tables = {schema.name: (schema, getattr(analysis, name)) for name, schema in schemas.items()}
+    tables |= {RESULTS.name: (RESULTS, results)}
+    if len(analysis.friction):
+        tables |= {FRICTION.name: (FRICTION, analysis.friction)}
     figures = {"area": plot_areas(analysis.area, analysis.area_laws)}
+    if len(analysis.sheared.followed):
+        tables |= {"asperities": analysis.sheared.table()}
+    if analysis.sheared.laws:
+        figures["sheared_areas"] = plot_sheared_areas(analysis.sheared.followed)
     normalised = analysis.normalised
     known = normalised["model"].isin(RUN_MODELS) & normalised["pressure_over_hertz"].notna()
     frames = normalised["frame"][known].unique()
@@ -557,5 +557,5 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
         figures[quantity] = plot_pressure_law(analysis.pressure_law, analysis.contact_laws, quantity)
     if analysis.shear_stress is not None:
         figures["friction"] = plot_friction(analysis.friction, analysis.shear_stress, smooth_stress)
-    write_results(folder, {schema.name: (schema, table) for schema, table in tables}, figures)
+    write_results(folder, tables, figures)
     return results

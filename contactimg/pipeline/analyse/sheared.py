@@ -4,7 +4,6 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,30 +12,21 @@ from numpy.typing import NDArray
 from contactimg.analysis.area_against_load import group_loads
 from contactimg.analysis.estimates import Estimate
 from contactimg.errors import ContactimgError
-from contactimg.files import Experiment
 from contactimg.files.runs import frame_shift
 from contactimg.frame import Frame
 from contactimg.pipeline.analyse.places import Place
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.pipeline.results import write_results
-from contactimg.plots import plot_sheared_areas, plot_strip
-from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.shear.followed import ShearLaws, fit_beta, fit_shear_laws, follow_contacts
 from contactimg.shear.laws import RateLaw, fit_strength
 from contactimg.shear.unseen import limit_radii
-from contactimg.tables import FOLLOWED
+from contactimg.tables import FOLLOWED, Schema
 
 logger = logging.getLogger(__name__)
 
-Strip = tuple[tuple[str, NDArray], ...]
-
 MOST_ROWS = 2_000_000
 """Rows of asperities.csv at most. Chosen for memory: some 300 MB."""
-
-STRIP_RADII, STRIP_FRAMES = 2.0, 12
-"""Margin of the pictures of a contact about its motion, in its radii, and their number at most. By eye."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +40,6 @@ class Sheared:
     laws : tuple of ShearLaws
         One a place and normal load that has tangential loads.
     beta : RateLaw or None
-    strip : list of (str, ndarray)
-        Name of each picture of the largest contact, and its pixels; empty without tangential loads.
     confidence : float
         Of the intervals.
     """
@@ -59,7 +47,6 @@ class Sheared:
     followed: pd.DataFrame
     laws: tuple[ShearLaws, ...] = ()
     beta: RateLaw | None = None
-    strip: Strip = ()
     confidence: float = 0.95
 
     def rows(self) -> list[tuple[str, Estimate, str, str, int]]:
@@ -90,16 +77,10 @@ class Sheared:
                 rows.append(("shear_rate_exponent", self.beta.exponent, "1", same, n_points))
         return rows
 
-    def write(self, folder: Path) -> None:
-        """Write asperities.csv, and the figures of runs with tangential loads."""
-        if self.followed.empty:
-            return
-        several = (self.followed["place"] != "").any()
-        schema = FOLLOWED if several else FOLLOWED.and_later()
-        figures = {"sheared_areas": plot_sheared_areas(self.followed)} if self.laws else {}
-        if figures and self.strip:
-            figures["strip"] = plot_strip(self.strip)
-        write_results(folder, {"asperities": (schema, self.followed[list(schema.columns)])}, figures)
+    def table(self) -> tuple[Schema, pd.DataFrame]:
+        """The table asperities.csv, with the column ``place`` where there are several."""
+        schema = FOLLOWED if (self.followed["place"] != "").any() else FOLLOWED.and_later()
+        return schema, self.followed[list(schema.columns)]
 
 
 def analyse_shear(
@@ -116,7 +97,6 @@ def analyse_shear(
     from the folder that the run names. Where they are gone, the limit is the detection limit of the frame.
     """
     tables, laws = [FOLLOWED.empty()], list[ShearLaws]()
-    strip: Strip = ()
     for place in places:
         if place.asperities is None or not place.contacts["asperity"].notna().any():
             if place.loads["tangential_N"].notna().any():
@@ -137,8 +117,6 @@ def analyse_shear(
         resting = table[table["frame"].isin(still) & table["tangential_N"].notna() & table["load_N"].notna()]
         if resting["tangential_N"].abs().nunique() < 2:
             continue
-        if not strip and place.experiment is not None and place.pose is not None:
-            strip = _strip(place.pose, place, resting, place.experiment)
         direction = place.scene.load.tangential_direction
         angle = direction if place.pose is None else float(place.pose.angle_in_image(direction))
         loads, before, said = resting["load_N"].to_numpy(float), len(laws), ""
@@ -159,7 +137,7 @@ def analyse_shear(
         beta = fit_beta(laws, confidence=confidence) if laws else None
     except ContactimgError as error:
         notes.append(f"beta: {error}")
-    return Sheared(followed, tuple(laws), beta, strip, confidence)
+    return Sheared(followed, tuple(laws), beta, confidence)
 
 
 def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> NDArray[np.float64]:
@@ -174,7 +152,8 @@ def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> 
     jobs, rows = [], []
     for frame, part in table.reset_index()[~table["touches"].to_numpy()].groupby("frame"):
         name, index = str(frame), part.index.to_numpy()
-        spots = _in_pixels(place.pose, place, part, name)
+        spots = np.column_stack(place.pose.to_pixels(part["x_m"], part["y_m"]))
+        spots += frame_shift(place.frames, name)
         shape = np.array(place.pose.shape)[::-1]
         shown = ((spots > -0.5) & (spots < shape - 0.5)).all(axis=1)
         contrast, blur, detected = (float(number) for number in shots.loc[name].to_numpy(float))
@@ -195,11 +174,6 @@ def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> 
     return limits
 
 
-def _in_pixels(pose: Pose, place: Place, rows: pd.DataFrame, frame: str) -> NDArray[np.float64]:
-    """Places on the sample in the pixels of a frame, shape (n, 2)."""
-    return np.column_stack(pose.to_pixels(rows["x_m"], rows["y_m"])) + frame_shift(place.frames, frame)
-
-
 def _limits_of_frame(
     frame: Frame,
     reference: NDArray | None,
@@ -214,25 +188,3 @@ def _limits_of_frame(
     seen = measure_prepared(frame, reference, scene, count_at=0.5).foreground
     image = seen.image * np.float32(seen.frame_pair.unit)
     return limit_radii(image, spots, contacts=contacts, **numbers, valid=seen.frame_pair.valid)
-
-
-def _strip(pose: Pose, place: Place, resting: pd.DataFrame, experiment: Experiment) -> Strip:
-    """Pictures of the largest contact in frames of different tangential load, about its first place."""
-    largest = resting.iloc[int(np.nanargmax(resting["radius_m"].to_numpy(float)))]
-    rows = resting[resting["asperity"] == largest["asperity"]]
-    rows = rows.iloc[np.unique(np.linspace(0, len(rows) - 1, STRIP_FRAMES).round().astype(int))]
-    sources = {source.name: source for source in experiment.frames}
-    moved = float(np.nanmax(np.hypot(rows["displacement_x_m"], rows["displacement_y_m"])))
-    half = int((STRIP_RADII * float(largest["radius_m"]) + moved) / pose.pixel_size)
-    pictures = []
-    for row in rows.to_dict("records"):
-        if row["frame"] not in sources:
-            continue
-        x, y = np.rint(_in_pixels(pose, place, rows.iloc[:1], row["frame"])[0]).astype(int).tolist()
-        try:
-            image = sources[row["frame"]].read().image
-        except ContactimgError:
-            continue
-        window = image[max(y - half, 0) : y + half + 1, max(x - half, 0) : x + half + 1]
-        pictures.append((f"{1e3 * row['tangential_N']:.4g} mN", window))
-    return tuple(pictures)
