@@ -63,12 +63,12 @@ def asperities(
     depth
         How far down the sphere is fitted, as a share of the height of the summit.
     """
-    from contactimg.summits import SummitSearch, find_summits
+    from contactimg.summits import find_summits
 
     pixel = None if pixel_size_um is None else pixel_size_um * 1e-6
     unit = None if height_unit is None else files.METRES[height_unit]
     surface = files.read_height_map(map_file, pixel_size=pixel, height_unit=unit)
-    found = find_summits(surface, SummitSearch(form=form, least_height=min_height_um * 1e-6, depth=depth))
+    found = find_summits(surface, form=form, least_height=min_height_um * 1e-6, depth=depth)
     if found.table.empty:
         raise InputError(
             f"{map_file}: no summit found{_counted(found)}; see --form, --min-height-um, --depth"

@@ -7,6 +7,6 @@ Read in this order: `base` (the map, the plane or sphere that the asperities sta
 """
 
 from contactimg.summits.base import HeightMap
-from contactimg.summits.find import FoundSummits, SummitSearch, find_summits
+from contactimg.summits.find import FoundSummits, find_summits
 
-__all__ = ["FoundSummits", "HeightMap", "SummitSearch", "find_summits"]
+__all__ = ["FoundSummits", "HeightMap", "find_summits"]

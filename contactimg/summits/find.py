@@ -174,36 +174,6 @@ def correlation_factor(residuals: Values) -> float:
     return max(1.0, float(mean[near].sum()) / own) if own > 0 else 1.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class SummitSearch:
-    """The rules by which a summit counts and its radius is measured.
-
-    Parameters
-    ----------
-    form : {"plane", "sphere", "none"}
-        What is taken off the heights first.
-    least_height : float, m
-        Lower summits are left out.
-    depth : float
-        How far the fit of a sphere reaches down, as a share of the height of the summit above the base.
-
-    Raises
-    ------
-    InputError
-        If a value is out of range.
-    """
-
-    form: Form = "plane"
-    least_height: float = 0.0
-    depth: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0 < self.depth <= 1:
-            raise InputError(f"the depth of the fit must be above 0 and at most 1, got {self.depth!r}")
-        if not (np.isfinite(self.least_height) and self.least_height >= 0):
-            raise InputError(f"the least height must be 0 or more, got {self.least_height!r} m")
-
-
 @dataclass(frozen=True)
 class FoundSummits:
     """The summits of a map, and what is doubtful about it.
@@ -226,7 +196,9 @@ class FoundSummits:
     warnings: list[str] = field(default_factory=list)
 
 
-def find_summits(surface: HeightMap, search: SummitSearch | None = None) -> FoundSummits:
+def find_summits(
+    surface: HeightMap, *, form: Form = "plane", least_height: float = 0.0, depth: float = 0.5
+) -> FoundSummits:
     """Find the summits of a map and fit a sphere to the top of each.
 
     The base is fitted first and taken off; what stands out of it is divided along the valleys, and a sphere
@@ -237,11 +209,21 @@ def find_summits(surface: HeightMap, search: SummitSearch | None = None) -> Foun
     Parameters
     ----------
     surface : HeightMap
-    search : SummitSearch, optional
+    form : {"plane", "sphere", "none"}
+        What is taken off the heights first.
+    least_height : float, m
+        Lower summits are left out.
+    depth : float
+        How far the fit of a sphere reaches down, as a share of the height of the summit above the base.
 
     Returns
     -------
     FoundSummits
+
+    Raises
+    ------
+    InputError
+        If a value is out of range.
 
     Notes
     -----
@@ -258,11 +240,14 @@ def find_summits(surface: HeightMap, search: SummitSearch | None = None) -> Foun
     >>> found.table[["height_m", "radius_m"]].round(9).to_dict("records")
     [{'height_m': 3e-06, 'radius_m': 5e-05}]
     """
-    search = search or SummitSearch()
-    base = fit_base(surface, search.form)
-    labels, smoothed = _divide(surface.heights - base.heights, base, search.least_height)
+    if not 0 < depth <= 1:
+        raise InputError(f"the depth of the fit must be above 0 and at most 1, got {depth!r}")
+    if not (np.isfinite(least_height) and least_height >= 0):
+        raise InputError(f"the least height must be 0 or more, got {least_height!r} m")
+    base = fit_base(surface, form)
+    labels, smoothed = _divide(surface.heights - base.heights, base, least_height)
     feet = ndimage.binary_dilation(labels > 0, iterations=LAGS)
-    base = refit_base(surface, search.form, base, feet)
+    base = refit_base(surface, form, base, feet)
     heights = surface.heights - base.heights
     usable = np.isfinite(heights) & ~_near_neighbour(labels)
     y, x = np.meshgrid(surface.y, surface.x, indexing="ij")
@@ -272,14 +257,14 @@ def find_summits(surface: HeightMap, search: SummitSearch | None = None) -> Foun
         if window is not None:
             mine = labels[window] == number
             points = np.stack([x[window], y[window], heights[window]])
-            start = _start(points, np.where(mine, smoothed[window], -np.inf), surface)
-            fit = _fit_patch(points, mine & usable[window], start, search.depth, base.noise)
-        reason = _why_not(fit, surface, search)
+            peak, inside = np.where(mine, smoothed[window], -np.inf), mine & usable[window]
+            fit = _fit_patch(points, inside, peak, float(np.prod(surface.pixel_size)), depth, base.noise)
+        reason = _why_not(fit, surface, least_height)
         if fit is None or reason:
             left_out[reason] += 1
         else:
             fits.append(fit)
-    kept = _once(fits, search)
+    kept = _once(fits, depth)
     if len(kept) < len(fits):
         left_out["second summits of one asperity"] = len(fits) - len(kept)
     factor = float(np.median([fit.factor for fit in kept])) if kept else 1.0
@@ -330,35 +315,32 @@ class _Fit:
     factor: float
 
 
-def _start(points: Values, smoothed: Values, surface: HeightMap) -> Values | None:
-    """The highest smoothed pixel, with the curvature that the area of the upper half gives."""
+def _fit_patch(  # noqa: PLR0917 - the pixels of a region and how they are fitted
+    points: Values, inside: NDArray[np.bool_], smoothed: Values, area: float, depth: float, noise: float
+) -> _Fit | None:
+    """The spheres through the pixels of a region; None where it holds no summit that can be fitted.
+
+    The first is guessed: at the highest smoothed pixel, with the curvature that the area of the upper half
+    gives; ``area`` is that of a pixel.
+    """
     top = np.unravel_index(int(np.argmax(smoothed)), smoothed.shape)
-    height = float(smoothed[top])
+    height, chosen = float(smoothed[top]), points[:, inside]
     if height <= 0:
         return None
-    area = float((smoothed > height / 2).sum()) * surface.pixel_size[0] * surface.pixel_size[1]
-    return np.array([points[0][top], points[1][top], height, np.pi * height / area])
-
-
-def _fit_patch(
-    points: Values, inside: NDArray[np.bool_], start: Values | None, depth: float, noise: float
-) -> _Fit | None:
-    """The spheres through the pixels of a region; None where it holds no summit that can be fitted."""
-    chosen, whole = points[:, inside], None
+    upper = float((smoothed > height / 2).sum()) * area
+    sphere = np.array([points[0][top], points[1][top], height, np.pi * height / upper])
     for _ in range(2):  # the second time the height is known, and so is the depth
-        if start is None or start[2] <= 0:
-            return None
-        whole = fit_sphere(chosen, start, depth=depth * start[2], noise=noise)
-        start = None if whole is None else whole.sphere
+        whole = fit_sphere(chosen, sphere, depth=depth * sphere[2], noise=noise) if sphere[2] > 0 else None
+        sphere = sphere if whole is None else whole.sphere
     if whole is None:
         return None
     residuals = np.full(inside.shape, np.nan)
     residuals[inside] = np.where(whole.pixels, whole.residuals, np.nan)
-    half = fit_sphere(chosen, whole.sphere, depth=depth / 2 * whole.sphere[2], noise=noise)
+    half = fit_sphere(chosen, sphere, depth=depth / 2 * sphere[2], noise=noise)
     return _Fit(whole, half, correlation_factor(residuals))
 
 
-def _why_not(fit: _Fit | None, surface: HeightMap, search: SummitSearch) -> str:
+def _why_not(fit: _Fit | None, surface: HeightMap, least_height: float) -> str:
     """Why a summit is left out; empty where it is not."""
     if fit is None:
         return "too few pixels for a sphere"
@@ -371,15 +353,15 @@ def _why_not(fit: _Fit | None, surface: HeightMap, search: SummitSearch) -> str:
         return "summits beyond the edge of the map"
     if not curvature > RARE_SIGMAS * np.sqrt(fit.whole.covariance[3, 3] * fit.factor):
         return "no curvature beyond the noise"
-    return "lower than the least height" if height < search.least_height else ""
+    return "lower than the least height" if height < least_height else ""
 
 
-def _once(fits: list[_Fit], search: SummitSearch) -> list[_Fit]:
+def _once(fits: list[_Fit], depth: float) -> list[_Fit]:
     """One fit of each asperity: where two mean the same, that with more pixels."""
     kept: list[_Fit] = []
     for fit in sorted(fits, key=lambda fit: -int(fit.whole.pixels.sum())):
         x, y, height, curvature = fit.whole.sphere
-        reach = TWICE * np.sqrt(2 * search.depth * height / curvature)
+        reach = TWICE * np.sqrt(2 * depth * height / curvature)
         if all(np.hypot(x - o.whole.sphere[0], y - o.whole.sphere[1]) > reach for o in kept):
             kept.append(fit)
     return kept

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from contactimg.errors import InputError
-from contactimg.summits import HeightMap, SummitSearch, find_summits
+from contactimg.summits import HeightMap, find_summits
 from contactimg.summits.base import pixel_noise
 
 PIXEL = 1e-6
@@ -101,7 +101,7 @@ def test_the_form_of_a_lens_is_taken_off(rng):
     x, heights, truth = caps_map(rng, side=300, count=20)
     lens = -(x[None, :] ** 2 + x[:, None] ** 2) / (2 * 5e-3)  # 4.5 um from the middle to the corner
     surface = HeightMap(heights + lens + rng.normal(0, 3e-8, heights.shape), (PIXEL, PIXEL))
-    table = pairs(find_summits(surface, SummitSearch(form="sphere")), truth)
+    table = pairs(find_summits(surface, form="sphere"), truth)
     pulls = (table["radius_m"] - truth[:, 3]) / table["radius_std_m"]
     assert (pulls**2).mean() < 1 + 4 * np.sqrt(2 / len(truth)) + 0.2
 
