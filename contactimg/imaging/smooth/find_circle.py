@@ -5,6 +5,7 @@ around it, to which `contactimg.imaging.smooth.fit_circle` fits the light across
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -90,6 +91,12 @@ class EdgeSamples:
     value: Values
     weight: Values
     sector: NDArray[np.intp]
+
+    @cached_property
+    def waves(self) -> Values:
+        """Change of the place of the edge, shape (5, n), with x, y, radius and the two axes of an ellipse."""
+        once, twice = np.exp(1j * self.azimuth), np.exp(2j * self.azimuth)
+        return np.stack([once.real, once.imag, np.ones(len(once)), twice.real, twice.imag])
 
 
 def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:

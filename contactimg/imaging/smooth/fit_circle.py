@@ -202,9 +202,7 @@ def _fit(
 
 def _outside(samples: EdgeSamples, p: Values) -> Values:
     """Distances of samples outside the fitted edge, px."""
-    angle = samples.azimuth
-    edge = p[0] * np.cos(angle) + p[1] * np.sin(angle) + p[2]
-    return samples.distance - edge - p[3] * np.cos(2 * angle) - p[4] * np.sin(2 * angle)
+    return samples.distance - p[:5] @ samples.waves
 
 
 def _fitted_circle(rough: Circle, p: Values, misfit: float) -> Circle:
