@@ -19,7 +19,7 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
-from contactimg.imaging.pixels.robust import quantile, robust_std
+from contactimg.imaging.pixels.robust import MANY, quantile, robust_std
 from contactimg.imaging.profile.limits import SQUARE_PX
 
 BackgroundLevel = Literal["lowest", "highest", "nearest_one", "most_common"]
@@ -40,7 +40,7 @@ QUARTILE_SIGMA = 0.3186
 
 
 def find_illumination(
-    means: Callable[[int], tuple[NDArray, float]],
+    means: Callable[[int, NDArray[np.intp] | None], tuple[NDArray, float]],
     shape: tuple[int, int],
     *,
     background_is: BackgroundLevel,
@@ -51,8 +51,9 @@ def find_illumination(
     Parameters
     ----------
     means : callable
-        For a side in px the means of the quantity (ratio to the reference, or difference from it) over
-        squares of that side, NaN = no data, and the scatter that noise and texture give one of them.
+        For a side in px, and the rows of the image to use (None: all), the means of the quantity (ratio to
+        the reference, or difference from it) over squares of that side, NaN = no data, and the scatter that
+        noise and texture give one of them.
     shape : (int, int)
         Shape of the image in pixels.
     background_is : BackgroundLevel
@@ -64,20 +65,21 @@ def find_illumination(
     Illumination
         Its background consists of blocks, or of squares of `SQUARE_PX` where contacts leave no block free.
     """
-    blocks, expected = means(BLOCK)
+    blocks, expected = means(BLOCK, None)
     level, scatter = find_background_level(blocks, background_is=background_is, least=rounding)
     coarse = fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=rounding)
     even = coarse.scatter <= CROWD_SCATTER * max(expected, rounding)
     white = expected * BLOCK / SQUARE_PX  # for squares whose scatter whole grey levels hide
-    squares, expected = means(SQUARE_PX)
+    # where the blocks are even, only a lattice can hide the background from them, which some rows show; where
+    # they are not, and do not hide it, the illumination is less even than a cubic
+    some = np.flatnonzero(np.arange(shape[0]) // BLOCK % max(shape[0] * shape[1] // MANY, 1) == 0)
+    squares, expected = means(SQUARE_PX, some if even else None)
     if not np.isfinite(squares).any():
         return coarse
-    expected = max(expected, rounding) or white
-    # where the blocks are even, only a lattice can hide the background from them; where they are not, and do
-    # not hide it, the illumination is less even than a cubic
-    if share_without_rims(squares, expected) > (0.5 if even else 1.0) * QUIET_SHARE:
+    if share_without_rims(squares, max(expected, rounding) or white) > (0.5 if even else 1.0) * QUIET_SHARE:
         return coarse
-    expected = max(expected, scatter_of_extreme(squares, background_is))
+    squares, expected = means(SQUARE_PX, None) if even else (squares, expected)
+    expected = max(expected or white, scatter_of_extreme(squares, background_is))
     expected = max(min(expected, neighbour_scatter(squares)), rounding)
     level, scatter = find_background_level(squares, background_is=background_is, scatter=expected)
     return fit_illumination(squares, shape, level=level, scatter=min(scatter, 2.0 * expected))

@@ -158,11 +158,10 @@ class _PlacedReference:
             half, blocks = _bin_reference(moved, valid)
             frame_blocks = block_means(images.frame, valid)
 
-        def ratio(side: int) -> tuple[NDArray, float]:
+        def ratio(side: int, rows: NDArray[np.intp] | None) -> tuple[NDArray, float]:
             above, below = frame_blocks, blocks
             if side != BLOCK:
-                above = block_means(images.frame, valid, side=side)
-                below = half if side == 2 else block_means(moved, valid, side=side)
+                above, below = (_means_of_rows(image, valid, side, rows) for image in (images.frame, moved))
             noise = _noise_of_two(below)
             own = neighbour_scatter(above) if side != BLOCK else 0.0  # contacts leave most squares alone
             if noise < SMOOTH_RATIO * own:
@@ -201,6 +200,13 @@ def _bin_reference(image: NDArray, valid: Mask) -> tuple[NDArray[np.float32], ND
     half = block_means(image, valid, side=2)
     whole = all(size % BLOCK == 0 for size in image.shape)
     return half, block_means(half, side=BLOCK // 2) if valid is None and whole else block_means(image, valid)
+
+
+def _means_of_rows(image: NDArray, valid: Mask, side: int, rows: NDArray[np.intp] | None) -> NDArray:
+    """Means over squares of some rows of an image, or of all."""
+    if rows is not None:
+        image, valid = image[rows], None if valid is None else valid[rows]
+    return block_means(image, valid, side=side)
 
 
 def _noise_of_two(reference: NDArray) -> float:
@@ -266,9 +272,9 @@ def _subtract_plainly(images: _Images) -> DifferenceImage:
     """Plain difference for a reference that is dark or was subtracted before: it cannot be divided by."""
     frame, reference, valid = images.frame, images.reference, images.valid
 
-    def difference(side: int) -> tuple[NDArray, float]:
-        means = block_means(reference, valid, side=side)
-        return block_means(frame, valid, side=side) - means, _noise_of_two(means)
+    def difference(side: int, rows: NDArray[np.intp] | None) -> tuple[NDArray, float]:
+        above, below = (_means_of_rows(image, valid, side, rows) for image in (frame, reference))
+        return above - below, _noise_of_two(below)
 
     illumination = find_illumination(
         difference, frame.shape, background_is="most_common", rounding=images.rounding

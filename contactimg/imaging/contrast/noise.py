@@ -6,8 +6,8 @@ of pixels of their covariance, weighted by the derivative of the disk with respe
 factor.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +35,8 @@ there."""
 RADII = np.geomspace(0.3, 45.0, 12)
 """Tabulated radii, blur widths; the derivative of the widest disk oscillates 30 times over the wave
 numbers."""
+LAGS = np.arange(0.0, 25.0, 0.02)
+"""Tabulated distances of two pixels, blur widths."""
 STRIP_LAGS = 4
 """Rows of the strips that give it, lags: three quarters of them have all their partners below."""
 
@@ -102,7 +104,7 @@ class NoiseCorrelation:
         The derivative of a blurred disk with respect to its radius has the spectrum ``J0(k a) exp(-k^2
         s^2/2)``; its autocorrelation is the weight of the covariance of two pixels at that distance.
         """
-        return self._inflation(radius / blur, blur, noise, 0.5, gain, special.j0)
+        return self._inflation(radius / blur, blur, noise, 0.5, gain, _autocorrelation(rim=True))
 
     def plateau_inflation(
         self, radius: NDArray, blur: float, *, noise: Noise, gain: float
@@ -111,28 +113,29 @@ class NoiseCorrelation:
 
         The derivative with respect to it has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``.
         """
-        return self._inflation(radius / blur, blur, noise, 1.0, gain, lambda ka: special.j1(ka) / ka)
+        return self._inflation(radius / blur, blur, noise, 1.0, gain, _autocorrelation(rim=False))
 
     def _inflation(
-        self,
-        radius: NDArray,
-        blur: float,
-        noise: Noise,
-        level: float,
-        gain: float,
-        spectrum: Callable[[NDArray], NDArray],
+        self, radius: NDArray, blur: float, noise: Noise, level: float, gain: float, autocorrelation: NDArray
     ) -> NDArray[np.float64]:
         """Factor for a template at a contact level; radii in blur widths."""
         lags = np.arange(-LARGEST_LAG, LARGEST_LAG + 1)
         distance = np.hypot(lags[:, None], lags[None, :]).ravel()
         unique, counts = np.unique(distance[(distance > 0) & (distance <= LARGEST_LAG)], return_counts=True)
         covariance = np.interp(unique, np.arange(LARGEST_LAG + 1), self.covariance) * counts
-        k = (np.arange(WAVE_NUMBERS) + 0.5) * (LARGEST_WAVE_NUMBER / WAVE_NUMBERS)
-        power = spectrum(np.outer(RADII, k)) ** 2 * np.exp(-(k**2)) * k
-        shared = power @ (special.j0(np.outer(k, unique / blur)) @ covariance) / power.sum(axis=1)
+        shared = np.array([np.interp(unique / blur, LAGS, row) @ covariance for row in autocorrelation])
         excess = (1.0 + level * (gain - 1.0)) ** 2 * shared
         factor = 1.0 + np.maximum(excess, 0.0) / (noise.variance * noise.at(level))
         return np.interp(np.log(np.clip(radius, RADII[0], RADII[-1])), np.log(RADII), factor)
+
+
+@lru_cache(maxsize=2)
+def _autocorrelation(*, rim: bool) -> NDArray[np.float64]:
+    """Autocorrelation of the derivative by the radius, or by the contrast: a row for each of `RADII`."""
+    k = (np.arange(WAVE_NUMBERS) + 0.5) * (LARGEST_WAVE_NUMBER / WAVE_NUMBERS)
+    ka = np.outer(RADII, k)
+    power = (special.j0(ka) if rim else special.j1(ka) / ka) ** 2 * np.exp(-(k**2)) * k
+    return np.asarray(power @ special.j0(np.outer(k, LAGS)) / power.sum(axis=1, keepdims=True))
 
 
 @stage("contrast")
