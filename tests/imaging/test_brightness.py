@@ -38,6 +38,18 @@ def test_one_odd_contact_has_its_radius_and_a_flag(factor):
     assert max(seen) < 4
 
 
+@pytest.mark.parametrize("factor", [0.26, 0.3, 0.34])
+def test_a_faint_contact_that_noise_tears_is_no_line(factor):
+    """Above the level of lines it is a net of pixels; at half of its own height it is a disk."""
+    world = World(layout=Layout(radii=(12, 18), pairs=0), alter=odd_one(factor))
+    for seed in range(6):
+        scene = world(8, np.random.default_rng([41, seed]))
+        result = measure_image(scene.frame, scene.reference)
+        assert len(result.disks) == len(scene.truth)
+        pull, _ = pulls(scene.truth, result.disks)
+        assert np.abs(pull).max() < 4
+
+
 UNEQUAL = {
     "spread of 30 %": spread(0.3),
     "a fifth at half": scaled(0.2, 0.5),

@@ -50,8 +50,8 @@ LINE_LENGTH, PIECE_LENGTH = 11.0, 5.5
 By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of 15 px make 12. Theory:
 11 for seven contacts in a row."""
 MOSTLY = 0.5
-"""Share of bars wider than that in what stands out above which the surface has ridges, and they are contacts.
-By hand."""
+"""Share of bars wider than that in what stands out above which the surface has ridges, and they are contacts;
+share of a thin part that is thin at half of its own height. By hand."""
 MARGIN = 3
 """Squares around an object that are masked with it: its blurred rim. By hand: four blur widths of 1.5 px."""
 
@@ -99,7 +99,8 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     ridges = bars.long & (bars.half_width > 0.5 * LINE_WIDTH_PX / SQUARE_PX)
     if bars.area[ridges].sum() < MOSTLY * bars.area.sum():
         ridges[:] = False
-    long = np.flatnonzero(bars.long & ~ridges)
+    possible = np.flatnonzero(bars.long & ~ridges)
+    long = possible[[_stays_long(squares, bars.labels == k) for k in possible]]
     bar = np.isin(bars.labels, long)
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1,) * 2)
     wide = np.asarray(cv2.dilate(bar.astype(np.uint8), around), np.uint8)
@@ -109,6 +110,8 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     slender = np.where(lines.area > SQUARE_PX**2 * SMALLEST_LINE, lines.length / lines.half_width, 0.0)
     # contacts cut a line into pieces
     line = np.flatnonzero(slender > (PIECE_LENGTH if (slender > LINE_LENGTH).any() else LINE_LENGTH))
+    smooth = np.asarray(cv2.blur(image, (3, 3)), np.float32) if len(line) else image
+    line = line[[_stays_thin(smooth, lines.labels == k) for k in line]]
     if not len(long) + len(line):
         return NONE
     if len(line):
@@ -125,6 +128,25 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
         },
         mask,
     )
+
+
+def _at_own_half(image: NDArray[np.float32], own: NDArray[np.bool_]) -> tuple[NDArray, NDArray[np.bool_]]:
+    """Pixels about a region above half of its own height, where noise tears no contact, and the region's."""
+    box = tuple(slice(max(int(at.min()) - MARGIN, 0), int(at.max()) + MARGIN + 1) for at in np.nonzero(own))
+    return image[box] > 0.5 * float(np.median(image[own])), own[box]
+
+
+def _stays_long(squares: NDArray[np.float32], own: NDArray[np.bool_]) -> bool:
+    """Whether a region is long at half of its own height too."""
+    above, own = _at_own_half(squares, own)
+    regions = label_regions(above)
+    return bool(regions.long[np.argmax(np.bincount(regions.labels[own & above]))])
+
+
+def _stays_thin(image: NDArray[np.float32], own: NDArray[np.bool_]) -> bool:
+    """Whether most of a thin part is thin at half of its own height too."""
+    above, own = _at_own_half(image, own)
+    return bool(np.mean(_thin_parts(above.astype(np.uint8), LINE_WIDTH_PX)[own]) > MOSTLY)
 
 
 def _lines(image: NDArray[np.float32], squares: NDArray[np.bool_], level: float) -> "LabelledRegions":
