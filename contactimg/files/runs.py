@@ -247,7 +247,7 @@ def _read_run(folder: Path) -> Run:
 def _read_record(folder: Path) -> tuple[dict[str, Any], Scene, PoseFit | None]:
     """The record of the run in a folder, with the scene and the pose of the camera that it states.
 
-    Whatever a damaged record leads to is raised as it is.
+    Errors that a damaged record causes are left to the caller.
     """
     records, name = read_records(folder), str(folder / PROVENANCE_FILE)
     # the record of the command that wrote the contacts; the last one if none says so
@@ -258,7 +258,7 @@ def _read_record(folder: Path) -> tuple[dict[str, Any], Scene, PoseFit | None]:
         raise InputError(
             f"{folder}: was written by a newer contactimg (schema {version}, this one reads {SCHEMA_VERSION})"
         )
-    record["command"].split()  # is a text
+    record["command"].split()  # fails here if it is no text
     stated = record["configuration"]
     calibration = stated.get("options", {}).get("calibration")
     if calibration is not None:

@@ -88,7 +88,7 @@ def find_illumination(
 def scatter_of_extreme(squares: NDArray, background_is: BackgroundLevel) -> float:
     """Scatter of a square from the differences of neighbours whose mean is most like the background.
 
-    Of noise, the difference of two values does not depend on their mean.
+    The difference of two values that differ by noise alone does not depend on their mean.
     """
     means = 0.5 * (squares[:, 1:] + squares[:, :-1])
     covered = {"highest": -means, "nearest_one": np.abs(means - 1.0)}.get(background_is, means)

@@ -131,7 +131,10 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
 
 
 def _at_own_half(image: NDArray[np.float32], own: NDArray[np.bool_]) -> tuple[NDArray, NDArray[np.bool_]]:
-    """Pixels about a region above half of its own height, where noise tears no contact, and the region's."""
+    """Mark the pixels about a region above half of its own height, and those of the region, in one window.
+
+    Noise tears a faint contact at the level of the others, but not there.
+    """
     box = tuple(slice(max(int(at.min()) - MARGIN, 0), int(at.max()) + MARGIN + 1) for at in np.nonzero(own))
     return image[box] > 0.5 * float(np.median(image[own])), own[box]
 

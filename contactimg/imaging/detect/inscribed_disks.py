@@ -155,23 +155,17 @@ def fill(
 
 
 def inscribed_in(mask: NDArray[np.uint8], cut: tuple[bool, ...]) -> NDArray[np.float64]:
-    """Disks inscribed in a mask, largest first; ``cut`` marks the sides beyond which the mask continues."""
+    """Disks (x, y, radius) inscribed in a mask, largest first; none if nothing bounds them.
+
+    ``cut`` marks the sides beyond which the mask continues.
+    """
     # a contact cut by the border continues: repeat the border instead of closing it
     closed = np.asarray(cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_REPLICATE), np.uint8)
     for side, goes_on in zip((closed[0], closed[-1], closed[:, 0], closed[:, -1]), cut, strict=True):
         side[:] = side if goes_on else 0
-    return inscribed_disks(closed, 1)
-
-
-def inscribed_disks(mask: NDArray[np.uint8], margin: int) -> NDArray[np.float64]:
-    """Disks (x, y, radius) inscribed in the set pixels of a mask, largest first; none if nothing bounds them.
-
-    No disk is centred in the ``margin`` at the border, and places are counted from its inside.
-    """
-    if mask.all():
+    if closed.all():
         return np.empty((0, 3))
-    inside = slice(margin, -margin)
-    distance = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5)[inside, inside]
+    distance = cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     summits = _summits(np.ascontiguousarray(distance), SMALLEST_INSCRIBED)
     return _select(summits[np.argsort(-summits[:, 2], kind="stable")])
 

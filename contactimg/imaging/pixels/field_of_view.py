@@ -80,7 +80,7 @@ def find_margin(image: NDArray, full_scale: float) -> Mask:
 
 
 def _at_border(blocks: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Those of some blocks that are connected with the border of the image, without small regions."""
+    """Mark the blocks that are connected with the border of the image, without small regions."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(blocks.astype(np.uint8), connectivity=4)
     border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
     large = stats[border, cv2.CC_STAT_AREA] >= LEAST_UNLIT_BLOCKS

@@ -240,7 +240,7 @@ def _doubt_match(place: Place, contacts: pd.DataFrame, frames: pd.DataFrame, min
 
 
 def _lacking(place: Place) -> list[str]:
-    """What the models of a place need and do not have."""
+    """Name what the models of a place need and do not have."""
     scene, file = place.scene, place.scene.asperities and place.scene.asperities.file
     table = f"the table {Path(scene.folder) / file}, which cannot be read" if file else "the asperities"
     needed = {"the lens": scene.indenter, "the rubber": scene.elastic, table: place.asperities}
