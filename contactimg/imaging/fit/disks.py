@@ -452,4 +452,7 @@ def find_insignificant(fit: FittedDisks, problem: FitProblem, *, final: bool) ->
     if not final:
         faint &= fit.chi_square < SUSPICIOUS_CHI_SQUARE
     speck = (radius < SPECK_RADIUS_PX) & beside
-    return np.asarray(weak | faint | speck | overlapping(fit.disks, DEEPEST))
+    dropped = np.asarray(weak | faint | speck)
+    # what lies in a disk that is dropped itself is needed to explain the pixels
+    dropped[~dropped] = overlapping(fit.disks[~dropped], DEEPEST)
+    return dropped

@@ -7,7 +7,7 @@ import pytest
 from contact_frames import Optics, match, render
 
 from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation, measure_correlation
-from contactimg.imaging.fit.disks import FitControl, fit_disks, render_disks
+from contactimg.imaging.fit.disks import FitControl, find_insignificant, fit_disks, render_disks
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.fit.residual_light import estimate_halo, subtract_halo
 from contactimg.imaging.fit.shared_optics import contrast_prior
@@ -139,6 +139,15 @@ def test_overlap_rule():
     # depth/(2 a_small): touching 0, overlapping by 0.2, by 0.5, and inside
     disks = np.array([[0, 0, 10, 1], [15, 0, 5, 1], [0, 13, 5, 1], [0, -10, 5, 1], [100, 0, 3, 1]], float)
     assert list(overlapping(disks, 0.35)) == [False, False, False, True, False]
+
+
+def test_of_a_faint_disk_and_one_in_it_not_both_are_dropped(rng):
+    """A contact that is brighter inside is covered by a bright disk in a faint one: one of them stays."""
+    disks = np.array([[30.0, 30.0, 12.0, 90.0], [30.0, 30.0, 16.0, 20.0]])
+    image = render_disks(disks, 1.5, (60, 60)) + rng.normal(0, 1.0, (60, 60)).astype(np.float32)
+    problem = FitProblem(image, Noise(1.0), ContrastPrior(100.0, 60.0))
+    found = fit_disks(problem, disks, blur=1.5, control=FitControl(free_blur=False))
+    assert find_insignificant(found, problem, final=True).tolist() == [False, True]
 
 
 def test_halo_is_found_and_taken_out():
