@@ -853,6 +853,13 @@ WORLDS: dict[str, Callable] = {
     "reference itself": flat(80, same=True),
     "noise only": no_contact(PLAIN),
     "noise only, no ref": no_contact(World(reference=False, dusty=False)),
+    "wide in a stop, no ref": World(
+        layout=Layout(radii=(8, 40), covered=0.15, region=in_stop),
+        light=field_stop,
+        contrast=100.0,
+        reference=False,
+    ),
+    "noisy JPEG 70, no ref": World(electrons=4, texture=0.005, contrast=25.0, file=jpeg(70), reference=False),
 }
 for _light in ("laser", "20 nm", "white"):
     for _pixel_um in (1.0, 3.0):

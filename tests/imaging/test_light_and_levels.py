@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from camera_worlds import make_scene, thresholded
+from camera_worlds import Layout, World, jpeg, make_scene, thresholded
 from contact_frames import match
 
 from contactimg.imaging.contrast.noise import Noise
@@ -52,6 +52,34 @@ def test_a_slow_fall_of_the_light_is_no_field_stop():
     assert mask is not None
     assert mask[distance > 275].all()
     assert not mask[distance < 245].any()
+
+
+def falling(u, v, shape):
+    """Light that falls from one row to the next by more than the noise of a block."""
+    return 1 + 0.1 * v + 0 * u
+
+
+WITHOUT_REFERENCE = {
+    "bright contacts on a fifth of a field stop": lambda: make_scene("wide in a stop, no ref", 25, 11),
+    "means rounded by JPEG, noise kept": lambda: make_scene("noisy JPEG 70, no ref", 25, 12),
+    "rounded means, faint contacts": lambda: World(
+        electrons=4, texture=0.005, contrast=20.0, file=jpeg(70), reference=False
+    )(25, np.random.default_rng([5, 25, 12])),
+    "quiet rows": lambda: World(
+        layout=Layout(radii=(5, 40)), own_light=falling, contrast=40.0, electrons=150.0, texture=0.003,
+        dusty=False, reference=False,
+    )(25, np.random.default_rng([5, 25, 11])),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", list(WITHOUT_REFERENCE))
+def test_the_background_of_an_ordinary_frame_is_found_without_a_reference(name):
+    """With the wrong background or polarity nearly all contacts are lost, or some are cut into parts."""
+    scene = WITHOUT_REFERENCE[name]()
+    found = measure_image(scene.frame, None)
+    assert found.polarity == "bright"
+    assert min(shares(scene.truth, found.disks)) >= 0.95
+    assert found.status == Status.OK
 
 
 @pytest.mark.parametrize("with_reference", [True, False])

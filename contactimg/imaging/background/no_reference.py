@@ -138,11 +138,13 @@ def _flat_background(
     large = [k for k in regions if np.mean(labels == k) > FLAT_SHARE * np.mean(finite)] or regions[:1]
     darkest = min(large, key=lambda k: sign * float(np.median(blocks[labels == k])))
     largest = labels == darkest
+    members = largest
     if np.mean(largest) < FLAT_SHARE * np.mean(finite):
-        return None
-    members = np.where(largest, blocks, np.float32(np.nan))
+        members = labels > 0  # in pieces, where the light or the rounding of a file differs between them
+        if quiet < QUIET_SHARE or np.mean(members) < FLAT_SHARE * np.mean(finite):
+            return None
     light = fit_illumination(
-        members,
+        np.where(members, blocks, np.float32(np.nan)),
         frame.shape,
         level=float(np.median(blocks[largest])),
         scatter=2.0 * scatter,
@@ -246,7 +248,7 @@ def _scatter(blocks: NDArray, rounding: float) -> float:
     """
     finite = blocks[np.isfinite(blocks)]
     level = float(np.median(np.abs(finite))) if len(finite) else 0.0
-    scatter = neighbour_scatter(blocks)
+    scatter = max(neighbour_scatter(blocks), neighbour_scatter(blocks.T))  # mains light differs between rows
     least = ROUGHEST_STEP_FRACTION if scatter < NEGLIGIBLE * level else NEGLIGIBLE
     return max(scatter, least * level, rounding, 1e-9)
 

@@ -23,8 +23,8 @@ from contactimg.imaging.pixels.robust import (
 UNLIT_FRACTION = 0.15
 LIT_SHARE = 0.95  # of the blocks that are no brighter than those that are lit in any case. By hand
 LEAST_UNLIT_BLOCKS = 12  # of one dark region at the border. By hand: a dark contact of 13 px radius has 8
-# Width of a square about an unlit block between which there is light again, and how much of the usual: in
-# vignetted corners there is less. By hand: beside a stop there is 0.93 and more.
+# Width of a square about an unlit block between which there is light again, and how much of that further
+# inside: in vignetted corners there is less. By hand: beside a stop there is 0.93 and more.
 STOP_EDGE_BLOCKS, STOP_LIGHT = (5, 7), 0.7
 EDGE_REACH_PX = 5  # of the blurred edge of a stop or of a contact: 3.5 blur widths of the usual optics
 DRAWN_EDGE_PX = 2  # of the edge of a margin, which enlarging or compression may have blurred. By hand
@@ -52,13 +52,15 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     lit_level = quantile(means, LIT_SHARE)
     if not lit_level > 0 or quantile(means, 0.0) > UNLIT_FRACTION * lit_level:
         return None
-    level = median(means[means > 0.5 * lit_level])
-    unlit = _at_border(means < UNLIT_FRACTION * level)
+    unlit = _at_border(means < UNLIT_FRACTION * median(means[means > 0.5 * lit_level]))
     if not unlit.any():
         return None
     inner, outer = (cv2.dilate(unlit, np.ones((size, size), np.uint8)) for size in STOP_EDGE_BLOCKS)
-    beside = means[outer > inner]
-    if not _is_field_of_view(1 - unlit) or (beside.size and median(beside) < STOP_LIGHT * level):
+    beside, inside = means[outer > inner], means[outer == 0]
+    if not (_is_field_of_view(1 - unlit) and inside.size):
+        return None
+    level = median(inside)  # of the background, unless contacts, which may be much brighter, cover half of it
+    if beside.size and median(beside) < STOP_LIGHT * level:
         return None
     smooth = cv2.blur(np.asarray(image, np.float32), (3, 3))
     return _pixels_of(unlit, smooth < 0.5 * level, EDGE_REACH_PX)
