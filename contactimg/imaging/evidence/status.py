@@ -121,16 +121,19 @@ class FrameEvidence:
         """Number of contacts."""
         return len(self.contacts["x_px"])
 
+    def having(self, flag: Flag) -> NDArray[np.bool_]:
+        """Contacts with a flag, or with all of several."""
+        return np.asarray(np.asarray(self.contacts["flags"], np.int64) & int(flag) == int(flag))
+
     def flagged(self, flag: Flag) -> int:
-        """Number of contacts with a flag, or with all of several."""
-        flags = np.asarray(self.contacts["flags"], np.int64)
-        return int(np.count_nonzero(flags & int(flag) == int(flag)))
+        """Number of such contacts."""
+        return int(np.count_nonzero(self.having(flag)))
 
     def spoiled(self, flag: Flag) -> int:
-        """Number of such contacts where they are so many, or all, that they spoil the frame; else 0."""
-        n = self.flagged(flag)
+        """Number of such contacts where many, or most of the area, are such: they spoil the frame; else 0."""
+        n, area = self.flagged(flag), np.asarray(self.contacts["visible_area_px2"], float)
         many = n >= FEWEST_CONTACTS and n > SPOILED_SHARE * self.count
-        return n if many or (n and n == self.count) else 0
+        return n if many or area[self.having(flag)].sum() > 0.5 * area.sum() else 0
 
 
 def judge_frame(seen: FrameEvidence) -> Verdict:
