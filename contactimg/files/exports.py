@@ -96,8 +96,11 @@ def read_regions(path: str | Path) -> list[Region]:
         rois = roiread(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except Exception as error:  # whatever a damaged file makes of the decoder
-        raise InputError(f"{path}: is not an ImageJ ROI file ({error})") from None
+    except Exception:  # whatever a damaged file makes of the decoder
+        raise InputError(
+            f"{path}: is not an ImageJ ROI file; save the regions with the ROI Manager (.roi, .zip), or the "
+            "frame with its overlay as TIFF"
+        ) from None
     regions = [_region(roi) for roi in (rois if isinstance(rois, list) else [rois])]
     with_area = [region for region in regions if region is not None]
     if not with_area:
