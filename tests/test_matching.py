@@ -85,7 +85,7 @@ def test_pose_conventions_on_a_non_square_image():
     np.testing.assert_allclose(turned, [149.5, 49.5 + 10])  # +x turns towards +y
 
 
-@pytest.mark.parametrize("pixel_size", [0.0, -1e-6, np.nan])
+@pytest.mark.parametrize("pixel_size", [0.0, -1e-6, np.nan, 6.0])
 def test_pose_refuses_a_pixel_size_that_is_no_length(pixel_size):
     with pytest.raises(InputError, match="pixel size must be a positive length"):
         Pose(SHAPE, pixel_size)

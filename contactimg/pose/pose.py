@@ -7,6 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 
+LARGEST_PIXEL = 0.01
+"""Pixel size in m above which a value is taken to be in another unit. Chosen by hand."""
+
 
 @dataclass(frozen=True)
 class Pose:
@@ -32,7 +35,7 @@ class Pose:
     Raises
     ------
     InputError
-        If the pixel size is not a positive number.
+        If the pixel size is not a positive number, or above `LARGEST_PIXEL`.
     """
 
     shape: tuple[int, int]
@@ -42,10 +45,10 @@ class Pose:
     mirrored: bool = False
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.pixel_size) and self.pixel_size > 0):
+        if not 0 < self.pixel_size <= LARGEST_PIXEL:
             raise InputError(
-                f"pixel size must be a positive length, got {self.pixel_size!r} m; "
-                "give the sample length that one pixel covers"
+                f"pixel size must be a positive length of at most {LARGEST_PIXEL} m, got {self.pixel_size!r} "
+                "m; give the sample length that one pixel covers"
             )
 
     @property
