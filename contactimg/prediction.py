@@ -431,6 +431,9 @@ def _height_law(section: Asperities, asperities: pd.DataFrame | None) -> HeightL
     return UniformHeights(first, second) if uniform else GaussianHeights(first, second)
 
 
+TOUCHING_ACCURACY = 1e-3
+"""Relative accuracy of the load at which planes touch. Chosen: far below the scatter between patterns."""
+
 TRIAL_RATIO, LEAST_TRIAL, LARGEST_TRIAL = 4.0, 1e-9, 1e24
 """Ratio of two loads in the search for touching planes; the loads, over that of the first trial, below which
 the planes touch before the asperities do, and beyond which nobody looks."""
@@ -442,7 +445,6 @@ def find_touching_load(
     *,
     model: Model = "interacting",
     coupling: Coupling = "auto",
-    relative: float = 1e-3,
 ) -> float:
     """The load at which the base planes of lens and rubber touch first, N.
 
@@ -453,13 +455,11 @@ def find_touching_load(
     model : {"interacting", "gw", "gt"}
     coupling : str
         As for `predict_contacts`.
-    relative : float
-        Accuracy of the load.
 
     Returns
     -------
     float
-        0 if the planes touch before the asperities do.
+        To a relative `TOUCHING_ACCURACY`; 0 if the planes touch before the asperities do.
 
     Raises
     ------
@@ -490,11 +490,11 @@ def find_touching_load(
         low, high = high, TRIAL_RATIO * high
     while gap(low) <= 0 and low > LEAST_TRIAL * first:
         low, high = low / TRIAL_RATIO, low
-    while gap(low) > 0 and high in reasons and high > (1 + relative) * low:
+    while gap(low) > 0 and high in reasons and high > (1 + TOUCHING_ACCURACY) * low:
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if gap(middle) > 0 else (low, middle)
     if gap(low) > 0 and high not in reasons:
-        return float(brentq(gap, low, high, rtol=relative))
+        return float(brentq(gap, low, high, rtol=TOUCHING_ACCURACY))
     if low not in reasons and gap(low) <= 0:
         return 0.0
     raise ModelRangeError(
