@@ -189,8 +189,9 @@ def echo_tradeoff(table: "pd.DataFrame") -> None:
             "time": part["time_s"].map(time_text, na_action="ignore"),
             "ratio": part["time_ratio"],
         }
-        output = {"all": "worst output"}.get(part["output"].iloc[0], part["output"].iloc[0])
-        echo_table(f"{knob}: error of the {output} against {usual}", columns, left=2, forms={"ratio": ".3g"})
+        output = part["output"].iloc[0]
+        what = "largest error of any output" if output == "all" else f"error of the {output}"
+        echo_table(f"{knob}: {what}, compared with: {usual}", columns, left=2, forms={"ratio": ".3g"})
 
 
 def echo_timings(timings: Timings) -> None:

@@ -176,7 +176,7 @@ def image_settings(case: Case) -> Iterator[Setting]:
         return stated_change(case.output, radius=disks["radius_px"], std=disks["radius_std_px"])
 
     compared = {
-        "threshold": (against_fit, f"{METHODS['disk']}, no truth known"),
+        "threshold": (against_fit, f"{METHODS['disk']} (the truth is not known)"),
         "disk": (stated, "its own stated uncertainty"),
     }
     for method, name in METHODS.items():

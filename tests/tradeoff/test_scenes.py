@@ -132,7 +132,10 @@ def test_own_frames_take_the_fit_as_the_converged_answer(small_series, tmp_path)
     table = found.table.set_index("setting")
     assert set(table["knob"]) == {"image"}
     assert set(table["load_N"]) == {0.02}
-    assert table.loc["pixels above the threshold", "reference"] == "fit of blurred disks, no truth known"
+    assert (
+        table.loc["pixels above the threshold", "reference"]
+        == "fit of blurred disks (the truth is not known)"
+    )
     assert table.loc["fit of blurred disks", "reference"] == "its own stated uncertainty"
     assert 0 < table.loc["fit of blurred disks", "error"] < table.loc["pixels above the threshold", "error"]
 
@@ -145,7 +148,7 @@ def test_the_command_writes_table_and_figures(small_series, tmp_path, capsys):
     arguments = ["tradeoff", str(small_series), "-o", str(out), "--knob", "model", "--load-N", "0.02"]
     assert main(arguments) == 0
     printed = " ".join(capsys.readouterr().out.split())  # tables fold at the width of the terminal
-    assert "model: error of the area against the same asperities" in printed
+    assert "model: error of the area, compared with: the same asperities" in printed
     assert "for 1 % on A take" in printed
     table = read_table(out / "tradeoff.csv", TRADEOFF)
     assert set(table["knob"]) == {"model"}
