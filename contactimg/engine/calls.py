@@ -131,8 +131,13 @@ def _in_order(
 
     A caller that is slower than they are holds them up: no more than `AHEAD` results for each process wait in
     memory. If the caller stops, the calls that still run are dropped.
+
+    A process that ends takes all calls with it that were handed over. The oldest of them, as many as there
+    are processes, were under way: these are made again alone until one is found to be the cause, and the
+    others together.
     """
     calls, failures = deque[tuple[tuple[Any, ...], Future[Result]]](), 0
+    suspects: int | None = None
     with _stored(function, workers.folder()) as name:
         try:
             while True:
@@ -144,7 +149,8 @@ def _in_order(
                 try:
                     try:
                         result = _result(workers, future)
-                    except WorkerEndedError:  # by any call under way: this one is made again alone
+                    except WorkerEndedError:
+                        suspects = (suspects or workers.processes()) - 1
                         _settle(workers, [other for _, other in calls])
                         result = _result(workers, workers.submit(_call, name, *item))
                     failures = 0
@@ -155,12 +161,25 @@ def _in_order(
                             "a worker process was ended from outside, perhaps because memory ran out; start "
                             "the command again, with fewer --workers if memory is short"
                         ) from error
-                    result = lost(error, *item)
+                    result, suspects = lost(error, *item), 0
                 calls.popleft()
+                if suspects == 0:
+                    ended = [_has_ended(workers, future) for _, future in calls]
+                    calls = deque(
+                        (item, workers.submit(_call, name, *item) if again else future)
+                        for (item, future), again in zip(calls, ended, strict=True)
+                    )
+                    suspects = None
                 yield result
         finally:
             if calls:
                 workers.drop()
+
+
+def _has_ended(workers: Any, future: Future[Any]) -> bool:
+    """Whether the process of a call was ended."""
+    done = future.done() and not future.cancelled()
+    return done and isinstance(workers.named(future.exception()), WorkerEndedError)
 
 
 def _settle(workers: Any, futures: list[Future[Any]]) -> None:

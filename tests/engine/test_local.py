@@ -4,6 +4,7 @@ import ctypes
 import os
 import signal
 import sys
+from concurrent.futures import Future
 from contextlib import nullcontext
 from functools import partial
 
@@ -14,6 +15,7 @@ from small_series import copy_of
 from contactimg import read_scene
 from contactimg.engine import calls
 from contactimg.engine.calls import in_parallel
+from contactimg.engine.cluster import WorkerEndedError
 from contactimg.engine.processes import ending_cleanly
 from contactimg.errors import ContactimgError
 from contactimg.files import open_experiment
@@ -50,6 +52,34 @@ def test_calls_that_end_their_process_are_replaced_and_no_other(deadly, timed):
 def test_a_process_ended_once_from_outside_costs_nothing(tmp_path):
     assert squares(partial(once_deadly, tmp_path)) == [k**2 for k in range(COUNT)]
     assert (tmp_path / "mark").exists()
+
+
+class EndedOnce:
+    """Workers, two of which are ended from outside before the first call is done."""
+
+    def __init__(self):
+        self.handed, self.broken = [], True
+
+    def submit(self, function, name, number):
+        future = Future()
+        self.handed.append(number)
+        self.broken &= number < calls.AHEAD * 2 and self.handed.count(number) == 1
+        if self.broken:
+            future.set_exception(WorkerEndedError())
+        else:
+            future.set_result(function(name, number))
+        return future
+
+    processes, folder = (lambda _: 2), (lambda _: None)
+    seen, named, drop = (lambda _, last: last), (lambda _, error: error), (lambda _: None)
+
+
+def test_only_calls_that_were_under_way_are_made_again_alone():
+    workers = EndedOnce()
+    found = calls._in_order(workers, partial(deadly_square, set()), ((k,) for k in range(COUNT)), None)
+    assert list(found) == [k**2 for k in range(COUNT)]
+    alone = [0, calls.AHEAD * 2, 1]  # the next call is handed over between the two
+    assert workers.handed[calls.AHEAD * 2 :][:17] == [*alone, *range(2, calls.AHEAD * 2)]
 
 
 def test_without_a_replacement_the_error_is_raised_and_the_processes_work_again():
