@@ -156,9 +156,10 @@ def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
                     continue
                 width = width or len(row)
                 if len(row) != width:
+                    cure = "; decimal commas need semicolons between cells"
                     raise InputError(
                         f"{path}: line {lines.line_num} has {len(row)} cells, but the header has {width} "
-                        "columns"
+                        f"columns{cure if separator == ',' and len(row) > width else ''}"
                     )
                 yield lines.line_num, row
         except csv.Error as error:
@@ -415,14 +416,15 @@ def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame
     text, shown = _text(path), ""
     if re.search("[\udc80-\udcff]", text):  # bytes that are not UTF-8
         text = text.encode("utf-8", errors="surrogateescape").decode("cp1252", errors="replace")
-    for separator in ("\t", ";", ",", None):  # None: any white space
+    for separator in ("\t", ";", ",", None, "\n"):  # None: any white space; a line end: a single column
         lines = [[cell.strip().strip('"') for cell in line.split(separator)] for line in text.split("\n")]
         for number, header in enumerate(lines, start=1):
-            rows = _rows_below(lines, number, len(header)) if len(header) > 1 else []
+            rows = _rows_below(lines, number, len(header)) if len(header) > 1 or separator == "\n" else []
             if not rows:
                 continue
             shown = shown or ", ".join(filter(None, header))
-            loads = [name for name in header if _is_load(name) and column in ("", name)]
+            filled = [name for k, name in enumerate(header) if any(row[k] for _, row in rows)]
+            loads = [name for name in filled if _is_load(name) and column in ("", name)]
             if len(loads) > 1:
                 several = ", ".join(map(repr, loads))
                 raise AmbiguousLoadsError(

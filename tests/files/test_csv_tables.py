@@ -128,7 +128,11 @@ NO_UNIT = "no column is a load with its unit, such as load_mN, load_g, Kraft [mN
         ),
         ("frame,load_N\na,\n", "line 2, column load_N must have a value, got ''"),
         ("frame,load_N\n ,1\n", "line 2, column frame must have a value, got ' '"),
-        ("frame,load_N\na,1,2\n", "line 2 has 3 cells, but the header has 2 columns"),
+        (
+            "frame,load_N\na,1,2\n",
+            "line 2 has 3 cells, but the header has 2 columns; decimal commas need semicolons between cells",
+        ),
+        ("frame;load_N\na;1;2\n", "line 2 has 3 cells, but the header has 2 columns"),
         ("frame,load_N\na\n", "line 2 has 1 cells, but the header has 2 columns"),
         (
             "frame,load_N\na,0.1\nb,-0.1\n",

@@ -48,6 +48,17 @@ def test_rows_without_a_frame_follow_the_order_and_must_be_as_many(tmp_path):
         open_experiment(scene)
 
 
+def test_a_table_of_one_column_gives_loads_and_none_that_are_empty(tmp_path):
+    """White space parts ``Kraft [mN]`` in two columns, of which the one with the unit has no number."""
+    frames_in(tmp_path, ["a2.tif", "a10.tif"])
+    (tmp_path / "k.txt").write_text("rig 2\n\nKraft [mN]\n1,5\n2\n")
+    scene = scene_from_dict({"images": {"loads": "k.txt"}}, folder=str(tmp_path))
+    assert open_experiment(scene).loads["load_N"].tolist() == [0.0015, 0.002]
+    (tmp_path / "k.txt").write_text("Bild Kraft [mN]\na2.tif 1.5\na10.tif 2\n")
+    with pytest.raises(InputError, match=r"load_N must be a number, got 'a2\.tif 1\.5'"):
+        open_experiment(scene)
+
+
 @pytest.mark.parametrize("first", [0, 1])
 def test_images_of_a_movie_go_by_their_number(tmp_path, first):
     cv2.imwritemulti(str(tmp_path / "m.tif"), [np.full((20, 30), k, np.uint8) for k in (70, 80, 90)])
