@@ -27,6 +27,7 @@ from contactimg.files.corrections import (
     masked_areas,
     read_edits,
 )
+from contactimg.files.decoders import stated_pixel_size
 from contactimg.files.output import finish_commit
 from contactimg.files.sources import FrameSource, is_image, list_frames, natural_key
 from contactimg.files.tables import read_asperities, read_loads
@@ -46,6 +47,10 @@ _TABLES = {
     "asperities": ("asperities", "file", None),
 }
 """Table -> section and key that name it, and its usual name in the folder of the scene."""
+
+SAME_PIXEL = 0.1
+"""Relative difference of two pixel sizes that are the same. Chosen: above errors of a calibration, below the
+steps of objectives and binning."""
 
 _ROW = re.compile(r"#\d+")
 
@@ -142,9 +147,11 @@ def _toml(file: Path) -> str:
         text = read_bytes(file).decode("utf-8-sig")
         tomllib.loads(text)
     except UnicodeDecodeError:
-        raise InputError(f"{file}: is not UTF-8 text") from None
+        raise InputError(f"{file}: is not UTF-8 text; save it in UTF-8") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{file}: is not valid TOML: {error}") from None
+        number = re.search(r"at line (\d+)", str(error))
+        shown = f": {text.splitlines()[int(number[1]) - 1].strip()[:60]}" if number else ""
+        raise InputError(f"{file}: is not valid TOML: {error}{shown}") from None
     return text
 
 
@@ -212,7 +219,21 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
         frames = [replace(one, correct=corrections.of_frame(one.name, k)) for k, one in numbered]
         references = tuple(replace(one, correct=corrections.of_frame("", 0)) for one in references)
     asperities = read_scene_asperities(scene)
+    _compare_pixel_size(scene, frames[0].path)
     return Experiment(scene, references, frames, loads, asperities, others, edits, corrections)
+
+
+def _compare_pixel_size(scene: Scene, path: Path) -> None:
+    """Log where the scene states no pixel size, or another one than the header of a frame."""
+    header, pixel = stated_pixel_size(path), scene.camera.pixel_size if scene.camera else None
+    says = f"{path.name} states pixels of {1e6 * header:.4g} µm" if header else ""
+    if pixel is None:
+        cure = "state [camera] pixel_size_m"
+        said = "no pixel size is stated, so there are no areas in m2 and no forces"
+        logger.warning("%s: %s; %s%s", scene.folder, said, cure, f" ({says})" if says else "")
+    elif header and not math.isclose(header, pixel, rel_tol=SAME_PIXEL):
+        cure = "areas are those of the scene; correct the one that is wrong"
+        logger.warning("%s: %s, the scene pixels of %.4g µm: %s", scene.folder, says, 1e6 * pixel, cure)
 
 
 def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrections:

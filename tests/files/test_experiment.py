@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 
 from contactimg import Frame, InputError, read_scene, scene_from_dict
 from contactimg.files import open_experiment, write_frame, write_scene
@@ -54,12 +55,15 @@ def test_scene_is_read_from_a_folder_or_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
-        (b"[camera]\npixel_size_m = \n", "is not valid TOML: Invalid value (at line 2, column 16)"),
+        (
+            b"[camera]\npixel_size_m = \n",
+            "is not valid TOML: Invalid value (at line 2, column 16): pixel_size_m =",
+        ),
         (
             b"[camera]\n[camera]\n",
-            "is not valid TOML: Cannot declare ('camera',) twice (at line 2, column 8)",
+            "is not valid TOML: Cannot declare ('camera',) twice (at line 2, column 8): [camera]",
         ),
-        (b"a = '\xb5'\n", "is not UTF-8 text"),
+        (b"a = '\xb5'\n", "is not UTF-8 text; save it in UTF-8"),
         (b"[camera]\npixel_size_m = -6e-6\n", "[camera] pixel_size_m must be greater than 0, got -6e-06"),
         (b"[camera]\npixel_size_m = 0\n", "[camera] pixel_size_m must be greater than 0, got 0"),
         (
@@ -77,6 +81,22 @@ def test_scene_that_is_refused(tmp_path, content, sentence):
     with pytest.raises(InputError) as caught:
         read_scene(tmp_path)
     assert str(caught.value) == f"{tmp_path / 'scene.toml'}: {sentence}"
+
+
+@pytest.mark.parametrize(
+    ("camera", "sentence"),
+    [
+        ({}, "no areas in m2 and no forces; state [camera] pixel_size_m (f.tif states pixels of 3 µm)"),
+        ({"camera": {"pixel_size_m": 6e-6}}, "f.tif states pixels of 3 µm, the scene pixels of 6 µm"),
+        ({"camera": {"pixel_size_m": 3.1e-6}}, ""),
+    ],
+)
+def test_a_pixel_size_that_headers_contradict_is_told(tmp_path, caplog, camera, sentence):
+    pixels, resolution = np.zeros((20, 30), np.uint8), (1 / 3, 1 / 3)
+    tifffile.imwrite(tmp_path / "f.tif", pixels, imagej=True, resolution=resolution, metadata={"unit": "um"})
+    open_experiment(scene_from_dict(camera, folder=str(tmp_path)))
+    assert sentence in caplog.text
+    assert bool(caplog.text) == bool(sentence)
 
 
 def test_no_scene_file(tmp_path):
@@ -264,7 +284,7 @@ def test_full_scale_of_the_camera_holds_for_every_frame(folder):
 def test_frame_without_load_and_load_without_frame_are_told(folder, caplog):
     rows = "".join(f"lost_{k}.tif,1\n" for k in range(5))
     (folder / "loads.csv").write_text(f"frame,load_N\nframe_2.tif,0.1\n{rows}")
-    experiment = experiment_of(folder)
+    experiment = experiment_of(folder, camera={"pixel_size_m": 6e-6})
     np.testing.assert_array_equal(experiment.loads["load_N"], [np.nan, 0.1, np.nan])
     lost = "lost_0.tif, lost_1.tif, lost_2.tif and 2 more"
     assert caplog.messages == [
