@@ -19,6 +19,7 @@ from contactimg.files.atomic import read_bytes
 from contactimg.files.output import (
     PROVENANCE_FILE,
     SCHEMA_VERSION,
+    changed_inputs,
     finish_commit,
     read_records,
     read_settled,
@@ -271,6 +272,11 @@ def _read_record(folder: Path) -> tuple[dict[str, Any], Scene, PoseFit | None]:
         x, y = map(float, record["apex"]["apex_m"])
         scene = scene.with_apex((x, y))
     pose = None if record.get("pose") is None else _pose_of(record["pose"])
+    read = {entry["path"]: entry.get("sha256") for entry in record.get("inputs", [])}
+    later = [path for path in changed_inputs(record) if read[path] != sha256_of(Path(path))]
+    if later:
+        more = f" (and {len(later) - 1} other files)" if len(later) > 1 else ""
+        logger.warning("%s: %s%s changed after the run; repeat it", folder, later[0], more)
     return {"created": "", "inputs": [], "sha256": {}} | record, scene, pose
 
 

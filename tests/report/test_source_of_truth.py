@@ -1,5 +1,6 @@
 """Tables that were changed after a run, and results that were made from earlier tables, are noticed."""
 
+import json
 import shutil
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from contactimg import read_run
 from contactimg.cli import main
 from contactimg.errors import InputError
+from contactimg.files.output import read_records
 from contactimg.report import build_report
 
 
@@ -41,6 +43,19 @@ def test_results_of_an_earlier_measurement_are_left_out_by_name(run, finished):
     words = ["analyse", str(run), "-o", str(run / "laws"), "--no-models", "--quiet"]
     assert main(words) == 0
     assert 'id="analysis"' in build_report(run)
+
+
+def test_an_input_that_changed_after_the_run_is_named(run, tmp_path, caplog):
+    records, table = read_records(run), tmp_path / "table.csv"
+    record = next(one for one in records if "contacts.csv" in one["outputs"])
+    shutil.copyfile(record["inputs"][-1]["path"], table)
+    record["inputs"][-1]["path"] = str(table)
+    (run / "provenance.json").write_text(json.dumps(record))
+    read_run(run)  # of another time, but with the same content
+    assert not caplog.records
+    table.write_text(table.read_text() + "\n")
+    read_run(run)
+    assert f"{table} changed after the run; repeat it" in caplog.text
 
 
 def test_sums_follow_a_contacts_table_that_was_changed(run, caplog):
