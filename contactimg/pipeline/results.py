@@ -92,13 +92,15 @@ def alike_remarks(
 
     Examples
     --------
-    >>> said = ["the lamp is 1.1 of the reference", "", "the lamp is 1.2 of the reference; a hair"]
+    >>> said = ["a.tif: the lamp is 1.1 of the reference", "", "the lamp is 1.2 of the reference; a hair"]
     >>> table = pd.DataFrame({"frame": ["a.tif", "b.tif", "c.tif"], "message": said})
     >>> alike_remarks(table)[0]
     (('a.tif', 'c.tif'), 'the lamp is 1.1 of the reference (numbers of the first)')
     """
     remarks = frames.assign(exact=exact, said=frames["message"].str.split("; ")).explode("said")
     remarks = remarks[remarks["said"].fillna("") != ""]
+    pairs = zip(remarks["frame"], remarks["said"], strict=True)
+    remarks["said"] = [said.removeprefix(frame).lstrip(": ") for frame, said in pairs]
     kinds = (
         remarks["said"]
         .str.replace(r"[-+]?\d[\d.e+-]*", "#", regex=True)
