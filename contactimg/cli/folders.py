@@ -82,7 +82,9 @@ def process(
     def measure(folder: str, output: str | Path | None) -> int:
         """Measure the frames of one folder; return the exit code."""
         described = scene_of_folder(folder, stated, scene_file=scene, calibration=record)
-        refuse_idle(record, str(calibration), method=described.measure.method)
+        option = {"kind": "threshold"} if "threshold" in stated.get("measure", {}) else {}
+        for given, name in ((record, str(calibration)), (option, "--threshold")):
+            refuse_idle(given, name, method=described.measure.method)
         files.require_format(table_format)
         experiment = files.open_experiment(described)
         acts = describe_use(record, method=described.measure.method)

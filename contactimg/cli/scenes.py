@@ -182,7 +182,7 @@ def apply_calibration(data: Stated, record: Mapping[str, Any], *, sets_method: b
 
 
 def refuse_idle(record: Mapping[str, Any], path: str, *, method: str) -> None:
-    """Refuse a calibration of the threshold where disks are fitted: it would change nothing.
+    """Refuse a threshold, calibrated or given, where disks are fitted: it would change nothing.
 
     Raises
     ------

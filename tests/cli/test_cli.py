@@ -601,5 +601,7 @@ def test_an_option_for_a_key_of_the_scene_is_checked_by_the_rules_of_the_key(ser
     assert "[camera] pixel_size_m must be greater than 0, got -6e-06" in sentence
     assert "must be a number" in failure(capsys, process(series, "--pixel-size-um", "six", *options))
     assert 'or "auto"' in failure(capsys, process(series, "--threshold", "high", *options))
+    sentence = failure(capsys, process(series, "--threshold", "0.4", *options))
+    assert '--threshold: a threshold acts on the method "threshold" only' in sentence
     assert process(series, "--method", "area", *options) == 2
     assert "'threshold', 'disk'" in capsys.readouterr().err

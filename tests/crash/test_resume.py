@@ -103,7 +103,7 @@ def test_other_settings_frames_or_tables_are_measured_again(small_series, tmp_pa
 
     # the second pass alone; of the three frames the last one shows contrast and blur best by itself
     assert measured_now(most=None) == names[:2]
-    assert measured_now("--threshold", "0.4") == names
+    assert measured_now("--method", "threshold") == names
     assert measured_now("--reference", str(folder / "frame_1.tif"))[:2] == names[1:]
     assert measured_now(change=other_frame)[:1] == ["frame_2.tif"]
     assert measured_now(change=other_asperities) == names
