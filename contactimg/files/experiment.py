@@ -348,16 +348,16 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
         return next(iter(exact or frames or {given}))
 
     loads["frame"] = loads["frame"].map(meant)
-    repeated, with_load = loads["frame"][loads["frame"].duplicated()], set(loads["frame"])
+    repeated = loads["frame"][loads["frame"].duplicated()]
     if len(repeated):
         raise InputError(f"{path}: {len(repeated) + 1} rows mean the frame {repeated.iloc[0]}; keep one")
-    if not with_load & present:
-        raise InputError(
-            f"{path}: none of its frames ({_some(loads['frame'])}) is among the frames read ({_some(names)})"
-        )
+    known = set(loads["frame"][loads["load_N"].notna()])
+    if not known & present:
+        given = _some(loads["frame"]) or "it has no row"
+        raise InputError(f"{path}: none of its frames ({given}) is among the frames read ({_some(names)})")
     for text, missing in (
         ("has loads for frames that are not there", [name for name in loads["frame"] if name not in present]),
-        ("has no load for the frames", [name for name in names if name not in with_load]),
+        ("has no load for the frames", [name for name in names if name not in known]),
     ):
         if missing:
             logger.warning("%s %s: %s", path, text, _some(missing))

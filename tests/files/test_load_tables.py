@@ -77,10 +77,13 @@ def test_a_table_without_a_unit_offers_the_names_and_shows_the_columns(tmp_path)
         read_loads(tmp_path / "k.csv")
 
 
-def test_a_cell_that_is_no_number_is_named_by_its_line(tmp_path):
+def test_a_cell_that_is_no_number_is_named_by_its_line(tmp_path, caplog):
     (tmp_path / "k.txt").write_text("rig 2\n\nBild\tKraft [mN]\na.tif\tNaN\nb.tif\t1,5\n")
     loads = read_loads(tmp_path / "k.txt")["load_N"]
     assert np.isnan(loads[0])
+    frames_in(tmp_path, ["a.tif", "b.tif"])
+    open_experiment(scene_from_dict({"images": {"loads": "k.txt"}}, folder=str(tmp_path)))
+    assert "has no load for the frames: a.tif" in caplog.text
     assert loads[1] == 0.0015
     (tmp_path / "k.txt").write_text("rig 2\n\nBild\tKraft [mN]\na.tif\t1,5\nb.tif\tx\n")
     with pytest.raises(InputError, match="line 5, column load_N must be a number, got 'x'"):
