@@ -354,7 +354,7 @@ def local_forces(
     sites : DataFrame or None
         Composite summits of the asperities.
     """
-    elastic, effects = scene.need("elastic", "local forces"), scene.effects
+    elastic, effects = scene.need("elastic", "computing local forces"), scene.effects
     law: ForceLaw = "sphere" if effects.sphere_profile == "on" else "hertz"
     body = {
         "contact_modulus": elastic.contact_modulus,

@@ -103,7 +103,7 @@ def law_evidence(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) ->
         ``sphere_profile, adhesion``: relative change of the forces, ``sum |change| / sum |force|`` over the
         contacts with a force; ``radius_m``: the largest one.
     """
-    elastic = scene.need("elastic", "local forces")
+    elastic = scene.need("elastic", "computing local forces")
     a, modulus = contacts["radius_m"].to_numpy(float), elastic.contact_modulus
     parabola = pressing_force(a, sphere_radius, contact_modulus=modulus)
     exact = pressing_force(a, sphere_radius, contact_modulus=modulus, law="sphere")
@@ -122,7 +122,7 @@ def decide_law(scene: Scene, evidence: pd.DataFrame) -> LawPlan:
 
     ``evidence`` is that of all frames, from `law_evidence`.
     """
-    elastic, worst = scene.need("elastic", "local forces"), evidence.max().fillna(0.0).to_dict()
+    elastic, worst = scene.need("elastic", "computing local forces"), evidence.max().fillna(0.0).to_dict()
     estimates = [
         EffectEstimate(
             name, worst[name], "from the measured radii", {"force": worst[name], "profile": worst[name]}

@@ -290,7 +290,7 @@ def _unbalanced(frames: pd.DataFrame, scene: Scene, cut: pd.Series) -> dict[str,
     allowed = (1 - 1 / FORCES_OFF_LOAD) * np.maximum(total.abs(), load.abs())
     apart = (total - load).abs() > np.maximum(SIGNIFICANT_STDS * std, allowed)
     off = frames[apart & (total != 0) & (~cut | (total > load))]
-    modulus = scene.need("elastic", "local forces").young_modulus
+    modulus = scene.need("elastic", "computing local forces").young_modulus
     return {
         name: f"the local forces add up to {forces:.3g} N at a load of {load:.3g} N: check the load and its "
         f"zero, [elastic] young_modulus_Pa = {modulus:g}, [camera] pixel_size_m and the asperities' radii"
