@@ -110,7 +110,7 @@ def settle(doubts: Iterable[str], place: str | Path) -> None:
         raise InputError(f"{place}: {doubts[0]}{more}; correct it, or give {allow} if it is right")
 
 
-def _doubt(key: str, value: float, *, said: str = "", hint: str = "") -> Iterator[str]:
+def doubt_about(key: str, value: float, *, said: str = "", hint: str = "") -> Iterator[str]:
     """A sentence about a value outside its range, with the units that would bring it inside."""
     low, high = RANGES[key]
     if not low <= value <= high:
@@ -135,10 +135,10 @@ def doubts_about_scene(
         for key, value in keys.items():
             name = key if key in RANGES else f"[{section}] {key}"
             if name in RANGES and value != FLAT:
-                yield from _doubt(name, value)
+                yield from doubt_about(name, value)
     loads = [*loads, *(scene.simulate.loads if scene.simulate is not None else [])]
     for load in {min(loads), max(loads)} if loads else ():
-        yield from _doubt("load_N", load)
+        yield from doubt_about("load_N", load)
     half_diagonal = np.inf
     if asperities is not None and len(asperities) > 1:
         yield from _doubts_about_table(scene, asperities)
@@ -152,25 +152,27 @@ def doubts_about_scene(
         hint = "is the load in mN or grams, a length in mm, the modulus in MPa?"
         for key, length in ((CONTACT_OVER_RADIUS, indenter.radius), (CONTACT_OVER_SAMPLE, half_diagonal)):
             said = key.replace(" over", f" at {max(loads):g} N over")
-            yield from _doubt(key, contact / length, said=said, hint=hint)
+            yield from doubt_about(key, contact / length, said=said, hint=hint)
 
 
 def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]:
     """Columns and units of the asperities; apex and camera outside the sample."""
     height, radius = (float(asperities[name].abs().median()) for name in ("height_m", "radius_m"))
-    yield from _doubt("the median of radius_m of the asperities", float(asperities["radius_m"].median()))
+    yield from doubt_about("the median of radius_m of the asperities", float(asperities["radius_m"].median()))
     columns = "are columns swapped, or in different units?"
-    yield from _doubt("height_m over radius_m of the asperities", height / radius, hint=columns)
+    yield from doubt_about("height_m over radius_m of the asperities", height / radius, hint=columns)
     if spacing := mean_spacing(asperities):
         metres = "are x_m, y_m and radius_m in metres?"
-        yield from _doubt("radius_m of the asperities over their distance", radius / spacing, hint=metres)
+        yield from doubt_about(
+            "radius_m of the asperities over their distance", radius / spacing, hint=metres
+        )
     points = asperities[["x_m", "y_m"]].to_numpy(float)
     if spacing:
         distances, nearest = np.asarray(cKDTree(points).query(points, k=2))[..., 1]
         one = int(distances.argmin())
         said = f"distance of the asperities {one} and {int(nearest[one])} over the mean one"
         key = "distance of the closest asperities over the mean one"
-        yield from _doubt(key, distances[one] / spacing, said=said, hint="is one of them there twice?")
+        yield from doubt_about(key, distances[one] / spacing, said=said, hint="is one of them there twice?")
     low, high = points.min(axis=0), points.max(axis=0)
 
     def outside(place: tuple[float, float], factor: float = 1.0) -> float:
@@ -187,7 +189,7 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
         hint = f"was it given in {unit or 'another unit, or with another sign'}?"
         said = f"distance of {name} ({place[0]:g}, {place[1]:g}) from the asperities over their side"
         away = outside(place)
-        yield from _doubt("distance from the asperities over their side", away, said=said, hint=hint)
+        yield from doubt_about("distance from the asperities over their side", away, said=said, hint=hint)
 
 
 def doubts_about_calibration(
@@ -197,9 +199,9 @@ def doubts_about_calibration(
     hint = "are loads in N, and pixel_size_m and radius_m in metres?"
     said = "the largest contact radius over that of the sphere"
     adhesion = max(work_of_adhesion, 0.0)
-    yield from _doubt(CONTACT_OVER_RADIUS, contact_over_radius, said=said, hint=hint)
-    yield from _doubt("young_modulus_Pa", young_modulus, said="the fitted young_modulus", hint=hint)
-    yield from _doubt("work_of_adhesion_J_m2", adhesion, said="the fitted work_of_adhesion", hint=hint)
+    yield from doubt_about(CONTACT_OVER_RADIUS, contact_over_radius, said=said, hint=hint)
+    yield from doubt_about("young_modulus_Pa", young_modulus, said="the fitted young_modulus", hint=hint)
+    yield from doubt_about("work_of_adhesion_J_m2", adhesion, said="the fitted work_of_adhesion", hint=hint)
 
 
 def doubts_about_forces(*, slope: float, young_modulus: float, scanned: bool = False) -> Iterator[str]:
@@ -216,7 +218,7 @@ def doubts_about_forces(*, slope: float, young_modulus: float, scanned: bool = F
     said = f"the sum of the local forces over the load, with young_modulus_Pa = {young_modulus:g},"
     if slope > 0:
         key = "forces over load of all thresholds" if scanned else "forces over load"
-        yield from _doubt(key, slope, said=said, hint=hint)
+        yield from doubt_about(key, slope, said=said, hint=hint)
 
 
 def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> Iterator[str]:

@@ -24,6 +24,7 @@ from contactimg.analysis.linear_fit import ROUNDING, LinearFit, Points, fit_line
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.errors import InputError
 from contactimg.mechanics.layer import layer_factors
+from contactimg.plausibility import doubt_about, doubts_about_calibration, settle
 
 Values = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -352,7 +353,7 @@ def calibrate_jkr(
     ------
     InputError
         If there are fewer than three different loads, none of them presses, or the radius does not grow with
-        the load.
+        the load. For a length, or a result, that is no plausible one (`contactimg.plausibility`).
 
     Notes
     -----
@@ -374,6 +375,9 @@ def calibrate_jkr(
     >>> round(calibration.young_modulus.value, -3), round(calibration.work_of_adhesion.value, 5)
     (3000000.0, 0.05)
     """
+    stated = {"[indenter] radius_m": sphere_radius, "poisson_ratio": poisson_ratio}
+    stated |= {} if pixel_size is None else {"pixel_size_m": pixel_size}
+    settle([doubt for name in stated for doubt in doubt_about(name, stated[name])], "calibrate_jkr")
     cell = LoadCell() if load_cell is None else load_cell
     sphere = SmoothSphere(sphere_radius, poisson_ratio, sphere_radius_std / sphere_radius, thickness)
     plain = _series(load, radius, radius_std, cell, sphere)
@@ -391,6 +395,12 @@ def calibrate_jkr(
             edge = EdgeShift(_from_draws(values), is_asked_for(series.part(used), shifted.part(used)))
             series = shifted if edge.seen else series
     found = _solved(series, used, branch, cell, departure)
+    doubts = doubts_about_calibration(
+        young_modulus=found.young_modulus.value,
+        work_of_adhesion=found.work_of_adhesion.value,
+        contact_over_radius=float(plain.radius.max()) / sphere_radius,
+    )
+    settle(doubts, "the calibration")
     here = series.part(used)
     found, layer = replace(found, edge=edge, zero_asked=_zero_asked(here)), _layer_asked(here)
     if layer is not None:
@@ -441,9 +451,11 @@ def _series(
     load: ArrayLike, radius: ArrayLike, radius_std: ArrayLike, cell: LoadCell, sphere: SmoothSphere
 ) -> JkrSeries:
     P, a = np.atleast_1d(np.asarray(load, float)), np.atleast_1d(np.asarray(radius, float))
-    if P.ndim != 1 or P.shape != a.shape:
-        raise InputError(f"one radius a load is needed, got shapes {P.shape} and {a.shape}")
-    std = np.broadcast_to(np.asarray(radius_std, float), a.shape)
+    std = np.asarray(radius_std, float)
+    if P.ndim != 1 or P.shape != a.shape or std.shape not in ((), a.shape):
+        shapes = f"got shapes {P.shape}, {a.shape} and {std.shape}"
+        raise InputError(f"one radius a load is needed, and one uncertainty or one each, {shapes}")
+    std = np.broadcast_to(std, a.shape)
     if not (
         np.isfinite(P).all() and np.all(np.isfinite(a) & (a > 0)) and np.all(np.isfinite(std) & (std >= 0))
     ):

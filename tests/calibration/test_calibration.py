@@ -29,6 +29,32 @@ def test_exact_data_give_exact_answers():
     assert found.points["used"].all()
 
 
+def test_uncertainties_that_are_not_one_each_are_refused():
+    with pytest.raises(
+        InputError, match=r"one uncertainty or one each, got shapes \(8,\), \(8,\) and \(2,\)"
+    ):
+        fit(LOADS, jkr.radius(LOADS, **LAW), radius_std=[1e-6, 1e-6])
+
+
+def test_radii_in_micrometres_are_doubted():
+    with pytest.raises(InputError, match=r"over that of the sphere = .* pixel_size_m and radius_m in metres"):
+        fit(LOADS, 1e6 * jkr.radius(LOADS, **LAW))
+
+
+@pytest.mark.parametrize(
+    ("length", "sentence"),
+    [
+        ({"pixel_size": 6.0}, "pixel_size_m = 6 .* given in µm"),
+        ({"sphere_radius": 128.8}, r"\[indenter\] radius_m = 129 .* given in mm"),
+    ],
+)
+def test_a_length_in_another_unit_is_refused(length, sentence):
+    with pytest.raises(InputError, match=f"calibrate_jkr: {sentence}"):
+        calibrate_jkr(
+            LOADS, jkr.radius(LOADS, **LAW), **{"sphere_radius": LENS, "poisson_ratio": 0.5} | length
+        )
+
+
 def test_change_of_units(rng):
     """Every length times l, every pressure times p: loads times p l^2, E times p, w times p l."""
     load = LOADS * (1 + 0.01 * rng.standard_normal(LOADS.size))

@@ -24,7 +24,6 @@ from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
-from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.numbers import number_with_interval
 from contactimg.pose.apex import SIGNIFICANT_STDS
@@ -283,14 +282,6 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated
     table = series.table
     chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])
     calibration = _calibrate(table[chosen], scene)
-    settle(
-        doubts_about_calibration(
-            young_modulus=calibration.young_modulus.value,
-            work_of_adhesion=calibration.work_of_adhesion.value,
-            contact_over_radius=float(table["radius_m"][chosen].max()) / calibration.sphere.radius,
-        ),
-        "the calibration",
-    )
     if series.rival is not None:
         rival = _calibrate(series.rival[chosen & np.isfinite(series.rival["radius_m"])], scene)
         calibration = calibration.widened(rival, series.doubt)
