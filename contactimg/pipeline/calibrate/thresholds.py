@@ -148,7 +148,7 @@ def _with_forces(
 
 def _stated_modulus(experiment: Experiment) -> CoverageEstimate:
     """The modulus that the scene states."""
-    elastic = experiment.scene.need("elastic", "local forces")
+    elastic = experiment.scene.need("elastic", "computing local forces")
     return CoverageEstimate.of_normal(elastic.young_modulus, elastic.young_modulus_std)
 
 
@@ -170,6 +170,9 @@ def _result(
     table = series.frames[["frame", "load_N", "message"]].assign(force_sum_N=forces)
     load = table["load_N"].to_numpy(float)
     rest, pressed = forces - record.pop("line") * load, load > 0
+    if pressed.sum() == 1:
+        said = "one load does not show the scatter, which no uncertainty includes; take three or more"
+        record["notes"].append(said)
     record["quality"] = {
         "frames_used": int(pressed.sum()),
         "residual_rms_N": float(np.sqrt(np.mean(rest[pressed] ** 2))),
@@ -204,9 +207,9 @@ def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Cali
     series, load = _with_forces(experiment, THRESHOLDS, workers)
     errors = _common_errors(experiment, relative)
     notes = _notes(series) + cell_notes(scene)
-    slopes = [load_slope(row, load, **errors) for row in series.forces]
-    values, stds = (np.array([getattr(slope, name) for slope in slopes]) for name in ("value", "std"))
-    closest = float(values[np.argmin(np.abs(np.log(np.maximum(values, np.finfo(float).tiny))))])
+    tiny = np.finfo(float).tiny
+    slopes = np.maximum(series.forces @ load / max(float(load @ load), tiny), tiny)
+    closest = float(slopes[np.argmin(np.abs(np.log(slopes)))])
     settle(doubts_about_forces(slope=closest, young_modulus=modulus.value, scanned=True), "the calibration")
     found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
     if scene.measure.method == "disk":
@@ -229,10 +232,17 @@ def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Cali
     }
     areas = series.areas.sum(axis=1)
     figures = {
-        "slope_threshold": plot_slopes(series.thresholds, values, stds, found=found.threshold.value),
+        "slope_threshold": plot_slopes(
+            found.thresholds, found.slopes, found.slope_stds, found=found.threshold.value
+        ),
         "forces": plot_forces(load, found.forces, slope=found.slope),
     }
-    curve = {"threshold": series.thresholds, "slope": values, "slope_std": stds, "area_m2": areas}
+    curve = {
+        "threshold": found.thresholds,
+        "slope": found.slopes,
+        "slope_std": found.slope_stds,
+        "area_m2": areas,
+    }
     return _result(record, series, found.forces, figures, **curve)
 
 
@@ -253,9 +263,9 @@ def run_modulus(
     -------
     Calibrated
     """
-    levels = THRESHOLDS if threshold is None else threshold.value + np.array([-0.02, 0.0, 0.02])
+    levels = np.array([0.5]) if threshold is None else threshold.value + np.array([-0.02, 0.0, 0.02])
     if levels.min() <= 0 or levels.max() >= 1:
-        raise InputError(f"the threshold must lie between 0.02 and 0.98, got {threshold}")
+        raise InputError(f"the threshold must lie between 0.02 and 0.98, got {levels.mean():g}")
     series, load = _with_forces(experiment, levels, workers)
     measured, relative = _stated_modulus(experiment), 0.0
     if threshold is None:

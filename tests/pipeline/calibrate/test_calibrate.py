@@ -19,6 +19,7 @@ from contactimg.files import (
     write_scene,
 )
 from contactimg.frame import Frame
+from contactimg.pipeline.calibrate import thresholds
 from contactimg.pipeline.calibrate.jkr import mean_centre, measure_circles
 from contactimg.pipeline.calibrate.thresholds import measure_thresholds
 from contactimg.pipeline.series import measure_parts
@@ -306,6 +307,13 @@ def test_process_with_the_calibration(threshold_result, tmp_path):
 
 
 @pytest.mark.usefixtures("figures_stay_unwritten")
+def test_one_load_is_said_to_show_no_scatter(threshold_result, tmp_path, capsys):
+    words = ["--frames", "frame_3.tif", "--threshold", "0.5", "-o", tmp_path / "one"]
+    assert run("calibrate", "modulus", threshold_result[0], *words) == 0
+    assert "one load does not show the scatter" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.usefixtures("figures_stay_unwritten")
 def test_a_calibration_is_handed_on_whole(threshold_result, tmp_path, capsys):
     folder = copy_of(threshold_result[0], tmp_path / "frames")
     with_scene(folder, elastic={"young_modulus_Pa": 2.85e6})
@@ -349,6 +357,19 @@ def test_modulus_with_the_threshold_of_another_sample(threshold_result, small_se
     assert found["young_modulus"]["value"] == pytest.approx(3e6, rel=1.5e-3)
     assert found["slope"]["value"] == pytest.approx(0.9, rel=1.5e-3)
     assert found["compatible"] is False
+
+
+def test_the_modulus_of_disks_takes_one_threshold(small_series, monkeypatch):
+    counted, count = [], thresholds.count_again
+
+    def counting(image, level):
+        counted.append(level)
+        return count(image, level)
+
+    monkeypatch.setattr(thresholds, "count_again", counting)
+    result = thresholds.run_modulus(open_experiment(read_scene(small_series)), threshold=None, workers=1)
+    assert result.record["method"] == "disk"
+    assert counted == [0.5] * 3
 
 
 def test_both_on_one_curve_are_refused(threshold_result, tmp_path, capsys):
