@@ -1,15 +1,20 @@
 """The camera is found anywhere over the sample, and chance agreement and lattices find no pose."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from small_series import copy_of
 
 from contactimg.cli import main
-from contactimg.files import read_scene, write_scene
+from contactimg.files import Run, read_scene, write_scene
+from contactimg.pipeline.measured_series import find_pose
 from contactimg.pose import Pose
 from contactimg.pose.fit import search_everywhere
+from contactimg.scene import scene_from_dict
 from contactimg.surfaces import generate_asperities
+from contactimg.tables import CONTACTS, FRAMES
 
 SHAPE = (900, 1000)
 GUESS = Pose(SHAPE, 6e-6)
@@ -43,6 +48,19 @@ def test_the_camera_is_found_wherever_it_looks(targets, turn_deg, mirrored, scal
     apart = np.hypot(*np.subtract(fit.pose.to_sample(*corners), truth.to_sample(*corners)))
     # noise of 0.3 px, seen from beyond the contacts: some pixels where there are few
     assert apart.max() < (4 if count < 50 else 1) * 6e-6
+
+
+def test_a_mirrored_camera_at_the_stated_place_is_told(targets, caplog):
+    truth = Pose(SHAPE, 6e-6, (0.0035, 0.0024), mirrored=True)
+    x_px, y_px = contacts_near(targets, truth, (480, 430), 60, np.random.default_rng(17))
+    contacts = CONTACTS.conform(pd.DataFrame({"frame": "a.tif", "x_px": x_px, "y_px": y_px}))
+    frames = FRAMES.conform(pd.DataFrame({"frame": ["a.tif"], "n_contacts": [len(x_px)]}))
+    sites = pd.DataFrame(targets, columns=["x_m", "y_m"])
+    for mirrored in (True, False):
+        assert "mirrored" not in caplog.text
+        run = Run(scene_from_dict({}), contacts, frames)
+        assert find_pose(run, sites, replace(truth, mirrored=mirrored)).pose.mirrored
+    assert "mirrored = true: used here" in caplog.text
 
 
 def test_no_pose_is_found_by_chance(targets):

@@ -101,8 +101,8 @@ def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
     x_px, y_px = part["x_px"] - shift[0], part["y_px"] - shift[1]
     reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
     pose = fit_pose(x_px, y_px, targets, guess, largest_shift=reach)
-    found = None if pose.fitted else search_everywhere(x_px, y_px, targets, guess)
-    if found is not None:
+    found = pose if pose.fitted else search_everywhere(x_px, y_px, targets, guess)
+    if found is not None and (not pose.fitted or found.pose.mirrored != guess.mirrored):
         _say_where(found, guess, run.scene)
     pose = found or pose
     logger.info(
