@@ -100,7 +100,8 @@ def alike_remarks(
     remarks = frames.assign(exact=exact, said=frames["message"].str.split("; ")).explode("said")
     remarks = remarks[remarks["said"].fillna("") != ""]
     pairs = zip(remarks["frame"], remarks["said"], strict=True)
-    remarks["said"] = [said.removeprefix(frame).lstrip(": ") for frame, said in pairs]
+    bare = [said.removeprefix(frame).lstrip(": ") for frame, said in pairs]
+    remarks["said"] = pd.array(bare, dtype="str")  # also where there is none
     kinds = (
         remarks["said"]
         .str.replace(r"[-+]?\d[\d.e+-]*", "#", regex=True)
