@@ -39,6 +39,8 @@ RANGES = {
     "pixel_size_m": (2e-8, 5e-4),
     # a cap is no higher than its sphere
     "height_m over radius_m of the asperities": (0.0, 1.0),
+    # an output that may change by all of itself is not asked for
+    "[tolerance] relative": (0.0, 1.0),
     # chosen: shallow caps reach a few, sparse samples 0.1
     "radius_m of the asperities over their distance": (1e-3, 30.0),
     # chosen: of random places in a table of 10^4 a pair is so close once in 60 tables
@@ -61,6 +63,7 @@ UNITS = {
     "Pa": {"kPa": 1e3, "MPa": 1e6, "GPa": 1e9},
     "N": {"mN": 1e-3, "grams": 9.80665e-3, "kilograms": 9.80665, "kN": 1e3},
     "m2": {"mJ/m2": 1e-3},
+    "[tolerance] relative": {"per cent": 1e-2},
 }
 """End of a name -> units that may have been typed instead, and their size."""
 

@@ -52,6 +52,7 @@ def test_the_sound_scene_and_all_samples_are_plausible(asperities):
         ({"elastic": {"poisson_ratio": 0.0005}}, r"poisson_ratio = 0\.0005 is outside .* 0\.2 \.\.\. 0\.5"),
         ({"elastic": {"thickness_m": 15.0}}, "thickness_m = 15 .* mm"),
         ({"elastic": {"work_of_adhesion_J_m2": 30.0}}, "work_of_adhesion_J_m2 = 30 .* mJ"),
+        ({"tolerance": {"relative": 5.0}}, r"\[tolerance\] relative = 5 .* was it given in per cent"),
         ({"indenter": {"radius_m": 128.8}}, "radius_m = 129 .* was it given in mm"),
         ({"indenter": {"apex_m": [1.0, 1.0]}}, r"apex_m \(1, 1\) from the asperities .* was it given in mm"),
         ({"indenter": {"apex_m": [1000.0, 1000.0]}}, r"apex_m .* was it given in µm"),
