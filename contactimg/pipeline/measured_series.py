@@ -27,7 +27,6 @@ from contactimg.files import (
 )
 from contactimg.files.runs import apex_record, frame_shift, pose_record
 from contactimg.forces import fill_forces, sphere_radii
-from contactimg.imaging.fit.film_choice import summarise_films
 from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.pose import Pose
@@ -454,7 +453,6 @@ def write_run(
         record["law"] = series.law.sentence()
     films = {part.row["frame"]: part.film for part in series.parts if part.film is not None}
     if films:
-        record["film_summary"] = summarise_films(list(films.values()))
         record["film"] = {name: asdict(film) for name, film in films.items()}
     return whole, record
 

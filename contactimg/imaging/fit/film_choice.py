@@ -19,7 +19,6 @@ root of the probability of the other case. What was set by hand is taken, whatev
 in doubt like any other choice: where they cannot tell, a statement that is wrong is within 2.2 uncertainties.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -295,34 +294,6 @@ class FilmTrial:
         with_film = float(np.sum((radius + shift) ** 2) / np.sum(radius**2))
         change = 1.0 / with_film - 1.0 if taken else with_film - 1.0
         return FilmVerdict(asked, bool(taken), light, std, rims.count, doubt, change)
-
-
-def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
-    """One line on the air films of a series.
-
-    Examples
-    --------
-    >>> summarise_films([FilmVerdict("auto", False, 0.03, 0.05, 200, 1e-6, -0.02)])
-    'air film: none on 1 of 1 frames; 200 rims show 0.03 +- 0.05 of its light'
-    >>> summarise_films([FilmVerdict("off", False, 0.4, 0.9, 40, 0.4, -0.02)])
-    'air film: none on 1 of 1 frames; 40 rims show 0.4 +- 0.9 of its light; those of 1 frames cannot tell,
-    their uncertainties allow for both; with it the areas would change by -2 to -2 %'
-    """
-    numbers = ((one.taken, one.light, one.std, one.rims, one.doubt, one.area_change) for one in verdicts)
-    taken, light, std, rims, doubt, area_change = np.fromiter(numbers, (float, 6)).T
-    weights = 1.0 / np.maximum(std, 1e-9) ** 2
-    changes, left = 100 * area_change[doubt > DECIDED_DOUBT], ""
-    if len(changes):
-        other = "without" if taken.any() else "with"
-        left = (
-            f"; those of {len(changes)} frames cannot tell, their uncertainties allow for both; {other} it "
-            f"the areas would change by {changes.min():+.2g} to {changes.max():+.2g} %"
-        )
-    return (
-        f"air film: {f'taken on {taken.sum():.0f}' if taken.any() else 'none on ' + str(len(taken))} of "
-        f"{len(taken)} frames; {rims.sum():.0f} rims show {np.average(light, weights=weights):.2g} +- "
-        f"{weights.sum() ** -0.5:.2g} of its light{left}"
-    )
 
 
 def film_makes_contrast(rim: FilmRim, ratio: float) -> bool:

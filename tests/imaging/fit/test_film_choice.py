@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from film_frames import LED, SPHERE_M, film_frame
 
-from contactimg.imaging.fit.film_choice import summarise_films
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.tables import Status
@@ -101,7 +100,6 @@ def test_a_statement_that_the_rims_cannot_check_is_taken_and_its_doubt_stated(pi
     assert std > 0.44 * abs(verdict.area_change)
     assert not right or std < 0.55 * abs(verdict.area_change)
     assert ("the rims cannot tell" in result.message) is (verdict.doubt > 0.02)
-    assert right or "would change by" in summarise_films([verdict])
 
 
 @pytest.mark.parametrize("film", [True, False])
