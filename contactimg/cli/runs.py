@@ -211,16 +211,14 @@ def review(
     *,
     port: Annotated[int | None, click.IntRange(0, 65535)] = None,
     no_browser: bool = False,
-    origin: str = "",
     workers: shared.Workers = None,
 ) -> int:
     """Open a page that shows the frames of RUN, an output folder of `process`, with contacts to correct.
 
     The page is served to this machine only, under an address with a random token; Ctrl-C ends it. On another
-    machine, forward the port (ssh -L 8765:127.0.0.1:8765) and open the address there, or name the proxy
-    (--origin). Corrections go to edits.csv, each before the page says so; a threshold that is chosen goes to
-    scene.toml. Nothing else is written: run `contactimg process` again for tables and pictures with the
-    corrections.
+    machine, forward the port (ssh -L 8765:127.0.0.1:8765) and open the address there. Corrections go to
+    edits.csv, each before the page says so; a threshold that is chosen goes to scene.toml. Nothing else is
+    written: run `contactimg process` again for tables and pictures with the corrections.
 
     \b
     Examples:
@@ -233,8 +231,6 @@ def review(
         Port of this machine to serve the page on.  [default: any that is free]
     no_browser
         Print the address of the page and open no browser.
-    origin
-        Scheme and host of a proxy through which the page is opened: https://hub.example.org.
     """
     import webbrowser
     from contextlib import closing
@@ -244,7 +240,7 @@ def review(
 
     with closing(Session(Path(run), workers=workers)) as session:
         try:
-            server = ReviewServer(session, port or 0, origin=origin)
+            server = ReviewServer(session, port or 0)
         except OSError as error:
             raise InputError(f"port {port} cannot be used ({error.strerror}); choose another one") from None
         with server:

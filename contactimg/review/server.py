@@ -38,7 +38,6 @@ PAGE_FILES = {
 }
 """Last part of the address -> file of this package and its type."""
 _HOST = re.compile(r"(localhost|127\.0\.0\.1|\[::1\])(:\d{1,5})?")
-_ORIGIN = re.compile(r"https?://([a-z0-9.-]+(:\d{1,5})?)")
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; "
@@ -59,33 +58,19 @@ class ReviewServer(ThreadingHTTPServer):
     session : Session
     port : int
         0 for any that is free.
-    origin : str
-        Scheme and host of a proxy through which the page is opened, as the browser shows it
-        (``https://hub.example.org``); empty for none.
-
-    Raises
-    ------
-    InputError
-        If the origin is no scheme and host.
 
     Notes
     -----
     It listens on 127.0.0.1. A request must name this machine as its host (else a foreign page could have its
     own name resolved to 127.0.0.1), and one that writes must come from the page itself (``Origin``). Any port
-    of this machine is accepted in both, for a forwarded one may differ. A proxy must be named: headers such
-    as ``X-Forwarded-Host`` are not believed, for any page can have them sent.
+    of this machine is accepted in both, for a forwarded one may differ. Headers such as ``X-Forwarded-Host``
+    are not believed, for any page can have them sent.
     """
 
     daemon_threads = True
     allow_reuse_address = os.name == "posix"  # elsewhere it would let another program take the port
 
-    def __init__(self, session: Session, port: int = 0, *, origin: str = "") -> None:
-        match = _ORIGIN.fullmatch(origin)
-        if origin and match is None:
-            raise InputError(
-                f"the origin must be scheme and host of the address, https://hub.example.org, got {origin!r}"
-            )
-        self.origin, self.proxy_host = origin, match[1] if match else None
+    def __init__(self, session: Session, port: int = 0) -> None:
         super().__init__((ADDRESS, port), _Handler)
         self.session, self.token = session, secrets.token_urlsafe(24)
         self._idle, self._answering, self._closed = Condition(), 0, False
@@ -158,7 +143,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _admitted_path(self) -> str | None:
         """The path after the token; None if the request was refused."""
         host = self.headers.get("Host", "")
-        if not _HOST.fullmatch(host) and (not host or host != self.server.proxy_host):
+        if not _HOST.fullmatch(host):
             self._refuse(421, "the host of the address must be this machine")
             return None
         if self.headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
@@ -175,9 +160,7 @@ class _Handler(BaseHTTPRequestHandler):
         origin = self.headers.get("Origin", "")
         kind = self.headers.get("Content-Type", "").split(";")[0].strip()
         host = self.headers.get("Host", "")
-        is_own = bool(_HOST.fullmatch(host)) and origin == f"http://{host}"
-        is_proxy = bool(origin) and origin == self.server.origin
-        return (is_own or is_proxy) and kind == "application/json"
+        return origin == f"http://{host}" and kind == "application/json"
 
     def _body(self) -> bytes | None:
         """The body of the request; None if it was refused."""

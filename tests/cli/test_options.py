@@ -110,7 +110,7 @@ process: --calibration --cluster --format --frames --loads --method --no-plausib
     -o/--output --pictures/--no-pictures --pixel-size-um --polarity --reference
     --scene --shape --threshold --workers
 report: --max-pictures -o/--output --with
-review: --no-browser --origin --port --workers
+review: --no-browser --port --workers
 simulate: --cluster --no-plausibility -o/--output --workers
 tradeoff: --knob --load-N --no-plausibility -o/--output --tolerance
 """
