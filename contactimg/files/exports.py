@@ -209,8 +209,8 @@ def label_image(
 ) -> NDArray[np.uint16] | NDArray[np.uint32]:
     """The label of the contact in which the centre of each pixel lies, 0 in none.
 
-    Where contacts overlap, they share along the line through the crossings of their rims. A contact without
-    the centre of a pixel gets the nearest pixel. ``outlines``: those of the contacts of free shape.
+    Where contacts overlap, the smaller one has the pixel. A contact without the centre of a pixel gets the
+    nearest pixel. ``outlines``: those of the contacts of free shape.
 
     Examples
     --------
@@ -222,29 +222,15 @@ def label_image(
 
     highest = int(contacts["label"].max()) if len(contacts) else 0
     labels = np.zeros(shape, np.uint16 if highest < 2**16 else np.uint32)
-    power = np.full(shape, np.inf)
-    for outline in contact_outlines(contacts, outlines):
+    shapes = contact_outlines(contacts, outlines)
+    for outline in sorted(shapes, key=lambda one: -one.semi_major * one.semi_minor):
         x, y = outline.polygon.T
         rows, columns = polygon(y, x, shape)
         if not len(rows):
             nearest = np.clip(np.rint([outline.y, outline.x]), 0, np.array(shape) - 1)
             rows, columns = nearest.astype(int)[:, np.newaxis]
-        own = _power(outline, columns, rows)
-        mine = own < power[rows, columns]
-        power[rows[mine], columns[mine]] = own[mine]
-        labels[rows[mine], columns[mine]] = outline.label
+        labels[rows, columns] = outline.label
     return labels
-
-
-def _power(outline: Outline, columns: NDArray[np.intp], rows: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Power of pixels with respect to the outline, px^2; of a free shape that of the disk of its area.
-
-    Of a circle: the squared distance from its centre less the squared radius.
-    """
-    x, y = columns - outline.x, rows - outline.y
-    a, b, cosine, sine = outline.semi_major, outline.semi_minor, np.cos(outline.angle), np.sin(outline.angle)
-    along, across = (cosine * x + sine * y) / a, (cosine * y - sine * x) / b
-    return np.asarray(a * b * (along**2 + across**2 - 1.0))
 
 
 def write_labels(contacts: pd.DataFrame, shape: tuple[int, ...], outlines: pd.DataFrame, path: Path) -> None:
