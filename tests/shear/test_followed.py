@@ -159,13 +159,6 @@ def test_runs_without_asperities_have_nothing_but_a_sentence(tiny):
     assert shear_of(stated)[1] == [f"{tiny.name}: no laws under shear: no contact has an asperity"]
 
 
-def test_a_table_that_would_fill_the_memory_is_not_made(tiny, monkeypatch):
-    monkeypatch.setattr("contactimg.pipeline.analyse.sheared.MOST_ROWS", 5)
-    found, notes = shear_of(tiny)
-    assert found.followed.empty
-    assert "no asperities.csv: it would have" in notes[0]
-
-
 def test_loads_that_allow_no_law_are_named(tiny):
     # three normal loads, each with one frame
     found, notes = shear_of(replace(tiny, loads=tiny.loads.assign(tangential_N=[0.0, 0.001, 0.002])))

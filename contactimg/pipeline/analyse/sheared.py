@@ -25,9 +25,6 @@ from contactimg.tables import FOLLOWED, Schema
 
 logger = logging.getLogger(__name__)
 
-MOST_ROWS = 2_000_000
-"""Rows of asperities.csv at most. Chosen for memory: some 300 MB."""
-
 
 @dataclass(frozen=True, eq=False)
 class Sheared:
@@ -101,13 +98,6 @@ def analyse_shear(
         if place.asperities is None or not place.contacts["asperity"].notna().any():
             if place.loads["tangential_N"].notna().any():
                 notes.append(f"{place.name}: no laws under shear: no contact has an asperity")
-            continue
-        rows = len(place.frames) * place.contacts["asperity"].nunique()
-        if rows > MOST_ROWS:
-            notes.append(
-                f"{place.name}: no asperities.csv: it would have {rows} rows; analyse fewer than "
-                f"{MOST_ROWS * len(place.frames) // rows} frames"
-            )
             continue
         table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
         limits = _upper_limits(place, table, workers=workers)
