@@ -156,7 +156,7 @@ def indentation(
     Without load the indentation is a third of Hertz's at the same radius:
 
     >>> where = dict(sphere_radius=0.01, contact_modulus=4e6, work_of_adhesion=0.05)
-    >>> round(float(indentation(0.0, **where) / (zero_load_radius(**where) ** 2 / 0.01)), 9)
+    >>> round(float(indentation(0.0, **where) / (radius(0.0, **where) ** 2 / 0.01)), 9)
     0.333333333
     """
     a = radius(
@@ -314,63 +314,6 @@ def pull_off_indentation(*, sphere_radius: float, contact_modulus: float, work_o
         imposed="indentation",
     )
     return -3 * a**2 / sphere_radius
-
-
-def cycle_loss(*, sphere_radius: float, contact_modulus: float, work_of_adhesion: float) -> float:
-    """Energy lost per cycle of approach and separation at imposed indentation.
-
-    At jump-in (``delta = 0``) the energy falls from 0 to ``-(3/10) E* a^5/R^2``, at pull-off from
-    ``(16/5) E* a^5/R^2`` to 0, with ``a`` the radius of the JKR contact in each of the two states:
-    ``(3/10 + (16/5) 16^(-5/3)) (2 pi w)^(5/3) R^(4/3)/E*^(2/3)``.
-
-    Parameters
-    ----------
-    sphere_radius : float, m
-    contact_modulus : float, Pa
-    work_of_adhesion : float, J/m^2
-
-    Returns
-    -------
-    float, J
-        The losses of contacts that do not interact add up.
-
-    Notes
-    -----
-    From the energy of the JKR contact, ``U = E* (8 a^5/(15 R^2) - 4 a^3 s/(3 R)) + pi w a^2`` with ``s =
-    sqrt(2 pi w a/E*)``.
-
-    Examples
-    --------
-    >>> where = dict(sphere_radius=100e-6, contact_modulus=4e6, work_of_adhesion=0.05)
-    >>> round(cycle_loss(**where) * 1e12, 3)
-    8.865
-    """
-    R, K, w = _constants(sphere_radius, contact_modulus, work_of_adhesion)
-    both = 0.3 + 3.2 * 16 ** (-5 / 3)
-    return float(both * (2 * np.pi * w) ** (5 / 3) * R ** (4 / 3) / (0.75 * K) ** (2 / 3))
-
-
-def zero_load_radius(*, sphere_radius: float, contact_modulus: float, work_of_adhesion: float) -> float:
-    """Contact radius without load: ``a^3 = 6 pi w R^2/K``.
-
-    Parameters
-    ----------
-    sphere_radius : float, m
-    contact_modulus : float, Pa
-    work_of_adhesion : float, J/m^2
-
-    Returns
-    -------
-    float, m
-
-    Examples
-    --------
-    >>> where = dict(sphere_radius=0.1288, contact_modulus=4e6, work_of_adhesion=0.05)
-    >>> round(zero_load_radius(**where) * 1e6, 1)
-    1431.2
-    """
-    R, K, w = _constants(sphere_radius, contact_modulus, work_of_adhesion)
-    return float(np.cbrt(6 * np.pi * w * R**2 / K))
 
 
 def gap(

@@ -127,8 +127,8 @@ def solve_adhesive(
     >>> where = dict(indenter_radius=float("inf"), contact_modulus=4e6, work_of_adhesion=0.05)
     >>> solution = solve_adhesive(cap, load=0.0, **where)
     >>> from contactimg import jkr
-    >>> closed = jkr.zero_load_radius(sphere_radius=1e-4, contact_modulus=4e6, work_of_adhesion=0.05)
-    >>> round(float(solution.radius[0]) / closed, 9)
+    >>> closed = jkr.radius(0.0, sphere_radius=1e-4, contact_modulus=4e6, work_of_adhesion=0.05)
+    >>> round(float(solution.radius[0] / closed), 9)
     1.0
     """
     w = float(work_of_adhesion)
