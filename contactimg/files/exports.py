@@ -5,7 +5,7 @@ the two.
 """
 
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -110,15 +110,10 @@ def read_regions(path: str | Path) -> list[Region]:
 
 def write_regions(regions: Iterable[Region], path: str | Path) -> None:
     """Write regions as a .zip file for ImageJ's ROI Manager, whole or not at all."""
-    names: set[str] = set()
     with replacing(path) as target, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for region in regions:
-            name, k = region.name, 1
-            while name in names:
-                name, k = f"{region.name}-{k}", k + 1
-            names.add(name)
             # a fixed date: the same regions give the same bytes
-            archive.writestr(zipfile.ZipInfo(f"{name}.roi"), imagej_roi(region).tobytes())
+            archive.writestr(zipfile.ZipInfo(f"{region.name}.roi"), imagej_roi(region).tobytes())
 
 
 def imagej_roi(region: Region) -> ImagejRoi:
@@ -305,17 +300,13 @@ def heading(column: str, units: str) -> tuple[str, float]:
     return column.replace("_", " "), 1.0
 
 
-def write_workbook(
-    tables: Sequence[tuple[Schema, pd.DataFrame]], about: Mapping[str, str], path: Path, *, units: str
-) -> None:
+def write_workbook(tables: Sequence[tuple[Schema, pd.DataFrame]], path: Path, *, units: str) -> None:
     """Write tables as a workbook, whole or not at all.
 
     Parameters
     ----------
     tables : sequence of (Schema, DataFrame)
         One sheet each, in order, then a sheet that explains the columns.
-    about : mapping
-        What the first sheet says of the run.
     path : Path
         The file, with the extension .xlsx.
     units : {"um", "mm", "m"}
@@ -326,8 +317,7 @@ def write_workbook(
     InputError
         If a table has more rows than a sheet can hold.
     """
-    sheets = {"about": pd.DataFrame(about.items(), columns=["", ""])}
-    meanings = []
+    sheets, meanings = {}, []
     for schema, table in tables:
         if len(table) >= MOST_ROWS:
             raise InputError(

@@ -5,7 +5,6 @@ from collections.abc import Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from contactimg.engine.progress import counted
@@ -54,7 +53,7 @@ def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) 
     """
     if "xlsx" in formats:
         tables = [(FRAMES, run.frames), (CONTACTS, run.contacts), (REJECTED, run.rejected)]
-        write_workbook(tables, _about(run), folder / "contacts.xlsx", units=units)
+        write_workbook(tables, folder / "contacts.xlsx", units=units)
     per_frame = [name for name in ("fiji", "napari", "labels") if name in formats]
     for name in per_frame:
         (folder / name).mkdir()
@@ -132,21 +131,6 @@ def frame_sources(run: Run) -> dict[str, FrameSource]:
     frames = open_experiment(run.scene).frames
     failed = set(run.frames.loc[run.frames["n_contacts"].isna(), "frame"])
     return {frame.name: replace(frame, correct=None) for frame in frames if frame.name not in failed}
-
-
-def _about(run: Run) -> dict[str, str]:
-    """The lines of the first sheet of the workbook."""
-    counts = run.frames["n_contacts"].sum(skipna=True)
-    versions = run.provenance.get("versions", {})
-    return {
-        "run": str(run.folder.resolve()),
-        "command": str(run.provenance.get("command", "")),
-        "made": str(run.provenance.get("created", "")),
-        "contactimg": str(versions.get("contactimg", "")),
-        "frames": str(len(run.frames)),
-        "contacts": str(int(np.nan_to_num(float(counts)))),
-        "cells": "hold all digits; the format shows a few",
-    }
 
 
 SAME_PX = 0.02
