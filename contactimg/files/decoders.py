@@ -377,8 +377,6 @@ def _interpret(page: Any, array: NDArray) -> Pixels:
     if array.ndim > 2 and "S" not in page.axes:
         raise ValueError(f"an image with axes {page.axes} is not a plane of pixels")
     full_scale = float(2 ** int(np.max(page.bitspersample)) - 1) if array.dtype.kind in "bu" else None
-    if page.photometric == _PHOTOMETRIC.PALETTE:
-        return Pixels(_apply_palette(page.colormap, array), 255.0)
     array = _strip_alpha(page, array)
     if array.dtype == bool:
         array, full_scale = array.astype(np.uint8) * np.uint8(255), 255.0
@@ -406,13 +404,6 @@ def _strip_alpha(page: Any, array: NDArray) -> NDArray:
     if extra < 0 or extra > 1 or (grey and extra == 1 and not transparent):
         raise ValueError(f"{array.shape[-1]} channels are neither grey nor red-green-blue")
     return array[..., 0] if grey else array[..., :3]
-
-
-def _apply_palette(colormap: NDArray, array: NDArray) -> NDArray:
-    """Red-green-blue, 0 to 255, of palette indices; writers scale 8-bit colours by 257, 256 or 1."""
-    wide = 257.0 if (colormap & 0xFF).any() else 256.0
-    scale = wide if colormap.max() > 255 else 1.0
-    return np.moveaxis(colormap[:, array].astype(np.float32) / np.float32(scale), 0, -1)
 
 
 def _sensor_scale(page: Any, full_scale: float | None) -> float | None:

@@ -242,20 +242,11 @@ def test_transparency_is_dropped(tmp_path, colour, rng):
     np.testing.assert_array_equal(only_frame(path).image, colour[..., 0])
 
 
-@pytest.mark.parametrize("scale", [257, 256, 1])
-def test_palette_colours_are_on_the_scale_of_8_bits(tmp_path, colour, scale):
-    shades = np.stack([np.arange(256), np.arange(256)[::-1], np.full(256, 7)])
-    path = write_tiff(
-        tmp_path / "a.tif",
-        colour[..., 0],
-        photometric="palette",
-        colormap=(shades * scale).astype(np.uint16),
-    )
-    frame = only_frame(path)
-    expected = luma(np.moveaxis(shades[:, colour[..., 0]], 0, -1))
-    # colours of 257 v are divided in float32: two roundings of a number below 256
-    np.testing.assert_allclose(frame.image, expected, rtol=4 * np.finfo(np.float32).eps)
-    assert frame.full_scale == 255
+def test_colours_of_a_palette_are_no_grey_levels(tmp_path, colour):
+    shades = np.stack([np.arange(256), np.arange(256)[::-1], np.full(256, 7)]).astype(np.uint16)
+    path = write_tiff(tmp_path / "a.tif", colour[..., 0], photometric="palette", colormap=257 * shades)
+    with pytest.raises(FrameError, match="photometric type PALETTE are not supported"):
+        only_frame(path)
 
 
 def test_black_and_white_is_0_and_255(tmp_path, levels):
