@@ -1,15 +1,14 @@
 """Power laws: one exponent over a range, or two that meet; straight lines through the logarithms."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, special
 
-from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights, student_estimate
+from contactimg.analysis.estimates import Estimate, bootstrap_estimate, student_estimate
 from contactimg.analysis.linear_fit import (
     LinearFit,
     Points,
@@ -115,7 +114,6 @@ def fit_power_law(
     x_std: ArrayLike = 0.0,
     y_std: ArrayLike = 0.0,
     correlation: ArrayLike = 0.0,
-    places: Sequence[Hashable] | None = None,
     confidence: float = 0.95,
 ) -> PowerLaw:
     """Fit a power law to points with errors on both axes.
@@ -128,9 +126,6 @@ def fit_power_law(
         Standard uncertainties, in the units of x and y.
     correlation : array_like, shape (n,) or scalar
         Of the errors of x and y of a point.
-    places : sequence, shape (n,), optional
-        Place on the sample where each point was measured. Errors within one place may be correlated: with two
-        places or more the uncertainties are those of a bootstrap over places.
     confidence : float
         Of the intervals.
 
@@ -146,8 +141,8 @@ def fit_power_law(
     Notes
     -----
     A straight line through the logarithms (`contactimg.analysis.linear_fit`), with relative errors as theirs:
-    good for relative errors up to some 20 %. With one place the interval is Student's with n - 2 degrees of
-    freedom, and infinite for two points; with N places it has N - 1.
+    good for relative errors up to some 20 %. The interval is Student's with n - 2 degrees of freedom, and
+    infinite for two points.
 
     Examples
     --------
@@ -157,13 +152,8 @@ def fit_power_law(
     """
     logs, reference = logarithms(x, y, x_std, y_std, correlation)
     fit = fit_line(logs)
-    owner, names = pd.factorize(np.zeros(len(logs)) if places is None else pd.Series(list(places)))
-    if len(owner) != len(logs):
-        raise InputError(f"each of the {len(logs)} points needs its place, got {len(owner)}")
-    several = len(names) > 1
-    replicates = replace(logs, weight=bootstrap_weights(len(names))[:, owner]) if several else None
-    offset, exponent = line_estimates(fit, replicates, blocks=len(names), confidence=confidence)
-    return power_law(exponent, offset, x, reference, fit.scatter, len(names), confidence)
+    offset, exponent = line_estimates(fit, None, blocks=1, confidence=confidence)
+    return power_law(exponent, offset, x, reference, fit.scatter, 1, confidence)
 
 
 def line_estimates(

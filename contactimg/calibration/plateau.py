@@ -18,6 +18,9 @@ from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
 
+STEEPNESS = 1.5
+"""How many times faster than at its slowest the area may fall within the plateau. Chosen by hand."""
+
 MAX_RELATIVE_FALL = 0.2
 """Largest relative decrease of the area over a plateau. Chosen by hand; sensitivity not measured."""
 
@@ -52,7 +55,7 @@ class Plateau:
     fall_rates: Values
 
 
-def find_plateau(thresholds: ArrayLike, areas: ArrayLike, *, steepness: float = 1.5) -> Plateau:
+def find_plateau(thresholds: ArrayLike, areas: ArrayLike) -> Plateau:
     """Find the thresholds between which the total contact area changes only marginally.
 
     Parameters
@@ -61,8 +64,6 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike, *, steepness: float = 
         Fractions of the contact contrast, five or more.
     areas : array_like, shape (m,) or (m, n), m^2
         Total area of each of n frames at each threshold.
-    steepness : float
-        How many times faster than at its slowest the area may fall within the plateau; above 1.
 
     Returns
     -------
@@ -93,8 +94,6 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike, *, steepness: float = 
         raise InputError(
             f"a plateau needs five thresholds or more and one area each, got {t.size}, {A.shape}"
         )
-    if not steepness > 1:
-        raise InputError(f"steepness must be above 1, got {steepness!r}")
     order = np.argsort(t)
     t, A = t[order], A[order]
     total = A.sum(axis=1)
@@ -104,7 +103,7 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike, *, steepness: float = 
     t, A, total = t[positive], A[positive], total[positive]
     rate = -_derivative(t, np.log(total))
     slowest = int(rate.argmin())
-    flat = rate <= steepness * max(rate[slowest], np.finfo(float).tiny)
+    flat = rate <= STEEPNESS * max(rate[slowest], np.finfo(float).tiny)
     low, high = _run_about(flat, slowest)
     middle, half = (A[low] + A[high]) / 2, np.abs(A[low] - A[high]) / 2
     fall = float(1 - total[high] / total[low])

@@ -43,21 +43,17 @@ MOTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
 """Marks of frames that slide, that are at rest, and whose velocity is not known."""
 
 
-def plot_area(
-    frames: pd.DataFrame, law: PowerLaw | None = None, *, model: str = "measured", ax: Axes | None = None
-) -> Axes:
+def plot_area(frames: pd.DataFrame, *, model: str = "measured", ax: Axes | None = None) -> Axes:
     """Plot the real contact area (mm^2) of each frame against load (mN) on logarithmic axes.
 
     Parameters
     ----------
     frames : DataFrame
         The table of frames; rows without load or area are left out.
-    law : PowerLaw, optional
-        Drawn as a line, with the differences from it in a panel below.
     model : {"measured", "predicted"}
         What the legend calls the frames.
     ax : Axes, optional
-        By default new axes; only these have the panel.
+        By default new axes.
 
     Returns
     -------
@@ -65,7 +61,7 @@ def plot_area(
     """
     good = frames[(frames["load_N"] > 0) & (frames["area_m2"] > 0)]
     table = good[["load_N", "area_m2", "area_std_m2"]].assign(model=model, load_std_N=np.nan)
-    return plot_areas(table, {} if law is None else {model: law}, ax=ax)
+    return plot_areas(table, {}, ax=ax)
 
 
 def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | None = None) -> Axes:

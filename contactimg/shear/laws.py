@@ -69,7 +69,6 @@ def fit_decrease(
     values: ArrayLike,
     *,
     std: ArrayLike = 0.0,
-    tangential_std: float = 0.0,
     scatter: float | None = None,
     confidence: float = 0.95,
 ) -> Decrease:
@@ -83,8 +82,6 @@ def fit_decrease(
         Areas or half-axes.
     std : array_like
         Standard uncertainty of each value.
-    tangential_std : float, N
-        Standard uncertainty of a tangential load.
     scatter : float, optional
         Standard deviation of the values beyond the stated errors; default: estimated from the residuals.
     confidence : float
@@ -120,7 +117,7 @@ def fit_decrease(
             "a law of the tangential load needs values at two or more different tangential loads, "
             f"got {np.unique(np.abs(load)).size}"
         )
-    fit = fit_line(Points(load**2, value, 2 * np.abs(load) * tangential_std, error), scatter=scatter)
+    fit = fit_line(Points(load**2, value, y_std=error), scatter=scatter)
     stds = np.sqrt(np.maximum(np.diag(fit.covariance), np.finfo(float).tiny))
     rate = student_estimate(
         -float(fit.parameters[1]), float(stds[1]), freedom=fit.freedom, confidence=confidence

@@ -130,25 +130,6 @@ def test_power_law_refuses_what_has_no_logarithm(x):
         fit_power_law(x, [1.0, 2.0])
 
 
-def test_places_give_the_scatter_of_their_own_exponents(rng):
-    # the same loads everywhere: the common exponent is the mean of the places' own
-    x, slopes = np.geomspace(1, 30, 5), rng.normal(0.9, 0.05, 6)
-    table = pd.concat([pd.DataFrame({"x": x, "y": x**m, "place": k}) for k, m in enumerate(slopes)])
-    law = fit_power_law(table["x"], table["y"], places=table["place"].tolist())
-    assert law.n_places == 6
-    assert law.exponent.value == pytest.approx(slopes.mean(), rel=1e-9)
-    # a bootstrap of 1000 replicates knows the standard deviation to 3 %, and six blocks are few
-    assert law.exponent.std == pytest.approx(slopes.std(ddof=1) / np.sqrt(6), rel=0.15)
-
-
-def test_a_place_of_one_load_leaves_the_interval_to_the_points():
-    law = fit_power_law([1.0, 1.0, 2.0, 4.0], [1.0, 1.01, 2.0, 4.0], places=["a", "a", "b", "b"])
-    # without b there is one load only
-    assert np.isfinite(law.exponent.std)
-    with pytest.raises(InputError, match="needs its place"):
-        fit_power_law([1.0, 2.0], [1.0, 2.0], places=["a"])
-
-
 def noisy_power_law(rng, x_relative, y_relative):
     x = np.geomspace(0.2, 0.6, 8)
     y = 3e-6 * x**0.9
