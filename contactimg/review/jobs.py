@@ -5,14 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from queue import SimpleQueue
 from threading import Condition, Thread
-from typing import Any
 
 from contactimg.errors import ContactimgError
 
 logger = logging.getLogger(__name__)
 
-Work = Callable[[Callable[[], None]], Any]
-"""A job is called with a function that it calls once a frame, and returns what the page is told."""
+Work = Callable[[Callable[[], None]], None]
+"""A job is called with a function that it calls once a frame."""
 SECONDS = 30.0
 """Time that a request may take to arrive, and that answers and a cancelled job have to end when the server is
 closed. Chosen: longer than a frame takes."""
@@ -26,23 +25,18 @@ class JobState:
     ----------
     number : int
         Counts jobs from 1; 0 before the first.
-    kind : str
     running : bool
     done, total : int
         Frames.
     error : str
-        Why it ended without a result; empty if it did not.
-    result : object
-        What the page is told, at the end or before.
+        Why it failed; empty if it did not.
     """
 
     number: int = 0
-    kind: str = ""
     running: bool = False
     done: int = 0
     total: int = 0
     error: str = ""
-    result: Any = None
 
 
 class CancelledError(Exception):
@@ -63,19 +57,15 @@ class Jobs:
         self._queue: SimpleQueue[Work] = SimpleQueue()
         Thread(target=self._work, daemon=True, name="review job").start()
 
-    def start(self, kind: str, work: Work, *, total: int) -> bool:
+    def start(self, work: Work, *, total: int) -> bool:
         """Start a job; False if one is running."""
         with self._changed:
             if self.state.running:
                 return False
             self._cancelled = False
-            self.state = JobState(self.state.number + 1, kind, running=True, total=total)
+            self.state = JobState(self.state.number + 1, running=True, total=total)
             self._queue.put(work)
             return True
-
-    def cancel(self) -> None:
-        """Let the job that runs, if any, end after the frame it is at."""
-        self._cancelled = True
 
     def wait(self, seconds: float | None = None) -> JobState:
         """The state when the job that runs, if any, has ended."""
@@ -84,16 +74,16 @@ class Jobs:
             return self.state
 
     def close(self) -> None:
-        """End the job that runs."""
-        self.cancel()
+        """End the job that runs, after the frame it is at."""
+        self._cancelled = True
         self.wait(SECONDS)
 
     def _work(self) -> None:
         while True:
             work = self._queue.get()
-            result, error = None, ""
+            error = ""
             try:
-                result = work(self._advance)
+                work(self._advance)
             except CancelledError:
                 error = "cancelled"
             except ContactimgError as reason:
@@ -102,7 +92,7 @@ class Jobs:
                 logger.exception("the job ended")
                 error = f"{type(reason).__name__}: {reason}"
             with self._changed:
-                self.state = replace(self.state, running=False, result=result, error=error)
+                self.state = replace(self.state, running=False, error=error)
                 self._changed.notify_all()
 
     def _advance(self) -> None:

@@ -682,8 +682,8 @@ function showEdits() {
   }));
 }
 
-async function startJob(kind) {
-  takeRun(await ask(kind, {}));
+async function measureAgain() {
+  takeRun(await ask("measure", {}));
   showRun();
   await followJob();
 }
@@ -697,7 +697,7 @@ async function followJob() {
   }
   takeRun(await ask("run.json"));
   showRun();
-  if (job.error) throw new Error(`${job.kind}: ${job.error}`);
+  if (job.error) throw new Error(`measure: ${job.error}`);
   const data = await ask(`frames/${state.number}/contacts.json`);
   takeContacts(data);
   select([]);
@@ -852,7 +852,7 @@ const toggle = (change) => () => { change(); layerOf = null; showLegend(); draw(
 const middle = () => [view.clientWidth / 2, view.clientHeight / 2];
 const ACTIONS = {
   v: () => useTool("select"), a: () => accept() || useTool("add"), k: () => useTool("mask"), s: startSplit, g: merge, e: exclude, Delete: exclude,
-  m: () => attempt(startJob("measure")), n: () => attempt(openFrame(state.number + 1)), p: () => attempt(openFrame(state.number - 1)),
+  m: () => attempt(measureAgain()), n: () => attempt(openFrame(state.number + 1)), p: () => attempt(openFrame(state.number - 1)),
   f: fit, 1: () => zoom(1 / state.view.scale, ...middle()), "+": () => zoom(1.25, ...middle()), "=": () => zoom(1.25, ...middle()), "-": () => zoom(0.8, ...middle()),
   t: () => byId("show-light").click(), o: toggle(() => { state.show.edits = !state.show.edits; }), r: toggle(() => { state.show.rejected = !state.show.rejected; }),
   ArrowLeft: () => pan(-60, 0), ArrowRight: () => pan(60, 0), ArrowUp: () => pan(0, -60), ArrowDown: () => pan(0, 60),
@@ -909,7 +909,7 @@ function listen() {
   new ResizeObserver(() => { keepMiddle(); if (state.curves) showCurves(); }).observe(view);
   byId("undo").addEventListener("click", undo);
   byId("redo").addEventListener("click", redo);
-  byId("measure").addEventListener("click", () => attempt(startJob("measure")));
+  byId("measure").addEventListener("click", () => attempt(measureAgain()));
   byId("use-threshold").addEventListener("click", () => attempt(useThreshold()));
   byId("slider").addEventListener("input", () => { showCurves(); if (byId("show-light").checked) markAbove(); });
   byId("show-light").addEventListener("change", () => attempt(loadLight()));

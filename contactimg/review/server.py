@@ -287,8 +287,6 @@ def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer | N
     elif path == "measure":
         if not session.measure():
             return Answer.of({"error": "something is being measured already"}, 409)
-    elif path == "cancel":
-        session.jobs.cancel()
     else:
         return None
     return Answer.of(session.record())

@@ -287,7 +287,7 @@ class Session:
 
     def measure(self) -> bool:
         """Start measuring the series as `process` does, with the present edits; False if a job runs."""
-        return self.jobs.start("measure", self._measure, total=len(self.sources))
+        return self.jobs.start(self._measure, total=len(self.sources))
 
     def _measure(self, advance: Any) -> None:
         """Measure the series; frames whose edits and scene are as before come from the store."""

@@ -375,12 +375,12 @@ def test_a_job_that_is_cancelled_or_fails_says_so():
     def failing(_advance):
         raise InputError("no frame")
 
-    assert jobs.start("measure", endless, total=3)
+    assert jobs.start(endless, total=3)
     started.wait(10)
-    assert not jobs.start("measure", endless, total=3)
-    jobs.cancel()
+    assert not jobs.start(endless, total=3)
+    jobs.close()
     assert jobs.wait(10).error == "cancelled"
-    jobs.start("measure", failing, total=1)
+    jobs.start(failing, total=1)
     assert jobs.wait(10).error == "no frame"
 
 
