@@ -135,8 +135,8 @@ class FrameView:
         Returns
         -------
         dict
-            left, top, columns, rows (px); pixels and model (base64 of int16, thousandths of the contrast);
-            brightness of the contact over the contrast; noise over the contrast; blur (px).
+            columns, rows; pixels and model (base64 of int16, thousandths of the contrast); noise over the
+            contrast.
         """
         shapes = contact_outlines(contacts, outlines)
         one = next(shape for shape in shapes if shape.label == label)
@@ -156,15 +156,11 @@ class FrameView:
         values = np.linalg.lstsq(design, pixels.ravel(), rcond=None)[0]
         noise = self.counted.noise / abs(self.counted.contrast) if self.counted.contrast else 0.0
         return {
-            "left": left,
-            "top": top,
             "columns": pixels.shape[1],
             "rows": pixels.shape[0],
             "pixels": _packed(pixels),
             "model": _packed((design @ values).reshape(pixels.shape)),
-            "brightness": float(values[0]) if parts[0].any() else None,
             "noise": noise,
-            "blur": self.blur,
         }
 
 

@@ -45,7 +45,7 @@ TABLES = tuple(schema.name for schema in (CONTACTS, FRAMES, REJECTED, OUTLINES))
 """Tables that the page may read from the folder of a run."""
 CONTACT_COLUMNS = (
     "label", "x_px", "y_px", "radius_px", "radius_std_px", "flags", "shape", "semi_major_px", "semi_minor_px",
-    "angle_rad", "area_m2", "force_N", "force_std_N", "x_m", "y_m", "asperity",
+    "angle_rad", "area_m2", "force_N", "force_std_N", "asperity",
 )  # fmt: skip
 """Columns of the contacts that the page uses."""
 SUMMARY_COLUMNS = ("status", "n_contacts", "load_N")
@@ -166,7 +166,6 @@ class Session:
             return {
                 "run": str(self.folder),
                 "command": self.command,
-                "edits_file": str(self.edits.path),
                 "scene_file": None if self.scene_file is None else str(self.scene_file),
                 "method": self.scene.measure.method,
                 "threshold": self.scene.measure.threshold,
