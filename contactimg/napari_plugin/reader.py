@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from contactimg.errors import InputError
 from contactimg.files import FrameSource, Run, main_tables, read_run
 from contactimg.files.exports import napari_shapes
-from contactimg.pipeline.export import REJECTED_COLOUR, contact_colour, frame_sources
+from contactimg.pipeline.export import frame_sources
 from contactimg.tables import CONTACTS, flag_names
-from contactimg.tables.outlines import contact_outlines
+from contactimg.tables.outlines import REJECTED_COLOUR, contact_outlines, kind_of
 
 Layer = tuple[Any, dict[str, Any], str]
 """Data, properties and kind of a layer, as napari takes them."""
@@ -121,7 +121,7 @@ def _contact_layers(run: Run, number: dict[str, int]) -> tuple[Layer, Layer]:
     table = pd.concat([frame.table for frame in frames]) if frames else CONTACTS.empty()
     features = table[FEATURES].reset_index(drop=True).assign(flags=flag_names(table["flags"]))
     style = {"face_color": "transparent", "edge_width": 0.5}
-    colours = [contact_colour(int(flags)) for flags in table["flags"]]
+    colours = [kind_of(int(flags)).colour for flags in table["flags"]]
     drawn = {"name": "contacts", "shape_type": kinds, "features": features, "edge_color": colours, **style}
     inside = {"name": "holes", "shape_type": "path", "edge_color": "white", **style}
     return (data, drawn, "shapes"), (holes, inside, "shapes")

@@ -22,14 +22,8 @@ from contactimg.files.exports import (
     write_workbook,
 )
 from contactimg.pipeline.pictures import file_stem
-from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED, Flag
-from contactimg.tables.outlines import (
-    CONTACT_COLOUR,
-    FLAGGED_COLOUR,
-    MANUAL_COLOUR,
-    REJECTED_COLOUR,
-    contact_outlines,
-)
+from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED
+from contactimg.tables.outlines import REJECTED_COLOUR, contact_outlines, kind_of
 
 _NAME = re.compile(r"contact_(\d+)")
 
@@ -79,7 +73,7 @@ def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[Regi
     """Contacts of one frame as regions, named and coloured by what they are."""
     shapes = contact_outlines(contacts, outlines)
     return [
-        region_of(outline, name=region_name(outline.label), colour=contact_colour(int(flags)))
+        region_of(outline, name=region_name(outline.label), colour=kind_of(int(flags)).colour)
         for outline, flags in zip(shapes, contacts["flags"], strict=True)
     ]
 
@@ -109,13 +103,6 @@ def label_of(name: str) -> int | None:
     """Label of the contact with a region of this name; None for a region drawn anew."""
     match = _NAME.fullmatch(name)
     return int(match[1]) if match else None
-
-
-def contact_colour(flags: int) -> str:
-    """Colour of a contact: by hand, flagged, or neither."""
-    if flags & Flag.MANUAL:
-        return MANUAL_COLOUR
-    return FLAGGED_COLOUR if flags else CONTACT_COLOUR
 
 
 def frame_sources(run: Run) -> dict[str, FrameSource]:

@@ -30,7 +30,7 @@ from contactimg.plots.overlay import (
     join_pictures,
 )
 from contactimg.tables import Status
-from contactimg.tables.outlines import REJECTED_COLOUR, Outline, contact_outlines, kinds_of_contacts
+from contactimg.tables.outlines import REJECTED_COLOUR, Outline, contact_outlines, kind_of, kinds_of_contacts
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -146,14 +146,10 @@ def draw_measured(image: NDArray, shown: FrameTables, view: View) -> Picture:
     view : View
     """
     outlines = contact_outlines(shown.contacts, shown.outlines)
-    flags = shown.contacts["flags"].to_numpy(np.int64)
-    free = np.ones(len(flags), bool)
-    layers = []
+    kinds, layers = [kind_of(flags) for flags in shown.contacts["flags"]], []
     for kind in kinds_of_contacts():
-        mine = free & ((flags & kind.flags) > 0 if kind.flags else True)
-        free &= ~mine
-        if mine.any() or not kind.flags:
-            part = [outlines[k] for k in np.flatnonzero(mine)]
+        part = [outline for outline, own in zip(outlines, kinds, strict=True) if own is kind]
+        if part or not kind.flags:
             label = f"{kind.name} ({len(part)})"
             layers.append(Layer(part, kind.colour, label, kind.dashes, GAP_PX))
     if len(shown.rejected):

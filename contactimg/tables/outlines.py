@@ -6,6 +6,7 @@ colour-blind eyes tell apart; dashes are for eyes and printers without colours.
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -151,7 +152,8 @@ class Kind:
         return asdict(self) | {"flags": int(self.flags), "flag_names": names}
 
 
-def kinds_of_contacts() -> list[Kind]:
+@cache
+def kinds_of_contacts() -> tuple[Kind, ...]:
     """Kinds of contacts; one is of the first kind with one of its flags.
 
     Examples
@@ -160,14 +162,19 @@ def kinds_of_contacts() -> list[Kind]:
     ['by hand', 'doubtful', 'cut or not resolved', 'touching', 'beyond Hertz', 'contact']
     """
     doubtful = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU | Flag.COUNTED
-    return [
+    return (
         Kind("by hand", MANUAL_COLOUR, (), Flag.MANUAL),
         Kind("doubtful", FLAGGED_COLOUR, (8, 4), doubtful),
         Kind("cut or not resolved", CUT_COLOUR, (4, 4), Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL),
         Kind("touching", TOUCHING_COLOUR, (14, 4), Flag.MERGED | Flag.OVERLAP),
         Kind("beyond Hertz", CONTACT_COLOUR, (6, 3), Flag.BEYOND_HERTZ),
         Kind("contact", CONTACT_COLOUR, (), Flag(0)),
-    ]
+    )
+
+
+def kind_of(flags: int) -> Kind:
+    """The kind of a contact with these flags."""
+    return next(kind for kind in kinds_of_contacts() if flags & kind.flags or not kind.flags)
 
 
 def kind_of_rejected() -> Kind:
