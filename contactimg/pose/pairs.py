@@ -88,10 +88,14 @@ def pairing_distance(targets: ArrayLike, pose: Pose) -> float:
         Gives the pixel size.
     """
     points = np.asarray(targets, float).reshape(-1, 2)
+    return max(PAIRING_FRACTION * median_spacing(points), MIN_PAIRING_PX * pose.pixel_size)
+
+
+def median_spacing(points: NDArray[np.float64]) -> float:
+    """Median distance to the nearest neighbour; 0 for fewer than two points."""
     if len(points) < 2:
-        return MIN_PAIRING_PX * pose.pixel_size
-    distance = np.asarray(KDTree(points).query(points, k=2)[0])
-    return max(PAIRING_FRACTION * float(np.median(distance[:, 1])), MIN_PAIRING_PX * pose.pixel_size)
+        return 0.0
+    return float(np.median(np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]))
 
 
 @stage("matching")
@@ -119,7 +123,8 @@ def match_contacts(
         If ``max_distance`` is not positive.
     """
     if max_distance is None:
-        max_distance = _half_spacing(predicted)
+        half = median_spacing(predicted[["x_m", "y_m"]].to_numpy(float)) / 2
+        max_distance = half or float(predicted["radius_m"].max() if len(predicted) else 1.0)
     if not max_distance > 0:
         raise InputError(f"match_contacts: max_distance must be a positive length, got {max_distance!r} m")
     i, j, distance = pair_points(
@@ -140,12 +145,3 @@ def match_contacts(
             "force_predicted_N": right["force_N"].to_numpy(),
         }
     )
-
-
-def _half_spacing(contacts: pd.DataFrame) -> float:
-    """Half the median distance to the nearest neighbour."""
-    if len(contacts) < 2:
-        return float(contacts["radius_m"].max()) if len(contacts) else 1.0
-    points = contacts[["x_m", "y_m"]].to_numpy(float)
-    distance = np.asarray(KDTree(points).query(points, k=2)[0])
-    return float(np.median(distance[:, 1]) / 2) or float(contacts["radius_m"].max())
