@@ -344,18 +344,8 @@ def read_calibration(path: str | Path) -> dict[str, Any]:
     return record
 
 
-NUMBERS = (
-    "young_modulus",
-    "work_of_adhesion",
-    "centre_x",
-    "centre_y",
-    "threshold",
-    "slope",
-    "threshold_low",
-    "threshold_high",
-    "edge_shift",
-)
-"""Names of the numbers that a calibration may hold."""
+NUMBERS = ("young_modulus", "threshold", "edge_shift", "centre_x", "centre_y")
+"""Names of the numbers of a calibration that others act by."""
 
 
 def check_calibration(record: Mapping[str, Any], place: str) -> None:
