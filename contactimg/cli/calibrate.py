@@ -197,7 +197,7 @@ def _echo(result: "pipeline.Calibrated", *, title: str) -> None:
             factor, unit = display_unit(entry["value"], entry["unit"])
             numbers = f"{entry['value'] * factor:.6g} ± {entry['std'] * factor:.2g}"
             say(f"  {name:26} {numbers} {unit}".rstrip())
-    say(*(f"  {note}" for note in result.notes))
+    say(*(f"  {note}" for note in result.record["notes"]))
 
 
 def _with_modulus(stated: shared.Stated, jkr: str | None, record: Mapping[str, Any]) -> shared.Stated:

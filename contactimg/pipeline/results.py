@@ -57,11 +57,6 @@ class Calibrated:
     figures: dict[str, Axes]
     failed: bool = False
 
-    @property
-    def notes(self) -> list[str]:
-        """Sentences for a person."""
-        return list(self.record["notes"])
-
 
 def write_calibration(result: Calibrated, folder: Path, *, frames: list[Mapping[str, Any]]) -> None:
     """Write calibration.json, the tables and the figures.
