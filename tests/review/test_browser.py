@@ -156,7 +156,7 @@ def _check_numbers_on_the_page(browser, contacts):
     name = browser.evaluate("review.state.run.frames[review.state.number].name")
     rows = contacts[contacts["frame"] == name]
     shown = json.loads(browser.evaluate("JSON.stringify(review.state.data.contacts)"))
-    for column in ("x_px", "y_px", "radius_px", "force_N", "x_m"):
+    for column in ("x_px", "y_px", "radius_px", "force_N", "area_m2"):
         assert shown[column] == [None if np.isnan(value) else value for value in rows[column]]
 
 
