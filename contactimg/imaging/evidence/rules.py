@@ -172,8 +172,7 @@ def judge_contacts(
     for flag, shown in FLAGS:
         flags |= np.where(shown(e), int(flag), 0)
     table["flags"] = flags
-    found = np.flatnonzero(reason == "")
-    kept = _join_parts(foreground, result, e, table, found)
+    found, kept = _join_parts(foreground, result, e, table, reason)
     kept = kept[np.lexsort([table["x_px"][kept], table["y_px"][kept]])]
     bad = reason != ""
     dropped = np.column_stack(
@@ -192,19 +191,27 @@ def judge_contacts(
 
 
 def _join_parts(
-    foreground: Foreground, result: FrameFit, e: Columns, table: Columns, found: NDArray[np.intp]
-) -> NDArray[np.intp]:
-    """Make one contact of free shape of those in a region that is no union of disks; which rows are left.
+    foreground: Foreground, result: FrameFit, e: Columns, table: Columns, reason: NDArray[np.object_]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Make one contact of free shape of those in a region that is no union of disks.
 
     It has the pixels of the region above half of the contrast. Contacts that touch leave a notch between
-    them, and fill the region.
+    them, and fill the region. Returned are the rows that are not rejected and those that are left of them:
+    several disks of a bright region that are all within the noise are so because each can take the place of
+    the others, and are not rejected.
     """
     half = 0.5 * (result.problem.contrast if result.joint is None else result.joint.contrast)
     regions, runs = label_runs(foreground.image, half)
-    x, y = result.problem.in_frame(result.fit.disks[:, [X, Y]]).T
+    x, y = np.nan_to_num(result.problem.in_frame(result.fit.disks[:, [X, Y]])).T
     a = result.fit.disks[:, RADIUS] * result.problem.binning
-    own = component_of_pixels(runs, np.rint(x[found]).astype(int), np.rint(y[found]).astype(int))
-    kept = np.ones(len(found), np.bool_)
+    own = component_of_pixels(runs, np.rint(x).astype(int), np.rint(y).astype(int))
+    inside, noise = own >= 0, reason == Reason.NOISE
+    alike, every = (np.bincount(own[inside & rows], minlength=len(regions)) for rows in (noise, inside))
+    light = regions["flux"] / np.sqrt(np.maximum(regions["area"], 1.0))
+    bright = (alike > 1) & (alike == every) & (light > LEAST_POOR_LIGHT_SIGMA * foreground.noise)
+    reason[inside & noise & np.append(bright, False)[own]] = ""
+    found = np.flatnonzero(reason == "")
+    own, kept = own[found], np.ones(len(found), np.bool_)
     for k in np.flatnonzero(np.bincount(own[own >= 0], minlength=len(regions)) > 1):
         rows, region = found[own == k], regions[k]
         area = np.pi * a[rows] ** 2
@@ -227,7 +234,7 @@ def _join_parts(
             largest = rows[np.argmax(area)]
             _count_region(table, largest, rows, region, float(filled.sum()))
             kept[(own == k) & (found != largest)] = False
-    return found[kept]
+    return found, found[kept]
 
 
 def _count_region(
