@@ -129,15 +129,8 @@ def predict_contacts(
     ConvergenceError
         If the solver stops above its tolerance.
     """
-    scene, plan = with_coupling(scene, coupling), None
-    if always_plan or any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
-        plan = make_mechanical_plan(scene, asperities, load=load)
-        scene = plan.apply(scene)
-    level = coupling if coupling == "hertz" else coupling_level(scene.effects)
-    field = surrounding_field(scene, asperities, load, coupled=level != "none")
-    solution = solve_scene(scene, asperities, load=load, coupling=level, surroundings=field)
-    refuse_touching(solution, solution.load)
-    name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
+    scene, plan, field, solution = _solve(scene, asperities, load, coupling, always_plan=always_plan)
+    name, model = frame or load_name(load), "uncoupled" if solution.coupling == "none" else "coupled"
     contacts = solution.contacts(name)
     hertz_forces = hertz.load(
         contacts["radius_m"].to_numpy(float),
@@ -161,6 +154,24 @@ def predict_contacts(
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
     return Prediction(contacts, _frames(name, load, **row), profile, plan)
+
+
+def _solve(
+    scene: Scene, asperities: pd.DataFrame, load: float, coupling: Coupling, *, always_plan: bool = False
+) -> tuple[Scene, Plan | None, MeanField | None, InteractingSolution]:
+    """The scene with all mechanical switches set, its plan and mean field if any, and the solution.
+
+    Arguments and errors are those of `predict_contacts`.
+    """
+    scene, plan = with_coupling(scene, coupling), None
+    if always_plan or any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
+        plan = make_mechanical_plan(scene, asperities, load=load)
+        scene = plan.apply(scene)
+    level = coupling if coupling == "hertz" else coupling_level(scene.effects)
+    field = surrounding_field(scene, asperities, load, coupled=level != "none")
+    solution = solve_scene(scene, asperities, load=load, coupling=level, surroundings=field)
+    refuse_touching(solution, solution.load)
+    return scene, plan, field, solution
 
 
 def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
@@ -473,13 +484,13 @@ def find_touching_load(
         try:
             if model == "interacting":
                 table = _table(asperities, "a table")
-                row = predict_contacts(scene, table, load=load, coupling=coupling).frames
+                found = _solve(scene, table, load, coupling)[-1].base_gap.least
             else:
                 row = predict_average(scene, asperities, load=load, model=model).frames
+                found = float(row["min_gap_m"].iloc[0])
         except (ModelRangeError, ConvergenceError) as error:
             reasons[load] = str(error)
             return -np.inf
-        found = float(row["min_gap_m"].iloc[0])
         if np.isnan(found):
             raise InputError("the asperities cover all of the base: no planes are left that could touch")
         return found

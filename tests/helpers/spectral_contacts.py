@@ -16,9 +16,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
-import numba
 import numpy as np
 from scipy.special import eval_jacobi, poch
+
+from contactimg.compiled import njit
 
 Gap = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """``gap(row, x, y)``: depth of cap ``row`` below the first touch, over the points ``x, y``."""
@@ -328,7 +329,7 @@ def _parts(place):
     return np.stack([place.real, place.imag])
 
 
-@numba.njit(fastmath=True)
+@njit(fastmath=True)
 def _add_displacement(points, nodes, force, counted, total):
     """Add the displacement at the points of ``i`` by the point forces of ``j``, for the pairs counted."""
     for i in range(total.shape[0]):
@@ -350,7 +351,7 @@ def _own(basis, contact):
     return _displacement(basis, stretch) + contact.shape[1].real * basis.circle
 
 
-@numba.njit
+@njit()
 def _stretch(nodes, points, middle, shape):
     """``dA/r`` of the contact over the disc's at the nodes of the rays from each point, by Horner's rule.
 

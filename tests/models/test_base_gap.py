@@ -1,11 +1,11 @@
 """The gap between the base planes against a brute-force evaluation, and the warnings below zero."""
 
-import numba
 import numpy as np
 import pandas as pd
 import pytest
 
 from contactimg.cli import main
+from contactimg.compiled import njit
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.adhesive import solve_adhesive
 from contactimg.models.interacting import solve_interacting
@@ -34,7 +34,7 @@ def pattern(kind, seed, **options):
     return generate_asperities(kind, side=SIDE, rng=np.random.default_rng(seed), **options)
 
 
-@numba.njit
+@njit()
 def add_displacements(gap, points, contacts):
     """Add what Hertzian contacts ``x, y, radius, composite radius`` displace the surface by at points."""
     for k in range(gap.size):
@@ -44,7 +44,7 @@ def add_displacements(gap, points, contacts):
             gap[k] += ((2 * a**2 - r**2) * np.arcsin(q) + r * a * np.sqrt(1 - q**2)) / (np.pi * curved)
 
 
-def brute_force_gap(table, solution, lens, *, apex=MIDDLE, step=6e-6, reach=9e-4, on_rim=90):
+def brute_force_gap(table, solution, lens, *, apex=MIDDLE, step=12e-6, reach=9e-4, on_rim=45):
     """Smallest gap on a dense grid and at points on the rims of the caps, by Johnson's formula for Hertz.
 
     It is written with contact radii and radii of curvature, where the package takes forces.
@@ -72,10 +72,10 @@ def brute_force_gap(table, solution, lens, *, apex=MIDDLE, step=6e-6, reach=9e-4
 
 def test_gap_between_caps_agrees_with_brute_force():
     table = pattern("RA-", 103)
-    for load in (0.05, 0.2, 0.3):
+    for load in (0.05, 0.3):
         solution = solve_interacting(table, load=load, indenter_radius=RA_LENS, **WHERE)
         expected = brute_force_gap(table, solution, RA_LENS)
-        # the brute-force grid of 6 um misses a minimum by g'' (3 um)^2/2, some nm
+        # the brute-force grid of 12 um misses a minimum by g'' (6 um)^2/2, some nm
         assert solution.base_gap.least == pytest.approx(expected, abs=2e-8)
         assert solution.validity.planes_touch == (expected < 0)
 
@@ -105,7 +105,7 @@ def test_many_contacts_take_fast_sums():
     found = solution.base_gap
     assert solution.touching.size > 1500
     r = np.hypot(solution.x - found.x, solution.y - found.y)[solution.touching]
-    grids = {"step": 5e-5, "reach": 3e-3, "on_rim": 30}
+    grids = {"step": 5e-5, "reach": 3e-3, "on_rim": 15}
     near = brute_force_gap(table, solution, 0.5, apex=(0.015, 0.015), **grids)
     assert found.least == pytest.approx(near, abs=2e-8)
     assert r.min() > 0
