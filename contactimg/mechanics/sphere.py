@@ -7,6 +7,7 @@ the leading terms of both in ``a/R``. Lengths m, forces N, ``contact_modulus`` i
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contactimg.compiled import njit
 from contactimg.errors import ModelRangeError
 from contactimg.mechanics.checks import non_negative, positive
 
@@ -16,7 +17,9 @@ _NEWTON_STEP = 1e-9
 """Relative step of Newton's method that leaves rounding errors. Theory: the error left is its square."""
 
 _SERIES_BELOW = 0.1
-_SERIES_TERMS = np.arange(1, 9)  # the ninth term is below 0.1^18/17 of the first
+# (1 + s^2) sum s^(2n+1)/(2n+1) - s = sum_{n>=1} s^(2n+1) [1/(2n+1) + 1/(2n-1)]
+# the ninth term is below 0.1^18/17 of the first
+_SERIES = 1 / (2 * np.arange(1, 9) + 1) + 1 / (2 * np.arange(1, 9) - 1)
 
 
 def _inside(radius: ArrayLike, sphere_radius: float) -> Values:
@@ -37,10 +40,7 @@ def scaled_indentation(ratio: Values) -> Values:
 def scaled_load(ratio: Values) -> Values:
     """P/(E* R^2) at ``ratio = a/R < 1``: ``(1 + s^2) atanh(s) - s``, by its series where that cancels."""
     small = np.minimum(ratio, _SERIES_BELOW)
-    n = _SERIES_TERMS
-    # (1 + s^2) sum s^(2n+1)/(2n+1) - s = sum_{n>=1} s^(2n+1) [1/(2n+1) + 1/(2n-1)]
-    weights = 1 / (2 * n + 1) + 1 / (2 * n - 1)
-    series = small**3 * np.polynomial.polynomial.polyval(small**2, weights)
+    series = small**3 * np.polynomial.polynomial.polyval(small**2, _SERIES)
     large = np.maximum(ratio, _SERIES_BELOW)
     return np.where(ratio < _SERIES_BELOW, series, (1 + large**2) * np.arctanh(large) - large)
 
@@ -63,9 +63,30 @@ def scaled_curvatures(ratio: Values) -> tuple[Values, Values, Values]:
 
 def scaled_response(depth: Values) -> tuple[Values, Values]:
     """P/(E* R^2) and a/R at ``depth = delta/R``, also where a/R rounds to one."""
-    t = _angle(depth)
+    load, ratio = _responses(np.ravel(depth))
+    return load.reshape(np.shape(depth)), ratio.reshape(np.shape(depth))
+
+
+@njit(cache=True)
+def _responses(depth):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """`scaled_response` of a row of depths."""
+    load, ratio = np.empty_like(depth), np.empty_like(depth)
+    for i in range(depth.size):
+        load[i], ratio[i] = response_to_depth(depth[i])
+    return load, ratio
+
+
+@njit(cache=True)
+def response_to_depth(depth):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """`scaled_response` of one depth."""
+    t = _angle_of(depth)
     s = np.tanh(t)
-    return np.where(s < _SERIES_BELOW, scaled_load(np.minimum(s, _SERIES_BELOW)), (1 + s**2) * t - s), s
+    if s >= _SERIES_BELOW:
+        return (1 + s * s) * t - s, s
+    squared, series = s * s, 0.0
+    for k in range(_SERIES.size - 1, -1, -1):
+        series = series * squared + _SERIES[k]
+    return s * squared * series, s
 
 
 def scaled_bent_response(depth: Values, curvature: Values, quartic: Values) -> tuple[Values, Values]:
@@ -100,18 +121,32 @@ def scaled_bent_response(depth: Values, curvature: Values, quartic: Values) -> t
 
 
 def _angle(depth: Values) -> Values:
-    """``t = atanh(a/R)``: ``t tanh(t) = depth`` by Newton.
+    """``t = atanh(a/R)``: ``t tanh(t) = depth``."""
+    return np.asarray(_angles(np.ravel(depth)).reshape(np.shape(depth)))
 
-    The left side is close to ``t^2`` below one and to ``t`` above, so a handful of steps suffice.
+
+@njit(cache=True)
+def _angles(depth):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """`_angle` of a row of depths."""
+    t = np.empty_like(depth)
+    for i in range(depth.size):
+        t[i] = _angle_of(depth[i])
+    return t
+
+
+@njit(cache=True)
+def _angle_of(depth):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """`_angle` of one depth, by Newton's method.
+
+    ``t tanh(t)`` is close to ``t^2`` below one and to ``t`` above, so a handful of steps suffice.
     """
-    d = np.minimum(depth, 1.0)
-    t = np.where(depth < 1, np.sqrt(depth * (1 + d / 3 + 4 / 45 * d**2)), depth)
+    t = np.sqrt(depth * (1 + depth / 3 + 4 / 45 * depth * depth)) if depth < 1 else depth
     for _ in range(30):
         s = np.tanh(t)
-        slope = s + t * (1 - s**2)
-        step = (t * s - depth) / np.where(slope > 0, slope, 1.0)
-        t = np.maximum(t - step, 0.0)
-        if np.all(np.abs(step) <= _NEWTON_STEP * t):
+        slope = s + t * (1 - s * s)
+        step = (t * s - depth) / (slope if slope > 0 else 1.0)
+        t = max(t - step, 0.0)
+        if abs(step) <= _NEWTON_STEP * t:
             break
     return t
 

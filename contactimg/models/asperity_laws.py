@@ -77,6 +77,8 @@ def total_response(law: AsperityLaw, penetration: Values, caps: Caps) -> tuple[f
     """Sums of the forces and of the contact radii at penetrations."""
     if isinstance(law, HertzLaw) and caps.bends is None:
         force, contact_radius = _paraboloid_totals(penetration, caps.radius)
+    elif isinstance(law, SphereLaw) and caps.bends is None:
+        force, contact_radius = _sphere_totals(penetration, caps.radius, law.aspect)
     else:
         touching = np.flatnonzero(penetration > 0)
         force, contact_radius = (v.sum() for v in law.respond(penetration[touching], caps[touching]))
@@ -93,6 +95,19 @@ def _paraboloid_totals(penetration, radius):  # type: ignore[no-untyped-def]  # 
         contact_radius += a
         force += a * depth
     return 4 / 3 * force, contact_radius
+
+
+@njit(cache=True)
+def _sphere_totals(penetration, radius, aspect):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """`total_response` of spheres."""
+    force, contact_radius = 0.0, 0.0
+    for i in range(penetration.size):
+        if penetration[i] > 0.0:
+            R = radius[i]
+            load, ratio = sphere.response_to_depth(aspect * aspect * penetration[i] / R)
+            force += R * R * load
+            contact_radius += R * ratio
+    return force / aspect**3, contact_radius / aspect
 
 
 def _bent_paraboloid(depth: Values, radius: Values, bends: Values) -> tuple[Values, Values]:
