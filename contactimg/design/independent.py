@@ -105,20 +105,22 @@ def find_density(law: WantedLaw, *, count: int, cap_radius: float, contact_modul
     alone = float(np.pi * hertz.radius(first, sphere_radius=R, contact_modulus=contact_modulus) ** 2)
     least = float(np.clip((law.at(first) / alone) ** 3, 1.0, count))
     d = float(hertz.indentation(first / least, sphere_radius=R, contact_modulus=contact_modulus))
-    depths, caps, loads, areas = [0.0], [least], [first], [np.pi * R * least * d]
-    for _ in range(MOST_STEPS):
-        below, n = d - np.array(depths), np.array(caps)
+    depths, caps = np.zeros((2, MOST_STEPS + 1))
+    caps[0], loads, areas = least, [first], [np.pi * R * least * d]
+    for k in range(1, MOST_STEPS + 1):
+        below, n = d - depths[:k], caps[:k]
         step = LOAD_STEP * loads[-1] / (1.5 * K * float(n @ np.sqrt(below)))
-        area = np.pi * R * float(n @ (below + step))
-        load = K * float(n @ (below + step) ** 1.5)
+        below += step
+        area = np.pi * R * float(n @ below)
+        load = K * float(n @ (below * np.sqrt(below)))
         added = _caps_added(law, area, load, (np.pi * R * step, K * step**1.5), count - float(n.sum()))
-        depths, caps = [*depths, d], [*caps, added]
+        depths[k], caps[k] = d, added
         loads.append(load + added * K * step**1.5)
         areas.append(area + added * np.pi * R * step)
         d += step
         if loads[-1] >= law.load[-1]:
-            found = (np.array(values) for values in (depths, caps, loads, areas, law.at(loads)))
-            return HeightDensity(*found)
+            values = np.array(loads), np.array(areas), law.at(loads)
+            return HeightDensity(depths[: k + 1], caps[: k + 1], *values)
     raise InputError(
         f"{MOST_STEPS} steps did not lead from {law.load[0]:g} to {law.load[-1]:g} N; take a narrower range"
     )

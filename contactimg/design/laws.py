@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,12 +101,18 @@ class WantedLaw:
 
     def at(self, load: ArrayLike) -> Values:
         """The area (m^2) at loads (N); beyond the range the last piece goes on."""
-        P, x, y = np.asarray(load, dtype=np.float64), self.load, self.area
+        P, (x, y, slopes) = np.asarray(load, dtype=np.float64), self._pieces
         if self.power:
-            P, x, y = np.log(P), np.log(x), np.log(y)
-        k = np.clip(np.searchsorted(x, P, side="right") - 1, 0, len(x) - 2)
-        value = y[k] + (P - x[k]) * ((y[k + 1] - y[k]) / (x[k + 1] - x[k]))
+            P = np.log(P)
+        k = np.searchsorted(x[1:-1], P, side="right")
+        value = y[k] + (P - x[k]) * slopes[k]
         return np.exp(value) if self.power else value
+
+    @cached_property
+    def _pieces(self) -> tuple[Values, Values, Values]:
+        """Points and slopes of the straight pieces, in the logarithms of a power law."""
+        x, y = (np.log(v) if self.power else v for v in (self.load, self.area))
+        return x, y, np.diff(y) / np.diff(x)
 
     def loads(self, count: int) -> Values:
         """Loads over the range (N), evenly in their logarithm."""
