@@ -8,6 +8,7 @@ the radius.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -103,9 +104,16 @@ class _Line:
         step = special.ndtr(-outside / blur)
         if not self.spectrum.any():
             return step
-        frequency = fft.rfftfreq(len(self.grid), LINE_STEP_PX)
-        film = fft.irfft(self.spectrum * np.exp(-2 * (np.pi * blur * frequency) ** 2), len(self.grid))
-        return step + np.interp(outside, self.grid, film, left=0.0, right=0.0)
+        return step + np.interp(outside, self.grid, _blurred_film(self, blur), left=0.0, right=0.0)
+
+
+@lru_cache(maxsize=4)  # most of the numbers of an edge vary without its blur and its halo's
+def _blurred_film(line: _Line, blur: float) -> Values:
+    """The light of the film on the grid of the line."""
+    frequency = fft.rfftfreq(len(line.grid), LINE_STEP_PX)
+    return np.asarray(
+        fft.irfft(line.spectrum * np.exp(-2 * (np.pi * blur * frequency) ** 2), len(line.grid)), float
+    )
 
 
 def fit_circle(
