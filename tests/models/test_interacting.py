@@ -1,5 +1,7 @@
 """Interacting asperities: identities, limits, invariances, and every level of coupling against the others."""
 
+import functools
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -176,14 +178,21 @@ def test_permutation_rotation_translation_and_float32(patch, coupling, rng):
     )
 
 
+THREE = caps([0, 2e-4, 5e-4], [0, 1e-4, 0], [4e-5, 3.8e-5, 4.1e-5], [1e-4, 0.8e-4, 1.5e-4])
+
+
+@functools.cache
+def three_on_a_layer(coupling):
+    return solve_interacting(THREE, load=5e-3, coupling=coupling, law="sphere", thickness=2e-3, **LENS)
+
+
 @settings(max_examples=15, deadline=None)
 @given(st.floats(-3, 3), st.floats(-5, 5), st.sampled_from(["asymptotic", "full"]))
 def test_change_of_units(log_length, log_pressure, coupling):
-    table = caps([0, 2e-4, 5e-4], [0, 1e-4, 0], [4e-5, 3.8e-5, 4.1e-5], [1e-4, 0.8e-4, 1.5e-4])
     length, pressure = 10**log_length, 10**log_pressure
-    base = solve_interacting(table, load=5e-3, coupling=coupling, law="sphere", thickness=2e-3, **LENS)
+    base = three_on_a_layer(coupling)
     scaled = solve_interacting(
-        table * length,
+        THREE * length,
         load=5e-3 * pressure * length**2,
         coupling=coupling,
         law="sphere",
