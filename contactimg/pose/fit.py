@@ -176,14 +176,14 @@ def _vote(shifts: NDArray[np.complex128], cell: float) -> tuple[int, complex]:
     """Number of pairs of a point and a target that agree on a shift, and the shift on which most do."""
     if not shifts.size:
         return 0, 0j
-    places = (as_real(shifts) // cell).astype(np.intp)
-    places -= places.min(axis=0)
-    shape = places.max(axis=0) + 1
-    numbers = np.ravel_multi_index(tuple(places.T), shape)
-    counts = np.bincount(numbers, minlength=shape.prod()).reshape(shape).astype(np.float32)
-    fullest = np.unravel_index(int(uniform_filter(counts, 3, mode="constant").argmax()), shape)
-    close = (np.abs(places - fullest) <= 1).all(axis=1)
-    return int(close.sum()), complex(np.median(shifts[close].real), np.median(shifts[close].imag))
+    i, j = (np.floor(part / cell).astype(np.intp) for part in (shifts.real, shifts.imag))
+    i, j = i - i.min(), j - j.min()
+    shape = int(i.max()) + 1, int(j.max()) + 1
+    numbers = np.bincount(i * shape[1] + j, minlength=shape[0] * shape[1])
+    counts = numbers.reshape(shape).astype(np.float32)
+    row, column = np.unravel_index(int(uniform_filter(counts, 3, mode="constant").argmax()), shape)
+    close = shifts[(np.abs(i - row) <= 1) & (np.abs(j - column) <= 1)]
+    return close.size, complex(np.median(close.real), np.median(close.imag))
 
 
 def refine(
