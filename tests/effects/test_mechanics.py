@@ -265,17 +265,17 @@ def test_engulfed_contacts_stop_a_coupled_plan(r):
 
 HARD = {
     "lattice": lambda: caps(
-        *(1e-4 * v.ravel() for v in np.meshgrid(np.arange(12.0) - 5.5, np.arange(12.0) - 5.5))
+        *(1e-4 * v.ravel() for v in np.meshgrid(np.arange(8.0) - 3.5, np.arange(8.0) - 3.5))
     ),
     "crowd": lambda: caps(
-        *(np.random.default_rng(1).random((2, 200)) * 2e-3 - 1e-3),
-        np.random.default_rng(2).normal(4e-5, 1e-6, 200),
+        *(np.random.default_rng(1).random((2, 100)) * 1.4e-3 - 7e-4),
+        np.random.default_rng(2).normal(4e-5, 1e-6, 100),
         3e-5,
     ),
     "radii over six decades": lambda: caps(
-        *(np.random.default_rng(3).random((2, 60)) * 0.1 - 0.05),
+        *(np.random.default_rng(3).random((2, 30)) * 0.1 - 0.05),
         1.0,
-        10 ** np.random.default_rng(4).uniform(-7, -1, 60),
+        10 ** np.random.default_rng(4).uniform(-7, -1, 30),
     ),
     "pair close to instability": lambda: caps([0.0, 1.4e-5], [0.0, 0.0]),
 }
