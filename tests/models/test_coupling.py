@@ -159,7 +159,7 @@ def test_switch_is_automatic_and_large_sets_converge():
 
 
 def test_rows_are_computed_when_they_are_needed_and_are_those_of_the_matrix(points):
-    x, y, force = points
+    x, y, force = (values[:600] for values in points)
     force = np.where(np.arange(x.size) % 3 == 0, force, 0.0)
     r = np.hypot(x[:, None] - x, y[:, None] - y)
     np.fill_diagonal(r, np.inf)
@@ -185,7 +185,7 @@ def test_cells_take_the_large_eigenvalues_out_of_a_newton_system():
     """What many contacts share is solved on the cells: the rest is as near the identity on any extent."""
     rng = np.random.default_rng(5)
     kernel, largest = Kernel.of_thickness(np.inf), {}
-    for side in (40, 80):  # contacts of radius 1 on a jittered lattice of 4 radii
+    for side in (30, 60):  # contacts of radius 1 on a jittered lattice of 4 radii
         place = 4.0 * np.stack(np.meshgrid(np.arange(side // 2), np.arange(side // 2))).reshape(2, -1)
         x, y = place + rng.uniform(-0.5, 0.5, place.shape)
         scale = np.sqrt(2 * rng.uniform(0.8, 1.0, x.size))
@@ -194,7 +194,7 @@ def test_cells_take_the_large_eigenvalues_out_of_a_newton_system():
         columns = [cells(column) for column in system.T]
         conditioned = np.abs(np.linalg.eigvals(np.column_stack(columns)))
         largest[side] = np.linalg.eigvalsh(system)[-1], conditioned.max() / conditioned.min()
-    assert largest[80][0] > 1.8 * largest[40][0] > 15
+    assert largest[60][0] > 1.8 * largest[30][0] > 11
     assert max(ratio for _, ratio in largest.values()) < 6, largest
 
 
