@@ -18,7 +18,7 @@ def image_of(places, radii, noise, rng, *, shape=(420, 500), fine=8):
         rows, columns = np.ogrid[row - reach : row + reach + 1, column - reach : column + reach + 1]
         distance = np.hypot((columns + 0.5) / fine - 0.5 - x, (rows + 0.5) / fine - 0.5 - y)
         drawn[rows, columns] += distance <= radius
-    blurred = ndimage.gaussian_filter(drawn, BLUR * fine)
+    blurred = ndimage.gaussian_filter(drawn, BLUR * fine) if drawn.any() else drawn
     pixels = blurred.reshape(shape[0], fine, shape[1], fine).mean(axis=(1, 3))
     return (CONTRAST * pixels + rng.normal(0, noise, shape)).astype(np.float32)
 
