@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, density_beside
-from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights
+from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_std, bootstrap_weights
 from contactimg.analysis.linear_fit import Basis, line, solve_moments, two_lines
 from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, break_places, broken_law, power_law
 from contactimg.errors import InputError
@@ -152,7 +152,7 @@ def fit_contact_law(
     reference = float(np.exp(np.mean(own[0])))
     own[[0, 2]] -= np.log(reference)
     (value,) = _fitted(line, own)
-    rest = own[1, 0] - line(own[0, 0])[0] @ value
+    rest = own[1, 0] - line(own[0, 0], 0) @ value
     scatter = float(np.sqrt(np.average(rest**2, weights=own[3, 0])))
     found = pressure, reference, scatter, blocks if by_place else 1, confidence
     if blocks < MIN_PLACES_FOR_SCATTER:
@@ -249,13 +249,13 @@ def _refuse_flat(coordinates: Values) -> None:
 def _fitted(basis: Basis, coordinates: Values) -> Values:
     """Parameters of each row of coordinates, with the pressure beside as the instrument."""
     x, y, z, w = coordinates
-    return solve_moments(basis(z)[0], basis(x)[0], y, w / w.sum(axis=-1, keepdims=True))
+    return solve_moments(basis(z, 0), basis(x, 0), y, w / w.sum(axis=-1, keepdims=True))
 
 
 def _squares(basis: Basis, coordinates: Values, parameters: Values) -> Values:
     """Weighted squares of the residuals of each row."""
     x, y, _, w = coordinates
-    rest = y - (basis(x)[0] @ parameters[..., None])[..., 0]
+    rest = y - (basis(x, 0) @ parameters[..., None])[..., 0]
     return np.asarray(np.sum(w * rest**2, axis=-1) / w.sum(axis=-1))
 
 
@@ -264,6 +264,6 @@ def _chi_square_of_breaks(difference: Values, blocks: int) -> Values:
 
     The first column is that of the whole, the others are those of the replicates.
     """
-    spread = [bootstrap_estimate(float(row[0]), row[1:], blocks=blocks).std for row in difference]
+    spread = bootstrap_std(difference[:, 1:], blocks=blocks)
     tail = special.stdtr(blocks - 1, -np.abs(difference[:, 0]) / np.maximum(spread, np.finfo(float).tiny))
     return np.asarray(special.ndtri(np.maximum(tail, np.finfo(float).tiny)) ** 2)

@@ -148,10 +148,14 @@ def bootstrap_estimate(
     >>> abs(bootstrap_estimate(2.0, weights @ [1.0, 2.0, 3.0] / 3, blocks=3).std - 3**-0.5) < 0.05
     True
     """
-    low, high = np.quantile(np.asarray(replicates, float), ONE_STD)
-    spread = (high - low) / 2 * np.sqrt((SMOOTHNESS * blocks + 1) / (blocks - 1))
-    std = float(np.hypot(spread, known_std))
+    std = float(np.hypot(bootstrap_std(replicates, blocks=blocks), known_std))
     return student_estimate(value, std, freedom=blocks - 1, confidence=confidence)
+
+
+def bootstrap_std(replicates: ArrayLike, *, blocks: int) -> Values:
+    """The standard deviation that `bootstrap_estimate` states, of replicates of shape (..., n)."""
+    low, high = np.quantile(np.asarray(replicates, float), ONE_STD, axis=-1)
+    return np.asarray((high - low) / 2 * np.sqrt((SMOOTHNESS * blocks + 1) / (blocks - 1)))
 
 
 @dataclass(frozen=True)

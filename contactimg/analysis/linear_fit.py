@@ -28,8 +28,8 @@ from contactimg.errors import ConvergenceError, InputError
 
 Values = NDArray[np.float64]
 
-Basis = Callable[[Values], tuple[Values, Values]]
-"""``x``, shape (..., n) -> the terms ``phi`` and their derivatives by x, shape (..., n, k)."""
+Basis = Callable[[Values, int], Values]
+"""``x``, shape (..., n), and 0 or 1 -> the terms ``phi`` or their derivatives by x, shape (..., n, k)."""
 
 ROUNDING = 1e-12
 """Residuals below this fraction of the largest y are rounding errors. Theory: some thousand times 2.2e-16."""
@@ -152,16 +152,21 @@ def fit_linear(basis: Basis, points: Points, *, scatter: float | None = None) ->
         If the parameters do not settle.
     """
     x, y = np.asarray(points.x), np.asarray(points.y)
-    count = basis(x)[0].shape[-1]
+    count = basis(x, 0).shape[-1]
     freedom = len(points) - count
     if freedom < 0:
         raise InputError(f"a fit of {count} parameters needs as many points, got {len(points)}")
     if scatter is not None:
         return _solve(basis, points, scatter, freedom)
 
+    start: Values | None = None
+
     @cache  # the root is sought between two values that are known before
     def surplus(extra: float) -> float:
-        return float(least_chi_square(basis, points, scatter=extra**0.5, settled=False)) - freedom
+        nonlocal start  # of the next trial; one that has not settled still bounds the scatter
+        parameters, _, weights, residuals, moving = _settle(basis, points, extra**0.5, start)
+        start = None if moving.any() else parameters
+        return float(np.sum(weights * residuals**2)) - freedom
 
     stated = np.asarray(points.spread) == 0
     plain = replace(points, x_std=0.0, y_std=np.where(stated, points.y_std, 0.0))
@@ -191,18 +196,24 @@ def solve_moments(instrument: Values, terms: Values, y: Values, weights: Values)
     try:
         return np.asarray(np.linalg.solve(matrix, side)[..., 0])
     except np.linalg.LinAlgError:
+        matrix = np.where(np.isfinite(matrix), matrix, 0.0)  # of sets that diverge beside others
         return np.asarray((np.linalg.pinv(matrix) @ side)[..., 0])
 
 
-def least_chi_square(basis: Basis, points: Points, *, scatter: float, settled: bool = True) -> Values:
-    """Chi-square of the fit with a given scatter; one that need not have settled bounds the scatter only."""
-    _, _, weights, residuals = _settle(basis, points, scatter, settled=settled)
-    return np.asarray(np.sum(weights * residuals**2, axis=-1))
+def least_chi_square(basis: Basis, points: Points, *, scatter: float) -> Values:
+    """Chi-square of the fit with a given scatter; infinite where it does not settle."""
+    _, _, weights, residuals, moving = _settle(basis, points, scatter)
+    return np.where(moving, np.inf, np.sum(weights * residuals**2, axis=-1))
 
 
 def _solve(basis: Basis, points: Points, scatter: float, freedom: int) -> LinearFit:
     """The fit with a given excess scatter."""
-    parameters, instrument, weights, residuals = _settle(basis, points, scatter)
+    parameters, instrument, weights, residuals, moving = _settle(basis, points, scatter)
+    if moving.any():
+        raise ConvergenceError(
+            f"the fit of a law did not converge in {MOST_PASSES} passes; "
+            "leave out outliers or narrow the range"
+        )
     information = np.swapaxes(instrument * weights[..., None], -1, -2) @ instrument
     unit = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), np.finfo(float).tiny))
     unit = unit[..., None] * unit[..., None, :]
@@ -212,56 +223,59 @@ def _solve(basis: Basis, points: Points, scatter: float, freedom: int) -> Linear
 
 
 def _settle(
-    basis: Basis, points: Points, scatter: float, *, settled: bool = True
-) -> tuple[Values, Values, Values, Values]:
-    """Parameters with a given excess scatter, the terms at the likely x, the weights and the residuals."""
+    basis: Basis, points: Points, scatter: float, start: Values | None = None
+) -> tuple[Values, Values, Values, Values, NDArray[np.bool_]]:
+    """Parameters with a given excess scatter, the terms at the likely x, the weights and the residuals.
+
+    Last comes which sets of points have not settled; ``start`` are parameters to start from.
+    """
     x, y, often = np.asarray(points.x), np.asarray(points.y), np.asarray(points.weight)
     x_variance = np.asarray(points.x_std) ** 2
     mixed = np.asarray(points.correlation) * np.asarray(points.x_std) * np.asarray(points.y_std)
     farthest = FARTHEST * np.asarray(points.x_std)
-    terms, derivatives = basis(x)
+    terms, derivatives = basis(x, 0), basis(x, 1)
     size, floor = float(np.abs(y).max()) or 1.0, _floor(y)
     excess = (scatter * np.asarray(points.spread)) ** 2
     fitted = np.zeros_like(y)
-    parameters = solve_moments(terms, terms, y, often)
+    parameters = solve_moments(terms, terms, y, often) if start is None else start
     for count in range(MOST_PASSES):
         slope = (derivatives @ parameters[..., None])[..., 0]
         before, fitted = fitted, (terms @ parameters[..., None])[..., 0]
         weights = 1 / (points.variance(slope) + excess + floor)
         shift = (slope * x_variance - mixed) * (y - fitted) * weights
-        instrument = basis(x + np.clip(shift, -farthest, farthest))[0]
-        if np.abs(fitted - before).max() < PASS_TOLERANCE * size:
+        instrument = basis(x + np.clip(shift, -farthest, farthest), 0)
+        moving = ~(np.abs(fitted - before).max(axis=-1) < PASS_TOLERANCE * size)
+        if not moving.any():
             break
         step = solve_moments(instrument, terms, y, often * weights) - parameters
         parameters = parameters + (step if count < DAMPED_FROM else step / 2)
-    else:
-        if settled:
-            raise ConvergenceError(
-                f"the fit of a law did not converge in {MOST_PASSES} passes; "
-                "leave out outliers or narrow the range"
-            )
-    return parameters, instrument, often * weights, y - fitted
+    return parameters, instrument, often * weights, y - fitted, np.asarray(moving)
 
 
-def line(x: Values) -> tuple[Values, Values]:
-    """The terms 1 and x of a straight line."""
-    return np.stack([np.ones_like(x), x], -1), np.stack([np.zeros_like(x), np.ones_like(x)], -1)
+def line(x: Values, order: int) -> Values:
+    """The terms 1 and x of a straight line, or their derivatives."""
+    return np.stack([np.zeros_like(x), np.ones_like(x)] if order else [np.ones_like(x), x], -1)
 
 
-def proportion(x: Values) -> tuple[Values, Values]:
-    """The term x of a line through the origin."""
-    return x[..., None], np.ones_like(x)[..., None]
+def proportion(x: Values, order: int) -> Values:
+    """The term x of a line through the origin, or its derivative."""
+    return (np.ones_like(x) if order else x)[..., None]
 
 
-def two_lines(place: float) -> Basis:
-    """The terms of two lines that meet at a place: their value there, and the slopes below and above."""
+def two_lines(place: float | Values) -> Basis:
+    """The terms of two lines that meet at a place: their value there, and the slopes below and above.
 
-    def terms(x: Values) -> tuple[Values, Values]:
-        away, below = x - place, x < place
-        values, slopes = np.ones((*x.shape, 3)), np.zeros((*x.shape, 3))
-        values[..., 1], values[..., 2] = np.minimum(away, 0.0), np.maximum(away, 0.0)
-        slopes[..., 1], slopes[..., 2] = below, ~below
-        return values, slopes
+    Places of shape (..., 1) make several sets of points, one for each.
+    """
+
+    def terms(x: Values, order: int) -> Values:
+        away = x - place
+        values = np.empty((*away.shape, 3))
+        if order:
+            values[..., 0], values[..., 1], values[..., 2] = 0.0, away < 0, away >= 0
+        else:
+            values[..., 0], values[..., 1], values[..., 2] = 1.0, np.minimum(away, 0), np.maximum(away, 0)
+        return values
 
     return terms
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +16,7 @@ from contactimg.analysis.linear_fit import (
     least_chi_square,
     two_lines,
 )
-from contactimg.errors import ConvergenceError, InputError
+from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
 
@@ -263,27 +262,23 @@ def fit_broken_law(
     breaks = break_places(u)
     single = fit_power_law(x, y, x_std=x_std, y_std=y_std, correlation=correlation, confidence=confidence)
 
-    @cache
-    def misfit(place: float, scatter: float) -> float:
+    def misfit(places: Values, scatter: float) -> Values:
         """Chi-square; infinite where the points on one side do not decide on an exponent."""
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                return float(least_chi_square(two_lines(place), logs, scatter=scatter))
-        except ConvergenceError:
-            return np.inf
+        with np.errstate(over="ignore", invalid="ignore"):
+            return least_chi_square(two_lines(np.reshape(places, (-1, 1))), logs, scatter=scatter)
 
-    first = min(breaks, key=lambda place: misfit(place, 0.0))
+    first = float(breaks[misfit(breaks, 0.0).argmin()])
     scatter = fit_linear(two_lines(first), logs).scatter
-    profile = np.array([misfit(place, scatter) for place in breaks])
+    profile = misfit(breaks, scatter)
     best = int(profile.argmin())
     near = breaks[max(best - 1, 0)], breaks[min(best + 1, len(breaks) - 1)]
     refined = optimize.minimize_scalar(
-        misfit, bounds=near, args=(scatter,), method="bounded", options={"xatol": 1e-9}
+        lambda place: float(misfit(place, scatter)[0]), bounds=near, method="bounded", options={"xatol": 1e-9}
     )
     place = float(refined.x if refined.fun <= profile[best] else breaks[best])
     found = fit_linear(two_lines(place), logs, scatter=scatter)
-    terms, slopes = two_lines(place)(u)
-    gradient = np.column_stack([terms, -slopes @ found.parameters])
+    terms = two_lines(place)
+    gradient = np.column_stack([terms(u, 0), -terms(u, 1) @ found.parameters])
     stds = np.sqrt(np.diag(np.linalg.pinv((gradient * found.weights[:, None]).T @ gradient, hermitian=True)))
     gain = np.maximum(float(fit_line(logs, scatter=scatter).chi_square) - profile, 0.0)
     lines = [

@@ -165,14 +165,16 @@ class JkrSeries:
         size = np.where(size > 0, size, 1.0)
         datum = int(prior and self.zero_std > 0)
 
-        def basis(x: Values) -> tuple[Values, Values]:
+        def basis(x: Values, order: int) -> Values:
             radius = np.maximum(x[: len(self.radius)], 0.5 * self.radius)
-            step = SLOPE_STEP * radius
-            terms, above, below = self.terms(np.stack([radius, radius + step, radius - step]))
-            slopes = (above - below) / (2 * step)[:, None]
-            row = np.zeros((datum, terms.shape[1]))
-            row[:, -1] = 1.0
-            return np.vstack([terms, row]) / scale / size, np.vstack([slopes, 0 * row]) / scale / size
+            terms = np.zeros((len(x), len(size)))
+            if order:
+                step = SLOPE_STEP * radius
+                above, below = self.terms(np.stack([radius + step, radius - step]))
+                terms[: len(radius)] = (above - below) / (2 * step)[:, None]
+            else:
+                terms[: len(radius)], terms[len(radius) :, -1] = self.terms(radius), 1.0
+            return terms / scale / size
 
         y = self.load / scale
         noise = np.sqrt(CONSTANT_SHARE + (1 - CONSTANT_SHARE) * y**2)
@@ -185,7 +187,7 @@ class JkrSeries:
             spread=np.append(noise, none),
         )
         found = fit_linear(basis, points, scatter=scatter)
-        covariance = _robust_covariance(basis(np.append(self.radius, none))[0], found) / np.outer(size, size)
+        covariance = _robust_covariance(basis(np.append(self.radius, none), 0), found) / np.outer(size, size)
         freedom = float(found.freedom)
         if datum:  # a zero counts as fitted as far as the loads narrow what is stated of it
             told = 1 - found.covariance[-1, -1] * (scale / self.zero_std) ** 2

@@ -205,12 +205,12 @@ def fit_rate_law(
 def _power_terms(exponent: float, *, free: bool = False) -> Basis:
     """The term ``x^m``, and with a free exponent also its derivative by m, ``x^m ln x``."""
 
-    def terms(x: Values) -> tuple[Values, Values]:
-        power, log = x**exponent, np.log(x)
-        slope = exponent * power / x
+    def terms(x: Values, order: int) -> Values:
+        power = x**exponent
+        first = exponent * power / x if order else power
         if not free:
-            return power[..., None], slope[..., None]
-        return np.stack([power, power * log], -1), np.stack([slope, slope * log + power / x], -1)
+            return first[..., None]
+        return np.stack([first, first * np.log(x) + (power / x if order else 0.0)], -1)
 
     return terms
 
