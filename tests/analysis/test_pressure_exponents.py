@@ -24,13 +24,14 @@ def regular_place(rng, *, exponent=EXPONENT):
         expected = 2e7 * (pressure / 1e5) ** exponent * area
         n = rng.binomial(np.round(2 * expected).astype(int), expected / np.round(2 * expected))
         mean = pressure * area / expected
-        force = [m * rng.exponential(size=k) for m, k in zip(mean, n, strict=True)]
-        p, pp = (np.array([np.sum(f**power) for f in force]) for power in (1, 2))
+        one = np.repeat(np.arange(n.size), n)
+        force = mean[one] * rng.exponential(size=one.size)
+        p, pp = (np.bincount(one, force**power, n.size) for power in (1, 2))
         ring = np.repeat(np.arange(10.0), SECTORS)
         a = 1e-5 * n * (pressure / 1e5) ** 0.2 * rng.normal(1.0, 0.05, n.size)
-        sums = {"n": n, "n_forces": n, "a": a, "aa": 1e-10 * n, "p": p, "pp": pp, "ap": 1e-5 * p}
+        sums = {"n": 1.0 * n, "n_forces": 1.0 * n, "a": a, "aa": 1e-10 * n, "p": p, "pp": pp, "ap": 1e-5 * p}
         ends = {"inner": ring, "outer": ring + 1, "sector": np.tile(np.arange(SECTORS), 10), "area": area}
-        loads.append(pd.DataFrame(ends | sums).astype(dict.fromkeys(sums, float)))
+        loads.append(pd.DataFrame(ends | sums))
     return loads
 
 
