@@ -168,6 +168,30 @@ def _many(count):
     return equations(solve_interacting(table, load=5e-4 * count, **where), table, lens, 3e-8)
 
 
+@hard_case("gap between base planes, RA-, {:g} N", 0.2, 0.05)
+def _base_gap(load):
+    table = pattern("RA-", 2e-3)
+    solution = solve_interacting(table, load=load, **ROUGH)
+    base, R = table[["x_m", "y_m"]].to_numpy(), table["radius_m"].to_numpy()
+    b = np.sqrt(2 * R * table["height_m"] - table["height_m"] ** 2).to_numpy()
+    centre, half, least = np.array([1e-3, 1e-3]), 8e-4, np.inf
+    for _ in range(4):
+        x, y = (c + half * np.linspace(-1, 1, 81) for c in centre)
+        x, y = (v.ravel() for v in np.meshgrid(x, y))
+        free = np.all([np.hypot(x - p[0], y - p[1]) > r for p, r in zip(base, b, strict=True)], axis=0)
+        x, y = x[free], y[free]
+        gap = solution.summits.apexes["height_m"].max() + np.hypot(x - 1e-3, y - 1e-3) ** 2 / (2 * LENS)
+        for i in solution.touching:
+            r = np.hypot(x - solution.x[i], y - solution.y[i])
+            gap += hertz.surface_displacement(
+                r, radius=solution.radius[i], sphere_radius=solution.composite_radius[i]
+            )
+        least = min(least, float(gap.min()) - solution.indentation)
+        centre, half = np.array([x[gap.argmin()], y[gap.argmin()]]), half / 15
+    found = solution.base_gap.least
+    return compared(solution, found, least, 2e-8 / abs(least), "displacement on grids; 0.02 um allowed")
+
+
 @hard_case("low caps far from the apex: planes first")
 def _low_caps():
     turn = np.arange(12) * np.pi / 6
