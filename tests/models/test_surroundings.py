@@ -1,5 +1,7 @@
 """Contact regions that run off the table: what is said of them, and the mean field around the table."""
 
+import functools
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -26,6 +28,7 @@ def scene_of(*, apex=APEX, effects=None, **asperities):
     )
 
 
+@functools.cache
 def whole_and_part(seed):
     whole = generate_asperities("SA", side=0.01, coverage=0.4, rng=np.random.default_rng(seed))
     inside = (whole[["x_m", "y_m"]] - 0.005).abs().max(axis=1).to_numpy() < HALF
