@@ -64,7 +64,15 @@ class Schema:
 
     def empty(self) -> pd.DataFrame:
         """A table with every column and no row."""
-        return self.conform({})
+        return self._without_rows.copy()
+
+    @cached_property
+    def _without_rows(self) -> pd.DataFrame:
+        return self._assembled(pd.DataFrame())
+
+    @cached_property
+    def _dtypes(self) -> list[object]:
+        return [pandas_dtype(dtype) for dtype, _ in self.columns.values()]
 
     def conform(self, table: pd.DataFrame | Mapping[str, object]) -> pd.DataFrame:
         """Give the rows exactly the columns of this schema, in order; a column not given is empty.
@@ -80,6 +88,13 @@ class Schema:
             raise InputError(
                 f"{self.name}: unknown column {unknown[0]!r}; the columns are {', '.join(self.columns)}"
             )
+        if list(given.columns) == list(self.columns) and list(given.dtypes) == self._dtypes:
+            whole = given.reset_index(drop=True)  # several times as fast as to assemble the columns anew
+            whole.attrs = {}
+            return whole
+        return self._assembled(given)
+
+    def _assembled(self, given: pd.DataFrame) -> pd.DataFrame:
         return pd.DataFrame(
             {name: self._column(given, name, dtype) for name, (dtype, _) in self.columns.items()},
             index=pd.RangeIndex(len(given)),
