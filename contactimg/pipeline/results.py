@@ -4,10 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-from matplotlib.axes import Axes
 
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.files import CALIBRATION_FILE, write_figures, write_json, write_table
@@ -15,11 +14,14 @@ from contactimg.plots import caption_of
 from contactimg.scene import Scene
 from contactimg.tables import Schema
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes  # takes half a second, and `process` draws no axes
+
 
 def write_results(
     folder: Path,
     tables: Mapping[str, tuple[Schema, pd.DataFrame]],
-    figures: Mapping[str, Axes] = MappingProxyType({}),
+    figures: Mapping[str, "Axes"] = MappingProxyType({}),
 ) -> None:
     """Write tables as CSV and figures in every format.
 
@@ -54,7 +56,7 @@ class Calibrated:
 
     record: dict[str, Any]
     tables: dict[str, tuple[Schema, pd.DataFrame]]
-    figures: dict[str, Axes]
+    figures: dict[str, "Axes"]
     failed: bool = False
 
 
