@@ -70,6 +70,21 @@ def _figures_are_svg_alone_and_processes_are_started_only_where_asked_for():
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def figures_without_layout():
+    """Figures are drawn where they stand: to lay them out takes most of the time; `tests/plots` does."""
+    from contactimg.plots import axes
+
+    class Plain(axes.Figure):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options | {"layout": None})
+
+    figure = axes.Figure
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(axes, "Figure", Plain)
+        yield figure
+
+
 @pytest.fixture
 def figures_stay_unwritten(monkeypatch):
     """Figures are made, but in no format: for tests of what is beside them."""
