@@ -54,9 +54,9 @@ def contents(out):
     return {name: (out / name).read_bytes() for name in TABLES}
 
 
-def test_taken_up_after_any_frame(small_series, tmp_path, measured, capfd):
+def test_taken_up_after_any_frame(tiny, tmp_path, measured, capfd):
     calls = measured["calls"]
-    assert process(small_series, tmp_path / "whole") == 0
+    assert process(tiny, tmp_path / "whole") == 0
     whole, expected = list(calls), contents(tmp_path / "whole")
     assert len(whole) > 3, "the series must have a second pass"
     # in the first pass, and in the second; the next test ends the run between them
@@ -64,13 +64,13 @@ def test_taken_up_after_any_frame(small_series, tmp_path, measured, capfd):
         out = tmp_path / f"out{stop}"
         calls.clear()
         measured["stop"] = stop
-        assert process(small_series, out) == 2
+        assert process(tiny, out) == 2
         assert calls == whole[:stop]
         assert not (out / "contacts.csv").exists()
         calls.clear()
         measured["stop"] = None
         capfd.readouterr()
-        assert process(small_series, out) == 0
+        assert process(tiny, out) == 0
         assert calls == whole[stop:]
         assert contents(out) == expected
         said = f"contactimg: {min(stop, 3)} of 3 frames were done by a run that was ended; the others are"
@@ -78,8 +78,8 @@ def test_taken_up_after_any_frame(small_series, tmp_path, measured, capfd):
         assert [path.name for path in out.rglob(".*")] == []
 
 
-def test_other_settings_frames_or_tables_are_measured_again(small_series, tmp_path, measured):
-    calls, folder = measured["calls"], copy_of(small_series, tmp_path / "series")
+def test_other_settings_frames_or_tables_are_measured_again(tiny, tmp_path, measured):
+    calls, folder = measured["calls"], copy_of(tiny, tmp_path / "series")
     names = ["frame_1.tif", "frame_2.tif", "frame_3.tif"]
 
     def measured_now(*options, change=lambda: None, most=3):

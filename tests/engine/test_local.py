@@ -19,17 +19,11 @@ from contactimg.engine.cluster import WorkerEndedError
 from contactimg.engine.processes import ending_cleanly
 from contactimg.errors import ContactimgError
 from contactimg.files import open_experiment
+from contactimg.pipeline import parallel
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.timings import collect
 
 COUNT = 30
-
-
-def deadly_frame(frame, _reference):
-    """End the process for one of the frames."""
-    if frame.name == "frame_2.tif":
-        os.kill(os.getpid(), signal.SIGKILL)
-    return frame.name
 
 
 def squares(function, lost=None):
@@ -161,9 +155,17 @@ def test_an_end_that_is_asked_for_within_a_callback_of_c_is_not_lost(
     assert measured == ["frame_1.tif"]
 
 
-def test_a_frame_that_ends_its_process_fails_and_the_others_are_kept(small_series, tmp_path):
-    experiment = open_experiment(read_scene(copy_of(small_series, tmp_path / "series")))
-    parts = list(for_each_frame(experiment, deadly_frame, workers=2))
+def test_a_frame_that_ended_its_process_fails_and_the_others_are_kept(small_series, monkeypatch):
+    """What becomes of the frame; the tests above end processes, and `test_cluster.py` some with a frame."""
+
+    def ending(function, jobs, *, lost, **_):
+        for source, *more in jobs:
+            ended = source.name == "frame_2.tif"
+            yield lost(WorkerEndedError("ended its process"), source) if ended else function(source, *more)
+
+    monkeypatch.setattr(parallel, "in_parallel", ending)
+    experiment = open_experiment(read_scene(small_series))
+    parts = list(for_each_frame(experiment, lambda frame, _reference: frame.name, workers=2))
     assert len(parts) == 3
     assert (parts[0], parts[2]) == ("frame_1.tif", "frame_3.tif")
     assert isinstance(parts[1], FailedFrame)
