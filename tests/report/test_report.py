@@ -1,16 +1,11 @@
 """The page of a run: its parts, nothing from outside, hostile names, and a browser if there is one."""
 
 import base64
-import contextlib
 import io
 import json
-import os
 import re
-import signal
-import subprocess
 import tempfile
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -24,7 +19,6 @@ from contactimg.errors import InputError
 from contactimg.report import build_report
 from contactimg.report.page import LEAST_WIDTH_PX, embed_picture
 
-BROWSER_TIME = 120  # s
 HOSTILE = '<script>alert(1)<b>&".tif'  # the name of a frame of the run
 SECTIONS = ["summary", "frames", "overlays", "flags", "failed", "provenance"]
 
@@ -229,64 +223,46 @@ def test_the_command_writes_the_page_beside_the_run(tmp_path, capsys):
     assert len(pd.read_csv(folder / "frames.csv")) == 3
 
 
-def in_browser(address, folder):
-    """The page's elements after its script has run, as a browser with a fresh profile has them."""
-    profile, dump = Path(tempfile.mkdtemp(dir=folder)), folder / "dump.html"
-    command = [
-        str(BROWSER),
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--no-first-run",
-        "--disable-background-networking",
-        "--disable-component-update",
-        "--disable-sync",
-        f"--user-data-dir={profile}",
-        "--virtual-time-budget=3000",
-        "--dump-dom",
-        address,
-    ]
-    # a file, not a pipe: children that outlive the browser would keep a pipe open
-    with (
-        dump.open("wb") as output,
-        subprocess.Popen(  # noqa: S603
-            command, stdout=output, stderr=subprocess.DEVNULL, start_new_session=True
-        ) as browser,
-    ):
-        try:
-            assert browser.wait(timeout=BROWSER_TIME) == 0
-        finally:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(browser.pid, signal.SIGKILL)
-    return Page(dump.read_text(encoding="utf-8"))
+@pytest.fixture(scope="module")
+def browser(html, tmp_path_factory):
+    """A browser with a fresh profile, and the address of the page."""
+    pytest.importorskip("websocket")
+    folder = tmp_path_factory.mktemp("browser")
+    (folder / "page.html").write_text(html, encoding="utf-8")
+    with Browser(folder) as page:
+        yield page, (folder / "page.html").as_uri()
+
+
+def opened(browser, address):
+    """The page's elements after its script has run, on a page that was opened anew."""
+    browser.open("about:blank", "true")
+    browser.open(address, "document.images.length > 3")
+    return Page(browser.evaluate("document.documentElement.outerHTML"))
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-def test_a_browser_opens_the_page_and_its_viewer(html, tmp_path):
-    file = Path(tmp_path / "page.html")
-    file.write_text(html, encoding="utf-8")
-    page = in_browser(file.as_uri(), tmp_path)
+def test_a_browser_opens_the_page_and_its_viewer(browser):
+    browser, address = browser
+    page = opened(browser, address)
     assert [name for name in SECTIONS if name not in page.sections] == []
     assert "open" not in page.all("dialog")[0]
-    opened = in_browser(f"{file.as_uri()}#overlay-1", tmp_path)
-    assert "open" in opened.all("dialog")[0]
-    viewer = opened.all("img")[-1]  # the dialog is the last part of the page
+    page = opened(browser, f"{address}#overlay-1")
+    assert "open" in page.all("dialog")[0]
+    viewer = page.all("img")[-1]  # the dialog is the last part of the page
     assert viewer["src"].startswith("data:image/jpeg;base64,")
     assert "scale(" in viewer["style"]
-    assert HOSTILE in " ".join(opened.text)
+    assert HOSTILE in " ".join(page.text)
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-def test_the_page_fits_a_phone_and_a_few_sheets_of_paper(html, tmp_path):
-    pytest.importorskip("websocket")
-    file = tmp_path / "page.html"
-    file.write_text(html, encoding="utf-8")
-    with Browser(tmp_path, (390, 844)) as browser:
-        browser.open(file.as_uri(), "document.images.length > 3")
-        assert browser.evaluate("document.documentElement.scrollWidth") <= 390
-        printed = base64.b64decode(browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+def test_the_page_fits_a_phone_and_a_few_sheets_of_paper(browser):
+    browser, address = browser
+    browser.resize(390, 844)
+    opened(browser, address)
+    assert browser.evaluate("document.documentElement.scrollWidth") <= 390
+    printed = base64.b64decode(browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
     assert len(printed) < 5e6
     sheets = len(re.findall(rb"/Type\s*/Page\b(?!s)", printed))
     assert 2 <= sheets <= 3  # one, and one for two frames: of three frames, with predictions and an analysis
