@@ -4,16 +4,23 @@ import threading
 
 import pytest
 from review_runs import moved, process
-from small_series import copy_of
+from small_series import SCENE, write_small_series
 
 from contactimg.review import ReviewServer, Session
 
+FEW = SCENE | {
+    "indenter": {"radius_m": 0.1288, "apex_m": [0.0007, 0.0007]},
+    "asperities": SCENE["asperities"] | {"side_m": 0.0014},
+    "simulate": SCENE["simulate"] | {"loads_N": [0.005, 0.01, 0.02], "shape": [220, 230]},
+}
+"""About thirty contacts on each frame."""
+
 
 @pytest.fixture(scope="session")
-def small_run(small_series, tmp_path_factory):
+def small_run(tmp_path_factory):
     """Folder with a small series and its run; copy it before you change it."""
     top = tmp_path_factory.mktemp("review") / "top"
-    process(copy_of(small_series, top / "series"), top / "run")
+    process(write_small_series(top / "series", FEW), top / "run")
     return top
 
 
