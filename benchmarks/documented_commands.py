@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from functools import cache
 from glob import glob
 from itertools import takewhile
 from pathlib import Path
@@ -84,8 +85,9 @@ def prepare(folder: Path) -> None:
     np.save(folder / "map.npy", np.maximum(np.sqrt(100**2 - x**2 - y**2) - 90, 0))
 
 
+@cache
 def run(command: str) -> str:
-    """What a command prints on standard output; it must end well."""
+    """What a command prints on standard output; it must end well. The same command is run once."""
     words = shlex.split(command, comments=True)[1:]
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
