@@ -97,3 +97,11 @@ def small_series(tmp_path_factory) -> Path:
     from small_series import write_small_series
 
     return write_small_series(tmp_path_factory.mktemp("small") / "series")
+
+
+@pytest.fixture(scope="session")
+def tiny_series(tmp_path_factory) -> Path:
+    """Folder of three frames of 120 x 90 pixels; copy it before you change it."""
+    from small_series import TINY, write_small_series
+
+    return write_small_series(tmp_path_factory.mktemp("tiny") / "series", TINY)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from small_series import TINY, copy_of, write_small_series
+from small_series import copy_of
 
 from contactimg.cli import main
 from contactimg.errors import InputError
@@ -20,11 +20,6 @@ from contactimg.tables import Flag
 
 TABLES = ("contacts.csv", "frames.csv", "rejected.csv")
 MOST_BYTES = 4000  # of a frame: 0.4 GB for a series of 100,000, which may take 1 GB with everything else
-
-
-@pytest.fixture(scope="module")
-def tiny(tmp_path_factory):
-    return write_small_series(tmp_path_factory.mktemp("tiny") / "series", TINY)
 
 
 @pytest.fixture
@@ -54,9 +49,9 @@ def contents(out):
     return {name: (out / name).read_bytes() for name in TABLES}
 
 
-def test_taken_up_after_any_frame(tiny, tmp_path, measured, capfd):
+def test_taken_up_after_any_frame(tiny_series, tmp_path, measured, capfd):
     calls = measured["calls"]
-    assert process(tiny, tmp_path / "whole") == 0
+    assert process(tiny_series, tmp_path / "whole") == 0
     whole, expected = list(calls), contents(tmp_path / "whole")
     assert len(whole) > 3, "the series must have a second pass"
     # in the first pass, and in the second; the next test ends the run between them
@@ -64,13 +59,13 @@ def test_taken_up_after_any_frame(tiny, tmp_path, measured, capfd):
         out = tmp_path / f"out{stop}"
         calls.clear()
         measured["stop"] = stop
-        assert process(tiny, out) == 2
+        assert process(tiny_series, out) == 2
         assert calls == whole[:stop]
         assert not (out / "contacts.csv").exists()
         calls.clear()
         measured["stop"] = None
         capfd.readouterr()
-        assert process(tiny, out) == 0
+        assert process(tiny_series, out) == 0
         assert calls == whole[stop:]
         assert contents(out) == expected
         said = f"contactimg: {min(stop, 3)} of 3 frames were done by a run that was ended; the others are"
@@ -78,8 +73,8 @@ def test_taken_up_after_any_frame(tiny, tmp_path, measured, capfd):
         assert [path.name for path in out.rglob(".*")] == []
 
 
-def test_other_settings_frames_or_tables_are_measured_again(tiny, tmp_path, measured):
-    calls, folder = measured["calls"], copy_of(tiny, tmp_path / "series")
+def test_other_settings_frames_or_tables_are_measured_again(tiny_series, tmp_path, measured):
+    calls, folder = measured["calls"], copy_of(tiny_series, tmp_path / "series")
     names = ["frame_1.tif", "frame_2.tif", "frame_3.tif"]
 
     def measured_now(*options, change=lambda: None, most=3):
@@ -218,9 +213,9 @@ def test_a_store_that_cannot_be_written_is_one_sentence(tmp_path):
 
 
 @pytest.fixture
-def stored(tiny, tmp_path):
+def stored(tiny_series, tmp_path):
     """An experiment with a new store."""
-    experiment = open_experiment(read_scene(tiny))
+    experiment = open_experiment(read_scene(tiny_series))
     record = provenance(command="contactimg process", scene=experiment.scene, inputs=experiment.inputs)
     return experiment, PartStore(tmp_path / "store", record)
 
@@ -240,8 +235,8 @@ def test_frames_leave_their_tables_in_the_store(stored):
     pd.testing.assert_frame_equal(kept.whole().frames, held.whole().frames, check_exact=True)
 
 
-def test_blocks_of_frames_give_the_tables_of_all(tiny, tmp_path, monkeypatch):
-    parts = series.measure_parts(open_experiment(read_scene(tiny)), workers=1)
+def test_blocks_of_frames_give_the_tables_of_all(tiny_series, tmp_path, monkeypatch):
+    parts = series.measure_parts(open_experiment(read_scene(tiny_series)), workers=1)
     whole = parts.whole()
     monkeypatch.setattr(measured_series, "BLOCK_FRAMES", 1)
     for folder in ("alone", "together"):

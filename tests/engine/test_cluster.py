@@ -9,7 +9,6 @@ from functools import partial
 import pandas as pd
 import pytest
 from local_cluster import TIME_LIMIT_S, LocalCluster, files_of, start, wait_until
-from small_series import TINY, write_small_series
 from stored_results import stored_results
 
 from contactimg import InputError, solve_ensemble
@@ -28,12 +27,6 @@ pytest.importorskip("distributed")
 def parts(tmp_path_factory):
     with ExitStack() as stack:
         yield LocalCluster(stack, tmp_path_factory.mktemp("cluster") / "parts")
-
-
-@pytest.fixture(scope="module")
-def series(tmp_path_factory):
-    """Three frames of 120 x 90 pixels."""
-    return write_small_series(tmp_path_factory.mktemp("tiny") / "series", TINY)
 
 
 def slow_square(folder, number):
@@ -56,13 +49,13 @@ def fail(number):
     raise InputError(f"{number} is odd")
 
 
-def test_commands_give_the_same_bytes(parts, series, tmp_path, monkeypatch):
-    monkeypatch.chdir(series.parent)  # relative paths hold on the workers too
+def test_commands_give_the_same_bytes(parts, tiny_series, tmp_path, monkeypatch):
+    monkeypatch.chdir(tiny_series.parent)  # relative paths hold on the workers too
     here, there = tmp_path / "here", tmp_path / "there"
     commands = {
-        "process": ["process", series.name, "--pictures"],
-        "simulate": ["simulate", series.name],
-        "predict": ["predict", series.name, "--load-N", "0.002", "--load-N", "0.004"],
+        "process": ["process", tiny_series.name, "--pictures"],
+        "simulate": ["simulate", tiny_series.name],
+        "predict": ["predict", tiny_series.name, "--load-N", "0.002", "--load-N", "0.004"],
     }
     for folder, options in ((here, ["--workers", "1"]), (there, ["--cluster", str(parts.file)])):
         for name, words in commands.items():
@@ -144,9 +137,9 @@ def test_no_call_waits_for_a_result_that_a_worker_may_lose(parts, tmp_path, monk
     assert not list(here.iterdir())
 
 
-def test_the_client_killed_and_the_run_taken_up(parts, series, tmp_path, capfd):
+def test_the_client_killed_and_the_run_taken_up(parts, tiny_series, tmp_path, capfd):
     out, options = tmp_path / "out", ["--no-pictures", "--quiet", "--cluster", str(parts.file)]
-    words = ["process", str(series), "-o"]
+    words = ["process", str(tiny_series), "-o"]
     with ExitStack() as stack:
         first = start(stack, "contactimg", *words, str(out), *options)
         wait_until(lambda: stored_results(out))
@@ -159,8 +152,8 @@ def test_the_client_killed_and_the_run_taken_up(parts, series, tmp_path, capfd):
     assert files_of(out) == files_of(tmp_path / "whole")
 
 
-def test_a_frame_that_ends_its_workers_fails_and_the_others_are_kept(parts, series):
-    experiment = open_experiment(read_scene(series))
+def test_a_frame_that_ends_its_workers_fails_and_the_others_are_kept(parts, tiny_series):
+    experiment = open_experiment(read_scene(tiny_series))
     parts.workers.append(parts.start_worker())
     with on_cluster(str(parts.file)) as cluster:
         wait_until(lambda: cluster.processes() == 3)

@@ -233,10 +233,10 @@ def browser(html, tmp_path_factory):
         yield page, (folder / "page.html").as_uri()
 
 
-def opened(browser, address):
+def opened(browser, address, ready="document.images.length > 3"):
     """The page's elements after its script has run, on a page that was opened anew."""
     browser.open("about:blank", "true")
-    browser.open(address, "document.images.length > 3")
+    browser.open(address, ready)
     return Page(browser.evaluate("document.documentElement.outerHTML"))
 
 
@@ -247,7 +247,7 @@ def test_a_browser_opens_the_page_and_its_viewer(browser):
     page = opened(browser, address)
     assert [name for name in SECTIONS if name not in page.sections] == []
     assert "open" not in page.all("dialog")[0]
-    page = opened(browser, f"{address}#overlay-1")
+    page = opened(browser, f"{address}#overlay-1", "document.querySelector('#viewer img').style.transform")
     assert "open" in page.all("dialog")[0]
     viewer = page.all("img")[-1]  # the dialog is the last part of the page
     assert viewer["src"].startswith("data:image/jpeg;base64,")
