@@ -123,6 +123,10 @@ NO_UNIT = "no column is a load with its unit, such as load_mN, load_g, Kraft [mN
         ("frame,load_N\na,-inf\n", "line 2, column load_N must be a finite number, got '-inf'"),
         ("frame,load_N\na,1e999\n", "line 2, column load_N must be a finite number, got '1e999'"),
         (
+            "frame,load_N,friction_N\na,1,\nb,1,nan\n",
+            "line 3, column friction_N must be a finite number, got 'nan'",
+        ),
+        (
             "frame,load_N,friction_N\na,1,inf\n",
             "line 2, column friction_N must be a finite number, got 'inf'",
         ),
@@ -289,6 +293,20 @@ def test_file_name_that_is_not_utf8_survives(folder):
     name = b"caf\xe9.tif".decode(errors="surrogateescape")
     write_table(pd.DataFrame({"frame": [name], "load_N": [1.0]}), LOADS, folder / "l.csv")
     assert read_loads(folder / "l.csv")["frame"].tolist() == [name]
+
+
+def test_a_table_with_all_columns_keeps_its_values_alone():
+    given = LOADS.conform({"frame": ["a", "b"], "load_N": [0.1, 0.2]}).set_index(pd.Index([3, 5]))
+    given.attrs["note"] = "of the table that was given"
+    found = LOADS.conform(given)
+    assert found.index.equals(pd.RangeIndex(2))
+    assert found.attrs == {}
+    found.loc[0, "load_N"] = 0.3
+    assert given["load_N"].tolist() == [0.1, 0.2]
+    assert found["load_N"].tolist() == [0.3, 0.2]
+    empty = LOADS.empty()
+    empty["more"] = 1
+    assert list(LOADS.empty().columns) == list(LOADS.columns)
 
 
 def test_table_that_does_not_fit_is_not_written(folder):
