@@ -131,7 +131,8 @@ def _flat_background(
     finite = np.isfinite(blocks)
     # among many contacts most blocks differ from their neighbours, and only those without rims are flat
     flat = np.where(rims & (quiet < FEW_QUIET), np.float32(np.nan), blocks)
-    scatter = _scatter(flat, rounding)
+    # the light may differ more from row to row than along them
+    scatter = max(_scatter(flat, rounding), _scatter(flat.T, rounding))
     labels, regions = flat_regions(flat, scatter)
     if not regions:
         return None
@@ -248,7 +249,7 @@ def _scatter(blocks: NDArray, rounding: float) -> float:
     """
     finite = blocks[np.isfinite(blocks)]
     level = float(np.median(np.abs(finite))) if len(finite) else 0.0
-    scatter = max(neighbour_scatter(blocks), neighbour_scatter(blocks.T))  # mains light differs between rows
+    scatter = neighbour_scatter(blocks)
     least = ROUGHEST_STEP_FRACTION if scatter < NEGLIGIBLE * level else NEGLIGIBLE
     return max(scatter, least * level, rounding, 1e-9)
 
