@@ -219,7 +219,7 @@ def label_image(
     labels = np.zeros(shape, np.uint16 if highest < 2**16 else np.uint32)
     shapes = contact_outlines(contacts, outlines)
     for outline in sorted(shapes, key=lambda one: -one.semi_major * one.semi_minor):
-        x, y = outline.polygon.T
+        x, y = outline.polygon.T.copy()  # the columns of a table cannot be written to, as `polygon` wants
         rows, columns = polygon(y, x, shape)
         if not len(rows):
             nearest = np.clip(np.rint([outline.y, outline.x]), 0, np.array(shape) - 1)

@@ -113,6 +113,8 @@ def test_labels_fill_ellipses_and_leave_out_holes():
     assert labels[30, 30] == 1  # down and to the right: a positive angle
     assert labels[10, 30] == 0
     assert (labels == 2).sum() == 21**2 - 9**2
+    without_hole = label_image(contacts, (50, 90), outlines[outlines["outline"] == 0])
+    assert (without_hole == 2).sum() == 21**2
 
 
 def test_changes_made_in_imagej_come_back_as_edits_that_process_applies(folder, tmp_path):
