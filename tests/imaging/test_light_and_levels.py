@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from camera_worlds import Layout, World, jpeg, make_scene, thresholded
+from camera_worlds import Layout, World, gamma, jpeg, make_scene, thresholded
 from contact_frames import match
 
 from contactimg.imaging.contrast.noise import Noise
@@ -70,6 +70,22 @@ WITHOUT_REFERENCE = {
         dusty=False, reference=False,
     )(25, np.random.default_rng([5, 25, 11])),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("quality", "electrons", "texture"), [(85, 150, 0.005), (70, 20, 0.02), (70, 150, 0.02)]
+)
+def test_three_wide_contacts_in_a_compressed_file_are_found_without_a_reference(quality, electrons, texture):
+    """Compression leaves most squares equal, and block means that are equal or a step apart."""
+    world = World(
+        layout=Layout(radii=(10, 50), shape=(310, 221)), file=jpeg(quality), electrons=electrons,
+        texture=texture, contrast=40.0, response=gamma(0.45), dusty=False, reference=False,
+    )  # fmt: skip
+    for seed in (1, 2):
+        scene = world(3, np.random.default_rng(seed))
+        found = measure_image(scene.frame, None)
+        assert found.polarity == "bright"
+        assert shares(scene.truth, found.disks) == (1.0, 1.0)
 
 
 @pytest.mark.parametrize("name", list(WITHOUT_REFERENCE))

@@ -131,8 +131,8 @@ def _flat_background(
     finite = np.isfinite(blocks)
     # among many contacts most blocks differ from their neighbours, and only those without rims are flat
     flat = np.where(rims & (quiet < FEW_QUIET), np.float32(np.nan), blocks)
-    # the light may differ more from row to row than along them
-    scatter = max(_scatter(flat, rounding), _scatter(flat.T, rounding))
+    # the light may differ more from row to row than along them, and rounded means by two steps
+    scatter = max(_scatter(flat, rounding), _scatter(flat.T, rounding), 2.0 * rounding)
     labels, regions = flat_regions(flat, scatter)
     if not regions:
         return None
@@ -263,7 +263,8 @@ def _scatter_of_squares(squares: NDArray, frame: NDArray, rounding: float) -> fl
     if find_clipped(frame) is not None:
         return usual
     flattest = min(scatter_of_extreme(squares, "lowest"), scatter_of_extreme(squares, "highest"))
-    return flattest if usual > RIMS_EVERYWHERE * max(flattest, rounding) > 0.0 else usual
+    flattest = max(flattest, rounding)
+    return flattest if neighbour_scatter(squares) > RIMS_EVERYWHERE * flattest > 0.0 else usual
 
 
 def _divide_by_illumination(
