@@ -96,6 +96,24 @@ def test_contacts_that_only_the_reference_shows_are_not_ok(truth, method):
     assert len(result.rejected) >= 3
 
 
+def bright_patch(seed):
+    """Frame and reference of three contacts, and of a wider rectangle of half of their height."""
+    rng, (y, x) = np.random.default_rng(seed), np.mgrid[:221, :310]
+    light = np.zeros((221, 310))
+    for cx, cy, a in ((60, 60, 14), (250, 60, 10), (240, 170, 17)):
+        light[np.hypot(x - cx, y - cy) < a] = 25.0
+    light[90:190, 80:170] = 13.0
+    light = cv2.GaussianBlur(light, (0, 0), 1.4)
+    return [levels(80 + image + rng.normal(0, 2, light.shape)) for image in (light, 0.0 * light)]
+
+
+@pytest.mark.parametrize("seed", [2, 3, 9])
+def test_a_frame_is_not_ok_where_most_of_the_area_is_no_disk(seed):
+    found = measure_image(*bright_patch(seed))
+    assert len(found.disks) == 4
+    assert found.status == Status.POOR_FIT
+
+
 @pytest.mark.parametrize("rows", [1, 4])
 def test_a_frame_of_a_few_rows_is_not_ok(truth, rows):
     frame, reference = pair(truth)

@@ -3,9 +3,11 @@
 import cv2
 import numpy as np
 import pytest
+from camera_worlds import Layout, World, mottled
 from scipy import ndimage
 
 from contactimg.imaging.measure import measure_image
+from contactimg.tables import Status
 
 ROWS, COLUMNS, FINER = 480, 640, 4
 LEVEL, CONTRAST, NOISE, BLUR_PX = 80.0, 60.0, 1.5, 1.4
@@ -192,3 +194,16 @@ def test_the_polarity_tells_which_half_of_a_frame_is_in_contact(polarity):
     result = measure_image(frame if polarity == "bright" else 255 - frame, polarity=polarity)
     assert result.disks.visible_area_px2.sum() == pytest.approx(area, rel=0.3)
     assert result.status != "ok"
+
+
+@pytest.mark.parametrize("seed", [100, 101, 104, 107])
+def test_wide_mottled_contacts_are_not_taken_for_several(seed):
+    """Mottling that noise makes ragged is covered by many disks, of which none is a contact."""
+    world = World(
+        layout=Layout(radii=(8, 40), pairs=0, space=15, shape=(300, 400)), interior=mottled(0.3, 2.5),
+        electrons=4, texture=0.005, contrast=60.0,
+    )  # fmt: skip
+    scene = world(20, np.random.default_rng(seed))
+    found = measure_image(scene.frame, scene.reference)
+    assert len(scene.truth) <= len(found.disks) <= 1.2 * len(scene.truth)
+    assert found.status != Status.OK

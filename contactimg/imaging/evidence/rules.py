@@ -78,6 +78,8 @@ MOST_APART = 0.12
 """Pixels either of a region or of the disks fitted to it, over its area, from which it is no union of disks.
 By hand: mottled contacts that touch make up to 0.12, a packing of beads 0.09, islands of a random surface
 0.1 to 0.5."""
+INLET_RATIO = 0.2
+"""Half of the width of inlets that are closed, over the radius of the region. By hand."""
 LARGEST_PART = 0.8
 """Share of the largest of three disks and more in the area of a convex region, below which they are no
 contacts. Theory: 0.6 for a triangle and 0.79 for a square; three disks that touch are not convex."""
@@ -228,7 +230,13 @@ def _join_parts(
         # speckles are no outline, the gaps of a packing are
         filled = fill(mask, find_holes(mask), LARGEST_HOLE_SHARE * float(area.max()))
         apart = np.count_nonzero(drawn != (filled > 0)) / float(region["area"])
-        convex = share_of_hull(mask, float(region["area"]))
+        # noise and mottling make inlets in an outline, which two contacts that touch do not leave
+        reach = round(INLET_RATIO * float(np.sqrt(region["area"] / np.pi)))
+        ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        smooth = np.asarray(
+            cv2.morphologyEx(np.pad(filled, 2 * reach + 1), cv2.MORPH_CLOSE, ellipse), np.uint8
+        )
+        convex = share_of_hull(smooth, float(np.count_nonzero(smooth)))
         least = LEAST_CONVEX if several or undescribed else CONVEX_SHARE
         if convex > least or (undescribed and apart > MOST_APART):
             largest = rows[np.argmax(area)]
