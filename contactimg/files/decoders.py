@@ -394,7 +394,7 @@ def _strip_alpha(page: Any, array: NDArray) -> NDArray:
     decoded = page.photometric == _PHOTOMETRIC.YCBCR and page.compression in jpeg
     if not (grey or decoded or page.photometric == _PHOTOMETRIC.RGB):
         name = getattr(page.photometric, "name", page.photometric)
-        raise ValueError(f"pixels of photometric type {name} are not supported")
+        raise ValueError(f"pixels of photometric type {name} are not supported: save it as grey levels")
     if array.ndim == 2:
         return array
     channels = 1 if grey else 3

@@ -558,9 +558,13 @@ def test_flipped_bit_in_compressed_data(tmp_path, rng):
         (
             np.ones((4, 5, 4), "u1"),
             {"photometric": "separated"},
-            "pixels of photometric type SEPARATED are not supported",
+            "pixels of photometric type SEPARATED are not supported: save it as grey levels",
         ),
-        (np.ones((4, 5), "u1"), {"photometric": "cfa"}, "pixels of photometric type CFA are not supported"),
+        (
+            np.ones((4, 5), "u1"),
+            {"photometric": "cfa"},
+            "pixels of photometric type CFA are not supported: save it as grey levels",
+        ),
         (
             np.ones((4, 5, 2), "u1"),
             {"planarconfig": "contig"},
