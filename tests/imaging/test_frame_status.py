@@ -112,6 +112,7 @@ def test_a_frame_is_not_ok_where_most_of_the_area_is_no_disk(seed):
     found = measure_image(*bright_patch(seed))
     assert len(found.disks) == 4
     assert found.status == Status.POOR_FIT
+    assert "% of the area, are not described" in found.message
 
 
 @pytest.mark.parametrize("rows", [1, 4])

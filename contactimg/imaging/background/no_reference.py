@@ -131,7 +131,7 @@ def _flat_background(
     finite = np.isfinite(blocks)
     # among many contacts most blocks differ from their neighbours, and only those without rims are flat
     flat = np.where(rims & (quiet < FEW_QUIET), np.float32(np.nan), blocks)
-    # the light may differ more from row to row than along them, and rounded means by two steps
+    # the light may differ more from row to row than along a row, and rounded means by two steps
     scatter = max(_scatter(flat, rounding), _scatter(flat.T, rounding), 2.0 * rounding)
     labels, regions = flat_regions(flat, scatter)
     if not regions:
@@ -141,7 +141,7 @@ def _flat_background(
     largest = labels == darkest
     members = largest
     if np.mean(largest) < FLAT_SHARE * np.mean(finite):
-        members = labels > 0  # in pieces, where the light or the rounding of a file differs between them
+        members = labels > 0  # uneven light, or the rounding of a file, has cut the background into pieces
         if quiet < QUIET_SHARE or np.mean(members) < FLAT_SHARE * np.mean(finite):
             return None
     light = fit_illumination(

@@ -122,18 +122,21 @@ class FrameEvidence:
         return len(self.contacts["x_px"])
 
     def having(self, flag: Flag) -> NDArray[np.bool_]:
-        """Contacts with a flag, or with all of several."""
+        """Which contacts have a flag, or all of several."""
         return np.asarray(np.asarray(self.contacts["flags"], np.int64) & int(flag) == int(flag))
 
     def flagged(self, flag: Flag) -> int:
         """Number of such contacts."""
         return int(np.count_nonzero(self.having(flag)))
 
-    def spoiled(self, flag: Flag) -> int:
-        """Number of such contacts where many, or most of the area, are such: they spoil the frame; else 0."""
+    def spoiled(self, flag: Flag) -> str:
+        """Say how many contacts have a flag, if they are so many, or so large, that they spoil the frame."""
         n, area = self.flagged(flag), np.asarray(self.contacts["visible_area_px2"], float)
+        share = float(area[self.having(flag)].sum() / max(area.sum(), 1e-9))
         many = n >= FEWEST_CONTACTS and n > SPOILED_SHARE * self.count
-        return n if many or area[self.having(flag)].sum() > 0.5 * area.sum() else 0
+        return (
+            f"{n} of {self.count} contacts, {100 * share:.3g} % of the area," if many or share > 0.5 else ""
+        )
 
 
 def judge_frame(seen: FrameEvidence) -> Verdict:
@@ -240,14 +243,14 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         if seen.fit.limited:
             yield Status.UNRESOLVED, "more spots stand out than are fitted in a frame of this size"
     yield from _false_candidates(seen)
-    if n := seen.spoiled(Flag.SATURATED):
+    if which := seen.spoiled(Flag.SATURATED):
         text = (
-            f"{n} of {seen.count} contacts are at the full scale of the sensor: expose less, the radii "
+            f"{which} are at the full scale of the sensor: expose less, the radii "
             "depend on a brightness that is not seen"
         )
         yield Status.SATURATED, text
-    if n := seen.spoiled(Flag.POOR_FIT):
-        text = f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
+    if which := seen.spoiled(Flag.POOR_FIT):
+        text = f"{which} are not described by blurred disks or ellipses"
         given = seen.foreground.prior_optics.blur_px
         yield Status.POOR_FIT, text + (f" behind a blur of {given:.2g} px" if np.isfinite(given) else "")
     if n := _touching_among_ellipses(seen.evidence):

@@ -453,6 +453,6 @@ def find_insignificant(fit: FittedDisks, problem: FitProblem, *, final: bool) ->
         faint &= fit.chi_square < SUSPICIOUS_CHI_SQUARE
     speck = (radius < SPECK_RADIUS_PX) & beside
     dropped = np.asarray(weak | faint | speck)
-    # what lies in a disk that is dropped itself is needed to explain the pixels
+    # a disk that lies in a larger one is needed where the larger one is dropped
     dropped[~dropped] = overlapping(fit.disks[~dropped], DEEPEST)
     return dropped

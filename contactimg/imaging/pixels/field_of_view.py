@@ -59,7 +59,7 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     beside, inside = means[outer > inner], means[outer == 0]
     if not (_is_field_of_view(1 - unlit) and inside.size):
         return None
-    level = median(inside)  # of the background, unless contacts, which may be much brighter, cover half of it
+    level = median(inside)  # that of the background, unless contacts cover half of it
     if beside.size and median(beside) < STOP_LIGHT * level:
         return None
     smooth = cv2.blur(np.asarray(image, np.float32), (3, 3))

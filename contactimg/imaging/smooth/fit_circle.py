@@ -107,7 +107,7 @@ class _Line:
         return step + np.interp(outside, self.grid, _blurred_film(self, blur), left=0.0, right=0.0)
 
 
-@lru_cache(maxsize=4)  # most of the numbers of an edge vary without its blur and its halo's
+@lru_cache(maxsize=4)  # derivatives by most numbers of an edge leave its blur and that of its halo unchanged
 def _blurred_film(line: _Line, blur: float) -> Values:
     """The light of the film on the grid of the line."""
     frequency = fft.rfftfreq(len(line.grid), LINE_STEP_PX)
