@@ -215,26 +215,16 @@ def read_video(path: Path, index: int) -> Pixels:
 
 @contextmanager
 def _opened_video(path: Path) -> Iterator[cv2.VideoCapture]:
-    """The open video."""
-    with _quiet():
-        video = cv2.VideoCapture(str(path))
+    """The open video; stderr, to which OpenCV and FFmpeg write directly, is suppressed."""
+    with _lock, Path(os.devnull).open("wb") as nowhere:
+        stderr, video = os.dup(2), cv2.VideoCapture()
+        os.dup2(nowhere.fileno(), 2)
         try:
-            if not video.isOpened():
+            if not video.open(str(path)):
                 raise ValueError("the content is not that of a video that OpenCV can decode")
             yield video
         finally:
             video.release()
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Suppress stderr, to which OpenCV and FFmpeg write directly."""
-    with _lock, Path(os.devnull).open("wb") as nowhere:
-        stderr = os.dup(2)
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
             os.dup2(stderr, 2)
             os.close(stderr)
 
@@ -301,15 +291,27 @@ def read_tiff(path: Path, index: int) -> Pixels:
         number = 0 if undivided or divided else index
         if number > tif.filehandle.size // _SMALLEST_PAGE or not _has_page(tif, number):
             raise ValueError(f"the file is truncated or damaged after page {number - 1}")
-        page = tif.pages[number]
-        _check_page_size(page)
-        if undivided:
-            return _interpret(page, _read_undivided(tif, index))
-        _check_complete(page, tif.filehandle.size)
+        page, file = tif.pages[number], tif.filehandle
+        sizes = [(page.imagewidth, page.imagelength, page.imagedepth)]
+        sizes += [(page.tilewidth, page.tilelength, page.tiledepth)] if page.is_tiled else []
+        for columns, rows, depth in sizes:
+            check_size(columns, rows, max(page.samplesperpixel, 1) * max(depth, 1))
+        if undivided:  # the images follow each other without a gap
+            start = page.dataoffsets[0] + index * page.nbytes
+            _refuse_missing(start + page.nbytes - file.size)
+            file.seek(start)
+            pixels = file.read_array(page.dtype.newbyteorder(tif.byteorder), page.size)
+            return _interpret(page, pixels.reshape(page.shape))
+        segments = list(zip(page.dataoffsets, page.databytecounts, strict=True))
+        if not segments or 0 in page.databytecounts:
+            raise ValueError("the file is damaged: part of the image has no data")
+        _refuse_missing(max(offset + count for offset, count in segments) - file.size)
         array = page.asarray()
         if divided:
-            return _interpret(page, array[index])
-        return _interpret(page, np.moveaxis(array, 0, -1) if page.axes == "SYX" else array)
+            array = array[index]
+        elif page.axes == "SYX":
+            array = np.moveaxis(array, 0, -1)
+        return _interpret(page, array)
 
 
 def _has_page(tif: Any, index: int) -> bool:
@@ -340,40 +342,14 @@ def _undivided(tif: Any) -> int:
     return min(stated, max(tif.filehandle.size // max(page.nbytes, 1), 1) + 1)
 
 
-def _read_undivided(tif: Any, index: int) -> NDArray:
-    """Image number ``index`` of such a stack: the images follow each other without a gap."""
-    page, file = tif.pages[0], tif.filehandle
-    start = page.dataoffsets[0] + index * page.nbytes
-    _refuse_missing(start + page.nbytes - file.size)
-    file.seek(start)
-    pixels: NDArray = file.read_array(page.dtype.newbyteorder(tif.byteorder), page.size)
-    return pixels.reshape(page.shape)
-
-
 def _refuse_missing(count: int) -> None:
     """Raise if bytes are missing at the end of the file."""
     if count > 0:
         raise ValueError(f"the file is truncated: {count} bytes are missing")
 
 
-def _check_page_size(page: Any) -> None:
-    """Raise if the page, or a tile of it, is beyond the limit."""
-    sizes = [(page.imagewidth, page.imagelength, page.imagedepth)]
-    sizes += [(page.tilewidth, page.tilelength, page.tiledepth)] if page.is_tiled else []
-    for columns, rows, depth in sizes:
-        check_size(columns, rows, max(page.samplesperpixel, 1) * max(depth, 1))
-
-
-def _check_complete(page: Any, size: int) -> None:
-    """Raise if a strip or tile of the page lies beyond the end of the file or was never written."""
-    segments = list(zip(page.dataoffsets, page.databytecounts, strict=True))
-    if not segments or any(count == 0 for _, count in segments):
-        raise ValueError("the file is damaged: part of the image has no data")
-    _refuse_missing(max(offset + count for offset, count in segments) - size)
-
-
 def _interpret(page: Any, array: NDArray) -> Pixels:
-    """Grey or red-green-blue, according to the photometric tag of the page."""
+    """Grey or red-green-blue, according to the photometric tag of the page; the full scale of the sensor."""
     if array.ndim > 2 and "S" not in page.axes:
         raise ValueError(f"an image with axes {page.axes} is not a plane of pixels")
     full_scale = float(2 ** int(np.max(page.bitspersample)) - 1) if array.dtype.kind in "bu" else None
@@ -384,7 +360,11 @@ def _interpret(page: Any, array: NDArray) -> Pixels:
         if full_scale is None:
             raise ValueError(f"inverted grey levels of type {array.dtype} are not supported")
         array = array.dtype.type(full_scale) - array
-    return Pixels(array.astype(array.dtype.newbyteorder("="), copy=False), _sensor_scale(page, full_scale))
+    tag = page.tags.get(_MAX_SAMPLE_VALUE)
+    stated = 0 if tag is None or full_scale is None else int(np.max(tag.value))
+    if full_scale is not None and 255 <= stated < full_scale and stated & (stated + 1) == 0:
+        full_scale = float(stated)  # of an n-bit camera: all bits are 1
+    return Pixels(array.astype(array.dtype.newbyteorder("="), copy=False), full_scale)
 
 
 def _strip_alpha(page: Any, array: NDArray) -> NDArray:
@@ -404,16 +384,6 @@ def _strip_alpha(page: Any, array: NDArray) -> NDArray:
     if extra < 0 or extra > 1 or (grey and extra == 1 and not transparent):
         raise ValueError(f"{array.shape[-1]} channels are neither grey nor red-green-blue")
     return array[..., 0] if grey else array[..., :3]
-
-
-def _sensor_scale(page: Any, full_scale: float | None) -> float | None:
-    """Full scale: MaxSampleValue if it is that of an n-bit camera, else that of the stored bits."""
-    tag = page.tags.get(_MAX_SAMPLE_VALUE)
-    if full_scale is None or tag is None:
-        return full_scale
-    stated = int(np.max(tag.value))
-    of_a_camera = 255 <= stated < full_scale and stated & (stated + 1) == 0  # all bits are 1
-    return float(stated) if of_a_camera else full_scale
 
 
 @stage("writing")
@@ -469,24 +439,13 @@ def stated_pixel_size(path: str | Path) -> float | None:
     if Path(path).suffix.lower() not in (".tif", ".tiff"):
         return None
     with suppress(Exception), tifffile.TiffFile(path) as tif:  # a damaged header states nothing
-        size = _of_ome(tif) if tif.is_ome else _of_imagej(tif)
-        if size is not None and math.isfinite(size) and size > 0:
+        if tif.is_ome:  # of the first image, in µm unless its unit says otherwise
+            image = tifffile.xml2dict(tif.ome_metadata or "")["OME"]["Image"]
+            about = (image[0] if isinstance(image, list) else image)["Pixels"]
+            size = float(about["PhysicalSizeX"]) * METRES[str(about.get("PhysicalSizeXUnit", "µm"))]
+        else:  # pixels per unit stand in the resolution, the unit in the description
+            pixels, units = tif.pages.first.tags["XResolution"].value
+            size = METRES[str((tif.imagej_metadata or {})["unit"]).lower()] / (pixels / units)
+        if math.isfinite(size) and size > 0:
             return size
     return None
-
-
-def _of_imagej(tif: tifffile.TiffFile) -> float | None:
-    """Pixels per unit stand in the resolution, the unit in the description."""
-    unit = (tif.imagej_metadata or {}).get("unit", "")
-    tag = tif.pages.first.tags.get("XResolution")
-    if tag is None or str(unit).lower() not in METRES:
-        return None
-    pixels, units = tag.value
-    return METRES[str(unit).lower()] / (pixels / units)
-
-
-def _of_ome(tif: tifffile.TiffFile) -> float | None:
-    """PhysicalSizeX of the first image, in µm unless its unit says otherwise."""
-    image = tifffile.xml2dict(tif.ome_metadata or "")["OME"]["Image"]
-    pixels = (image[0] if isinstance(image, list) else image)["Pixels"]
-    return float(pixels["PhysicalSizeX"]) * METRES[str(pixels.get("PhysicalSizeXUnit", "µm"))]
