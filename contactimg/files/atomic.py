@@ -1,9 +1,9 @@
-"""Write files completely or not at all, and say which file an error is about."""
+"""Write files completely or not at all, and say which file or which names an error is about."""
 
 import json
 import os
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path, PurePath
@@ -15,6 +15,9 @@ from pydantic import BaseModel
 
 from contactimg.errors import InputError
 from contactimg.timings import stage
+
+NAMES_SHOWN = 3
+"""Most names that a message lists. Chosen: they fill a line."""
 
 
 @contextmanager
@@ -33,6 +36,19 @@ def naming(path: str | Path) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+
+
+def first_names(names: Iterable[str]) -> str:
+    """The first few names, and how many more there are.
+
+    Examples
+    --------
+    >>> first_names(["a.tif", "b.tif", "c.tif", "d.tif"])
+    'a.tif, b.tif, c.tif and 1 more'
+    """
+    names = list(names)
+    more = len(names) - NAMES_SHOWN
+    return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 @contextmanager

@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files.atomic import flush_to_disk, read_bytes, write_text
+from contactimg.files.atomic import NAMES_SHOWN, flush_to_disk, read_bytes, write_text
 from contactimg.files.sources import FrameSource
 from contactimg.files.tables import read_table, read_text_table
 from contactimg.frame import Frame
@@ -28,14 +28,12 @@ if TYPE_CHECKING:
     from contactimg.files.exports import Region
 
 Points = tuple[tuple[float, float], ...]
+Sources = tuple[FrameSource, ...]
 Source = str | list[list[tuple[float, float]]]
 """A mask as the scene states it: a file, or polygons."""
 
 ROI_SUFFIXES = (".roi", ".zip")
 """File name extensions of ImageJ ROIs: one region, or a set of them."""
-
-NAMES_SHOWN = 3
-"""Most names that a message lists. Chosen: they fill a line."""
 
 EVERY_FRAME = "*"
 """In place of the name of a frame: all of them."""
@@ -79,8 +77,8 @@ class PixelCorrections:
         Whether an area of any frame is left out: then no frame keeps its type of pixel.
     """
 
-    dark: tuple[FrameSource, ...] = ()
-    flat: tuple[FrameSource, ...] = ()
+    dark: Sources = ()
+    flat: Sources = ()
     areas: tuple[MaskedArea, ...] = ()
     number: int = 0
     masked: bool = False
@@ -162,7 +160,7 @@ def _mask(path: Path) -> "Frame | list[Region]":
 
 
 @lru_cache(maxsize=4)
-def _mean(sources: tuple[FrameSource, ...]) -> Frame:
+def _mean(sources: Sources) -> Frame:
     """Mean of images of one size, with name and full scale of the first."""
     first = sources[0].read()
     total = np.zeros(first.shape)
@@ -201,19 +199,17 @@ def _check_size(image: Frame, frame: Frame) -> None:
 
 
 @lru_cache(maxsize=2)
-def _fields(
-    dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSource, ...]
-) -> tuple[NDArray[np.float32], NDArray[np.float32], float, NDArray[np.bool_]]:
+def _fields(darks: Sources, flats: Sources) -> tuple[NDArray, NDArray, float, NDArray[np.bool_]]:
     """The mean dark frame, the gain (flat field over its median), the dark level, and useless pixels.
 
     Those are saturated in the dark or without light.
     """
-    first = _mean(dark_sources or flat_sources)
-    dark = first.image if dark_sources else np.zeros(first.shape, np.float32)
+    first = _mean(darks or flats)
+    dark = first.image if darks else np.zeros(first.shape, np.float32)
     useless = dark >= (np.inf if first.full_scale is None else first.full_scale)
     gain = np.ones(first.shape, np.float32)
-    if flat_sources:
-        flat = _mean(flat_sources)
+    if flats:
+        flat = _mean(flats)
         _check_size(flat, first)
         light = flat.image - dark
         middle = float(np.median(light))
@@ -225,28 +221,24 @@ def _fields(
     return dark, gain, float(np.median(dark)), useless
 
 
-def _subtract_and_divide(
-    frame: Frame, dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSource, ...]
-) -> Frame:
+def _subtract_and_divide(frame: Frame, darks: Sources, flats: Sources) -> Frame:
     """The frame without the dark frame, over the flat field.
 
     Each pixel now saturates at a level of its own, so saturated pixels get one level above all others, the
     new full scale. A frame with one value everywhere keeps one value: black stays black.
     """
-    dark, gain, level, useless = _fields(dark_sources, flat_sources)
-    _check_size(_mean(dark_sources or flat_sources), frame)
+    dark, gain, level, useless = _fields(darks, flats)
+    _check_size(_mean(darks or flats), frame)
     scale = np.inf if frame.full_scale is None else frame.full_scale
     raw = frame.image
     if raw.min() == raw.max() and raw[0, 0] < scale:
         flat = np.full(frame.shape, max(float(raw[0, 0]) - level, 0.0), np.float32)
         return replace(frame, image=flat)
-    image = (raw.astype(np.float32) - dark) / gain
-    full_scale = frame.full_scale
-    if full_scale is not None:
-        saturated = raw >= full_scale
-        top = np.float32(max(float(np.max(image[~useless], initial=0.0)), full_scale - level))
+    image, full_scale = (raw.astype(np.float32) - dark) / gain, None
+    if frame.full_scale is not None:
+        top = np.float32(max(float(np.max(image[~useless], initial=0.0)), frame.full_scale - level))
         full_scale = float(np.nextafter(top, np.float32(np.inf)))
-        image[saturated] = full_scale
+        image[raw >= frame.full_scale] = full_scale
     image[useless] = np.nan
     return Frame(image, frame.name, full_scale)
 
@@ -296,7 +288,7 @@ def check_edits(table: pd.DataFrame, name: str) -> None:
             raise InputError(f"{name}: row {number} ({row['action']}) {complaint}")
 
 
-def edit_points(text: str) -> tuple[tuple[float, float], ...]:
+def edit_points(text: str) -> Points:
     """Points of a cell ``x y;x y;...``.
 
     Raises

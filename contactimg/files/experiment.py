@@ -7,7 +7,7 @@ import re
 import tomllib
 import unicodedata
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -18,15 +18,8 @@ import pandas as pd
 import tomlkit
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import flush_to_disk, read_bytes, write_text
-from contactimg.files.corrections import (
-    EDITS_FILE,
-    NAMES_SHOWN,
-    PixelCorrections,
-    find_areas,
-    masked_areas,
-    read_edits,
-)
+from contactimg.files.atomic import first_names, flush_to_disk, read_bytes, write_text
+from contactimg.files.corrections import EDITS_FILE, PixelCorrections, find_areas, masked_areas, read_edits
 from contactimg.files.decoders import stated_pixel_size
 from contactimg.files.output import finish_commit
 from contactimg.files.sources import FrameSource, is_image, list_frames, natural_key
@@ -239,9 +232,7 @@ def _compare_pixel_size(scene: Scene, path: Path) -> None:
 def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrections:
     """Dark frame, flat field and masks that the scene names."""
     images, folder = scene.images, Path(scene.folder)
-    dark, flat = (
-        _list_frames(named, scene, folder=folder) if named else () for named in (images.dark, images.flat)
-    )
+    dark, flat = (_list_frames(one, scene, folder) if one else () for one in (images.dark, images.flat))
     names = [frame.name for frame in frames]
     return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names))
 
@@ -266,9 +257,7 @@ def _table(scene: Scene, name: str) -> Path | None:
     return path if named or path.is_file() else None
 
 
-def _list_frames(
-    path: str | Path | list[str], scene: Scene, *, folder: str | Path = "."
-) -> list[FrameSource]:
+def _list_frames(path: str | Path | list[str], scene: Scene, folder: str | Path = ".") -> list[FrameSource]:
     """The frames of a path, glob or list, read with full scale and response of the scene's camera."""
     full_scale = None if scene.camera is None else scene.camera.full_scale
     return list_frames(path, folder=folder, full_scale=full_scale, response=CameraResponse.of(scene.camera))
@@ -279,7 +268,7 @@ def _list_reference(named: str, scene: Scene) -> Sequence[FrameSource]:
     path = Path(scene.folder) / named
     file = named_file(named, Path(scene.folder))
     if glob.has_magic(named) and file == path and not file.exists():
-        return _list_frames(named, scene, folder=scene.folder)
+        return _list_frames(named, scene, scene.folder)
     if not file.is_file():
         raise InputError(f"{path}: there is no such reference; give a file of this folder or its path")
     sources = _list_frames(file, scene)
@@ -296,7 +285,7 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSourc
     if named is None:
         named = "frame_*" if any(is_image(path) for path in folder.glob("frame_*")) else "."
     places = {(reference.path.resolve(), reference.index) for reference in references}
-    listed = _list_frames(named, scene, folder=folder)
+    listed = _list_frames(named, scene, folder)
     frames = [frame for frame in listed if (frame.path.resolve(), frame.index) not in places]
     chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
     used = set(_find_corrections(scene, frames).files)
@@ -304,11 +293,11 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSourc
     frames = [frame for frame in frames if frame.path not in used and not kinds.get(frame.name)]
     others = {kind: [name for name in kinds if kinds[name] == kind] for kind in set(kinds.values()) - {""}}
     if not frames:
-        besides = _some([reference.name for reference in references] or others.get("reference", []))
+        besides = first_names([reference.name for reference in references] or others.get("reference", []))
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
     for kind, names in sorted(others.items()):
         cure = f"name it as the {kind}, or list it in [images] frames"
-        logger.warning("%s: %s is not measured as a frame; %s", folder, _some(names), cure)
+        logger.warning("%s: %s is not measured as a frame; %s", folder, first_names(names), cure)
     return frames
 
 
@@ -343,7 +332,7 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
         exact, frames = {given, last} & present, alike.get(_plain(last), set())
         if not exact and len(frames) > 1:
             raise InputError(
-                f"{path}: {last} means several frames ({_some(sorted(frames))}): give the whole name"
+                f"{path}: {last} means several frames ({first_names(sorted(frames))}): give the whole name"
             )
         return next(iter(exact or frames or {given}))
 
@@ -353,14 +342,16 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
         raise InputError(f"{path}: {len(repeated) + 1} rows mean the frame {repeated.iloc[0]}; keep one")
     known = set(loads["frame"][loads["load_N"].notna()])
     if not known & present:
-        given = _some(loads["frame"]) or "it has no row"
-        raise InputError(f"{path}: none of its frames ({given}) is among the frames read ({_some(names)})")
+        given = first_names(loads["frame"]) or "it has no row"
+        raise InputError(
+            f"{path}: none of its frames ({given}) is among the frames read ({first_names(names)})"
+        )
     for text, missing in (
         ("has loads for frames that are not there", [name for name in loads["frame"] if name not in present]),
         ("has no load for the frames", [name for name in names if name not in known]),
     ):
         if missing:
-            logger.warning("%s %s: %s", path, text, _some(missing))
+            logger.warning("%s %s: %s", path, text, first_names(missing))
     return LOADS.conform(loads.set_index("frame").reindex(names).reset_index())
 
 
@@ -389,13 +380,6 @@ def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]
     counts = Counter(int(found[0]) for found in last if found)
     frames = {int(found[0]): name for found, name in zip(last, names, strict=True) if found}
     return {text: frames[k] for text, k in numbers.items() if counts[k] == 1}
-
-
-def _some(names: Iterable[str]) -> str:
-    """The first few names, and how many more there are."""
-    names = list(names)
-    more = len(names) - NAMES_SHOWN
-    return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def set_scene_keys(path: str | Path, section: str, keys: Mapping[str, str | float]) -> None:

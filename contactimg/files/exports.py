@@ -101,11 +101,11 @@ def read_regions(path: str | Path) -> list[Region]:
             f"{path}: is not an ImageJ ROI file; save the regions with the ROI Manager (.roi, .zip), or the "
             "frame with its overlay as TIFF"
         ) from None
-    regions = [_region(roi) for roi in (rois if isinstance(rois, list) else [rois])]
-    with_area = [region for region in regions if region is not None]
-    if not with_area:
+    found = map(_region, rois if isinstance(rois, list) else [rois])
+    regions = [region for region in found if region is not None]
+    if not regions:
         raise InputError(f"{path}: holds no region with an area (oval, rectangle, polygon or freehand)")
-    return with_area
+    return regions
 
 
 def write_regions(regions: Iterable[Region], path: str | Path) -> None:
@@ -331,23 +331,18 @@ def write_workbook(tables: Sequence[tuple[Schema, pd.DataFrame]], path: Path, *,
             meanings.append([schema.name, head, name, meaning])
             if dtype == "float64":
                 cells[name] *= factor
-        sheets[schema.name] = cells.set_axis(
-            [heading(name, units)[0] for name in schema.columns], axis="columns"
-        )
+        heads = [heading(name, units)[0] for name in schema.columns]
+        sheets[schema.name] = cells.set_axis(heads, axis="columns")
     sheets["columns"] = pd.DataFrame(meanings, columns=["sheet", "column", "name in the CSV", "meaning"])
     book = Workbook(write_only=True)
     for name, cells in sheets.items():
-        _write_sheet(book.create_sheet(name), cells)
+        sheet = book.create_sheet(name)
+        sheet.freeze_panes = "A2"  # the header stays in view
+        rows = cells.astype(object).where(cells.notna(), None).to_numpy().tolist()
+        for row in [list(cells.columns), *rows]:
+            sheet.append([_cell(sheet, value) for value in row])
     with replacing(path) as part, part.open("wb") as file:
         book.save(file)
-
-
-def _write_sheet(sheet: WriteOnlyWorksheet, cells: pd.DataFrame) -> None:
-    """Write a header that stays in view, and rows below it."""
-    sheet.freeze_panes = "A2"
-    rows = cells.astype(object).where(cells.notna(), None).to_numpy().tolist()
-    for row in [list(cells.columns), *rows]:
-        sheet.append([_cell(sheet, value) for value in row])
 
 
 def _cell(sheet: WriteOnlyWorksheet, value: Any) -> Any:

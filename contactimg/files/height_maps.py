@@ -55,29 +55,26 @@ def read_height_map(
 def _plain_matrix(path: Path) -> Values:
     """The numbers of a plain matrix."""
     suffix = path.suffix.lower()
+    if suffix not in (".npy", ".tif", ".tiff", *TEXT):
+        raise InputError(f"{path}: cannot be read as a height map; save it as .npy, text or TIFF")
     try:
+        if suffix in TEXT:
+            return _text_matrix(path)
         if suffix == ".npy":
-            return _real(path, np.load(path, allow_pickle=False))
-        if suffix in (".tif", ".tiff"):
+            array = np.load(path, allow_pickle=False)
+        else:
             count = len(list_tiff(path))
             if count != 1:
                 raise InputError(f"{path}: holds {count} pages; a height map has one")
-            return _real(path, read_tiff(path, 0).array)
-        if suffix in TEXT:
-            return _text_matrix(path)
+            array = read_tiff(path, 0).array
+        if array.ndim != 2 or array.dtype.kind not in "fiu":
+            raise InputError(
+                f"{path}: must hold one matrix of numbers, got {array.dtype} of the shape {array.shape}"
+            )
+        check_size(array.shape[1], array.shape[0])
+        return array.astype(np.float64)
     except (OSError, ValueError, EOFError) as error:
         raise InputError(f"{path}: cannot be read as a height map ({error})") from None
-    raise InputError(f"{path}: cannot be read as a height map; save it as .npy, text or TIFF")
-
-
-def _real(path: Path, array: NDArray) -> Values:
-    """A matrix of numbers as float64."""
-    if array.ndim != 2 or array.dtype.kind not in "fiu":
-        raise InputError(
-            f"{path}: must hold one matrix of numbers, got {array.dtype} of the shape {array.shape}"
-        )
-    check_size(array.shape[1], array.shape[0])
-    return array.astype(np.float64)
 
 
 def _text_matrix(path: Path) -> Values:

@@ -15,7 +15,6 @@ from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from functools import cache, partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -255,17 +254,25 @@ class OutputFolder:
                 raise InputError(
                     f"{self.path}: cannot be written ({reason}); choose another output folder"
                 ) from None
-            undo.callback(self._release)
+            # in the opposite order: the hidden files first, the lock last
+            undo.callback(self._lock.release)
+            undo.callback(_drop_lock_file, self.path)
+            undo.callback(_remove_empty, [self.path / PARTS_FOLDER])
+            undo.callback(shutil.rmtree, self.folder, ignore_errors=True)
             _complete_commit(self.path)
-            self._check_contents()
+            visible = [item.name for item in self.path.iterdir() if not item.name.startswith(".")]
+            if visible and not records_of_runs(self.path):
+                raise InputError(
+                    f"{self.path}: holds files but no earlier run (among them {min(visible)}); "
+                    "choose a new or empty output folder"
+                )
+            self._refuse_others(self._main_files)
             shutil.rmtree(self.folder, ignore_errors=True)  # left by a run that was killed
             self.folder.mkdir()
             self._undo = undo.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_error: object) -> None:
         with signals_held(), self._undo:
             if kind is None:
                 self._commit()
@@ -276,16 +283,6 @@ class OutputFolder:
         The store is deleted when this run succeeds, and stays if it is ended or fails.
         """
         return PartStore(self.path / PARTS_FOLDER, self.record)
-
-    def _check_contents(self) -> None:
-        """Raise if the folder contains files but no run, or files of another command to be replaced."""
-        visible = [item.name for item in self.path.iterdir() if not item.name.startswith(".")]
-        if visible and not records_of_runs(self.path):
-            raise InputError(
-                f"{self.path}: holds files but no earlier run (among them {min(visible)}); "
-                "choose a new or empty output folder"
-            )
-        self._refuse_others(self._main_files)
 
     def _refuse_others(self, files: set[Path]) -> None:
         """Raise if a run of another command wrote one of the files."""
@@ -315,7 +312,14 @@ class OutputFolder:
             )
         new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}
         self._refuse_others(new)
-        self._check_places(new)
+        for name in new:
+            if (self.path / name).is_dir():
+                raise InputError(
+                    f"{self.path / name}: is a folder, where the run writes a file; move it away"
+                )
+            for place in (self.path / parent for parent in name.parents[:-1]):
+                if place.exists() and not place.is_dir():
+                    raise InputError(f"{place}: is a file, where the run needs a folder; move it away")
         task, records = task_of(self.record), records_of_runs(self.path)
         earlier = set[Path]().union(*(files_of(one) for one in records if task_of(one) == task))
         kept = {name for name in earlier if name.parts[0] in self._keeps and (self.path / name).is_file()}
@@ -334,24 +338,6 @@ class OutputFolder:
         self.folder.rename(self.path / PENDING_FOLDER)
         _complete_commit(self.path)
         shutil.rmtree(self.path / PARTS_FOLDER, ignore_errors=True)
-
-    def _check_places(self, files: set[Path]) -> None:
-        """Raise if a folder stands where a file must go, or a file where a folder must go."""
-        for name in files:
-            if (self.path / name).is_dir():
-                raise InputError(
-                    f"{self.path / name}: is a folder, where the run writes a file; move it away"
-                )
-            for place in (self.path / parent for parent in name.parents[:-1]):
-                if place.exists() and not place.is_dir():
-                    raise InputError(f"{place}: is a file, where the run needs a folder; move it away")
-
-    def _release(self) -> None:
-        """Remove the hidden files, and release the lock."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-        _remove_empty([self.path / PARTS_FOLDER])
-        _drop_lock_file(self.path)
-        self._lock.release()
 
 
 def _remove_empty(folders: Iterable[Path]) -> None:
@@ -376,26 +362,21 @@ def _complete_commit(folder: Path) -> None:
         before = [one for one in records_of_runs(folder) if task_of(one) == task_of(record)]
         earlier = set[Path]().union(*map(files_of, before))
         for name in sorted(new):
-            _place(folder, name, foreign=name not in earlier)
+            source, target = pending / name, folder / name
+            if not source.exists():  # it is in its place already
+                continue
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if name not in earlier and target.exists():
+                kept = target.with_name(target.name + ".bak")
+                logger.warning("%s was not written by a run; it is kept as %s", target, kept.name)
+                target.replace(kept)
+            source.replace(target)
         for name in sorted(earlier - new):
             (folder / name).unlink(missing_ok=True)
             _remove_empty(folder / parent for parent in name.parents[:-1])
         (pending / PROVENANCE_FILE).replace(folder / PROVENANCE_FILE)
     if pending.exists():
         shutil.rmtree(pending)
-
-
-def _place(folder: Path, name: Path, *, foreign: bool) -> None:
-    """Move one file to its place, unless it is there already; rename a file there that no run wrote."""
-    source, target = folder / PENDING_FOLDER / name, folder / name
-    if not source.exists():
-        return
-    target.parent.mkdir(parents=True, exist_ok=True)
-    if foreign and target.exists():
-        kept = target.with_name(target.name + ".bak")
-        logger.warning("%s was not written by a run; it is kept as %s", target, kept.name)
-        target.replace(kept)
-    source.replace(target)
 
 
 def finish_commit(folder: str | Path) -> None:
@@ -454,12 +435,11 @@ def read_settled(folder: str | Path, read: Callable[[], Result]) -> Result:
         stamp = _stamp(folder)
         try:
             result = read()
+            if _stamp(folder) == stamp:
+                return result
         except (InputError, OSError):
             if _stamp(folder) == stamp:
                 raise
-            continue
-        if _stamp(folder) == stamp:
-            return result
     raise InputError(f"{folder}: results are being written there; try again when that is done")
 
 
@@ -535,8 +515,7 @@ class PartStore:
 
     def __init__(self, folder: Path, record: Mapping[str, Any], *, resumes: bool = True) -> None:
         self.folder, self.resumes = folder.resolve(), resumes
-        versions = (record.get("versions"), record.get("platform"), source_digest())
-        self._basis = [_key_of_user(), *versions]
+        self._basis = [_key_of_user(), record.get("versions"), record.get("platform"), source_digest()]
         self._digests = {entry["path"]: entry.get("sha256") for entry in record.get("inputs", [])}
 
     def common(self, settings: object, others: Sequence[Path] = ()) -> str:

@@ -59,9 +59,8 @@ def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
 
 def _pose_of(record: Mapping[str, Any]) -> PoseFit:
     """The pose of the camera, and how well it explains the contacts, from its `pose_record`."""
-    rows, columns, points, matched = (
-        int(record[name]) for name in ("rows", "columns", "n_points", "n_matched")
-    )
+    counts = (int(record[name]) for name in ("rows", "columns", "n_points", "n_matched"))
+    rows, columns, points, matched = counts
     x, y = map(float, record["centre_m"])
     turn = radians(record["rotation_deg"])
     pose = Pose((rows, columns), float(record["pixel_size_m"]), (x, y), turn, bool(record["mirrored"]))

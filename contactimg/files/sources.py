@@ -11,31 +11,23 @@ from pathlib import Path
 from typing import overload
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files.decoders import (
-    Pixels,
-    list_norpix,
-    list_tiff,
-    list_video,
-    read_norpix,
-    read_still,
-    read_tiff,
-    read_video,
-    to_grey,
-)
+from contactimg.files import decoders
 from contactimg.frame import Frame
 from contactimg.optics.sensor import CameraResponse, linearise
 from contactimg.timings import stage
 
 PathLike = str | os.PathLike[str]
 
-_Decoder = tuple[Callable[[Path], Sequence[int]], Callable[[Path, int], Pixels]]
+_Decoder = tuple[Callable[[Path], Sequence[int]], Callable[[Path, int], decoders.Pixels]]
 """Numbers of the images of a file, and the pixels of one of them."""
 
 _DECODERS: dict[str, _Decoder] = {
-    **dict.fromkeys((".tif", ".tiff"), (list_tiff, read_tiff)),
-    **dict.fromkeys((".png", ".bmp", ".jpg", ".jpeg"), (lambda _: range(1), read_still)),
-    ".seq": (list_norpix, read_norpix),
-    **dict.fromkeys((".avi", ".mp4", ".mov", ".mkv", ".wmv", ".mpg", ".mpeg"), (list_video, read_video)),
+    **dict.fromkeys((".tif", ".tiff"), (decoders.list_tiff, decoders.read_tiff)),
+    **dict.fromkeys((".png", ".bmp", ".jpg", ".jpeg"), (lambda _: range(1), decoders.read_still)),
+    ".seq": (decoders.list_norpix, decoders.read_norpix),
+    **dict.fromkeys(
+        (".avi", ".mp4", ".mov", ".mkv", ".wmv", ".mpg", ".mpeg"), (decoders.list_video, decoders.read_video)
+    ),
 }
 SUFFIXES = tuple(_DECODERS)
 """File name extensions that hold frames; upper or lower case."""
@@ -90,7 +82,7 @@ class FrameSource:
                 warnings.simplefilter("ignore")
                 path = _checked(self.path)
                 pixels = _decoder(path)[1](path, self.index)
-                image = to_grey(pixels.array)
+                image = decoders.to_grey(pixels.array)
         except Exception as error:
             raise FrameError(f"{self.name} cannot be read: {_reason(error)}") from None
         full_scale = pixels.full_scale if self.full_scale is None else self.full_scale

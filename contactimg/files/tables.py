@@ -10,7 +10,7 @@ import importlib
 import io
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
@@ -40,6 +40,10 @@ _UNITS = {  # ending in another unit -> ending in the schema, how many make one 
     **{f"_{unit}": ("_m", count) for unit, count in _PER_METRE.items()},
     **{f"_{unit}_s": ("_m_s", count) for unit, count in _PER_METRE.items()},
 }
+_Rows = Iterable[tuple[int, list[str]]]
+"""Rows of text, each with the number of its line."""
+_Places = dict[str, tuple[int, float]]
+"""Column of a schema -> its place in a row, and the divisor of its numbers."""
 _BLOCK_ROWS = 50_000  # converted at once; chosen for memory: text takes about twenty times that of numbers
 _SEPARATORS = (",", ";", "\t")
 _LARGEST_COUNT = 2**63 - 1  # of an int64
@@ -98,19 +102,15 @@ def read_table(
 
 def _converted(
     path: str | Path,
-    rows: Iterable[tuple[int, list[str]]],
-    places: Mapping[str, tuple[int, float]],
+    rows: _Rows,
+    places: _Places,
     schema: Schema,
     required: Collection[str] = (),
     *,
     infinite: bool = False,
     decimal_comma: bool = True,
 ) -> pd.DataFrame:
-    """The table of rows of text, each with the number of its line.
-
-    ``places``: column of the schema -> its place in a row, and the divisor of its numbers. `InputError` with
-    line and column of the first cell that is not valid.
-    """
+    """The table of rows of text; `InputError` with line and column of the first cell that is not valid."""
     blocks, rows = [schema.empty()], iter(rows)
     while block := list(islice(rows, _BLOCK_ROWS)):
         values: dict[str, Any] = {}
@@ -187,13 +187,8 @@ def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
     return separator, pd.DataFrame(cells, columns=[name.strip() for name in header], dtype="str")
 
 
-def _places(
-    path: str | Path, header: list[str], schema: Schema, needed: Collection[str]
-) -> dict[str, tuple[int, float]]:
-    """Where the columns of a schema stand, and the divisors of their numbers, for `_converted`.
-
-    A repeated, misspelt (capitals) or missing one is an error.
-    """
+def _places(path: str | Path, header: list[str], schema: Schema, needed: Collection[str]) -> _Places:
+    """Where the columns of a schema stand; a repeated, misspelt (capitals) or missing one is an error."""
     found = [_in_schema(name, schema) for name in header]
     names = [name for name, _ in found]
     spelled = {name.lower(): name for name in schema.columns}

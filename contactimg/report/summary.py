@@ -10,7 +10,7 @@ from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
 from contactimg.files import Run
-from contactimg.files.corrections import NAMES_SHOWN
+from contactimg.files.atomic import first_names
 from contactimg.plots.numbers import number_with_interval, number_with_std, plain_number
 from contactimg.report.units import display_unit
 from contactimg.scene import Scene
@@ -80,10 +80,10 @@ def facts(run: Run) -> list[tuple[str, str]]:
 
 
 def _method(run: Run, scene: Scene) -> str:
-    method = "disks fitted to the image" if scene.measure.method == "disk" else "pixels above a threshold"
+    method, threshold = "disks fitted to the image", scene.measure.threshold
     if scene.measure.method != "disk":
-        threshold = scene.measure.threshold
-        method += " chosen for each frame" if threshold == "auto" else f" of {plain_number(threshold)}"
+        chosen = "chosen for each frame" if threshold == "auto" else f"of {plain_number(threshold)}"
+        method = f"pixels above a threshold {chosen}"
     reference = "reference image subtracted" if scene.images.reference else "no reference image"
     pose = run.provenance.get("pose") or {}
     seen = "; position of the camera not known"
@@ -108,7 +108,7 @@ def headlines(run: Run) -> list[Headline]:
     if slope is not None:
         note = "sum of the local forces over load, 95 % interval"
         found.append(("ΣF/P", number_with_interval(slope), note))
-    total = str(int(frames["n_contacts"].dropna().sum()))
+    total = str(int(frames["n_contacts"].sum()))
     found.append(("Contacts", total, _range_of(frames["n_contacts"], "{} in a frame", 1.0)))
     known = frames[frames["area_m2"].notna()].sort_values("area_m2")
     if len(known):
@@ -128,11 +128,11 @@ def _force_slope(run: Run) -> CoverageEstimate | None:
     if run.scene.elastic is None or run.command == "predict":
         return None
     good = run.frames[(run.frames["load_N"] > 0) & (run.frames["force_sum_N"] > 0)]
-    load, cell, elastic = good["load_N"].to_numpy(float), LoadCell.stated(run.scene.load), run.scene.elastic
+    cell, elastic = LoadCell.stated(run.scene.load), run.scene.elastic
     relative = 0.0 if elastic.stated_modulus is None else elastic.young_modulus_std / elastic.stated_modulus
     errors = {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
     try:
-        return load_slope(good["force_sum_N"].to_numpy(float), load, **errors)
+        return load_slope(good["force_sum_N"].to_numpy(float), good["load_N"].to_numpy(float), **errors)
     except InputError:
         return None
 
@@ -146,13 +146,10 @@ def warnings(run: Run, others: list[str]) -> list[str]:
         found.insert(0, changed)
     doubtful = run.frames[~run.frames["status"].isin(list(NO_WARNING))]
     for status, part in doubtful.groupby("status", sort=False):
-        names = ", ".join(part["frame"].astype(str).head(NAMES_SHOWN))
-        more = f" and {len(part) - NAMES_SHOWN} more" if len(part) > NAMES_SHOWN else ""
         message = str(part["message"].iloc[0] or "").rstrip(".")
         total, verb = len(run.frames), "has" if len(part) == 1 else "have"
-        sentence = (
-            f"{len(part)} of {total} frame{'s' * (total > 1)} {verb} the status “{status}” ({names}{more})."
-        )
+        count = f"{len(part)} of {total} frame{'s' * (total > 1)}"
+        sentence = f"{count} {verb} the status “{status}” ({first_names(part['frame'].astype(str))})."
         found.append(f"{sentence} {message[:1].upper()}{message[1:]}." if message else sentence)
     left = len(found) - MOST_WARNINGS
     if left > 0:
