@@ -102,9 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = sys.argv[1:] if argv is None else list(argv)
         with ending_cleanly():  # also if it is a signal that ends it
-            result = commands.main(
-                args=arguments, obj=arguments, prog_name="contactimg", standalone_mode=False
-            )
+            result = commands.main(arguments, "contactimg", obj=arguments, standalone_mode=False)
     except click.ClickException as error:
         error.show()
         return 2

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import click
 
@@ -11,10 +11,6 @@ from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_first_run, say
 from contactimg.cli.scenes import apply_calibration, results_of, scene_of_folder
 from contactimg.errors import InputError
-from contactimg.scene import Scene
-
-if TYPE_CHECKING:
-    from contactimg.analysis.estimates import CoverageEstimate
 
 ONE_OF_TWO = (
     "threshold and modulus cannot both be fitted to the same load curve, because slope 1 fixes only a "
@@ -127,7 +123,19 @@ def modulus(
     compared = files.read_calibration(jkr) if jkr else {}
 
     def run(experiment: files.Experiment, **how: Any) -> pipeline.Calibrated:
-        fixed = _fixed_threshold(experiment.scene, record, threshold)
+        """Calibrate with the threshold of the calibration, the option or the scene; disks have none."""
+        from contactimg.analysis.estimates import CoverageEstimate
+
+        found = results_of(record).get("threshold")
+        if found is not None and threshold is not None:
+            raise InputError("--calibration and --threshold both give the threshold; keep one of the two")
+        if found is None and (threshold is not None or experiment.scene.measure.method != "disk"):
+            of_scene = experiment.scene.source.get("measure", {}).get("threshold")
+            given = of_scene if threshold is None else threshold
+            if not isinstance(given, float | int):
+                raise InputError(ONE_OF_TWO)
+            found = float(given), 0.0
+        fixed = None if found is None else CoverageEstimate.of_normal(*found)
         return pipeline.run_modulus(experiment, threshold=fixed, **how)
 
     return _calibrate(
@@ -183,21 +191,16 @@ def _calibrate(
             raise InputError(ONE_OF_TWO)
         result = run(experiment, workers=workers)
         pipeline.write_calibration(result, out.folder, frames=out.record["inputs"])
-        _echo(result, title=f"{folder}, calibrate {click.get_current_context().info_name}")
+        from contactimg.report.units import display_unit
+
+        say(f"{folder}, calibrate {click.get_current_context().info_name}")
+        for name, entry in result.record.items():
+            if isinstance(entry, dict) and {"value", "std", "unit"} <= set(entry):
+                factor, unit = display_unit(entry["value"], entry["unit"])
+                numbers = f"{entry['value'] * factor:.6g} ± {entry['std'] * factor:.2g}"
+                say(f"  {name:26} {numbers} {unit}".rstrip())
+        say(*(f"  {note}" for note in result.record["notes"]))
     return 1 if result.failed else 0
-
-
-def _echo(result: "pipeline.Calibrated", *, title: str) -> None:
-    """Print each number with its uncertainty, and the notes."""
-    from contactimg.report.units import display_unit
-
-    say(title)
-    for name, entry in result.record.items():
-        if isinstance(entry, dict) and {"value", "std", "unit"} <= set(entry):
-            factor, unit = display_unit(entry["value"], entry["unit"])
-            numbers = f"{entry['value'] * factor:.6g} ± {entry['std'] * factor:.2g}"
-            say(f"  {name:26} {numbers} {unit}".rstrip())
-    say(*(f"  {note}" for note in result.record["notes"]))
 
 
 def _with_modulus(stated: shared.Stated, jkr: str | None, record: Mapping[str, Any]) -> shared.Stated:
@@ -217,21 +220,3 @@ def _with_modulus(stated: shared.Stated, jkr: str | None, record: Mapping[str, A
     if elastic:
         raise InputError("--young-modulus-std-MPa needs --young-modulus-MPa; give both")
     return stated
-
-
-def _fixed_threshold(
-    scene: Scene, record: Mapping[str, Any], option: float | None
-) -> "CoverageEstimate | None":
-    """The threshold of the calibration, the option or the scene; None for the method "disk"."""
-    from contactimg.analysis.estimates import CoverageEstimate
-
-    if "threshold" in record:
-        if option is not None:
-            raise InputError("--calibration and --threshold both give the threshold; keep one of the two")
-        return CoverageEstimate.of_normal(*results_of(record)["threshold"])
-    if option is None and scene.measure.method == "disk":
-        return None
-    stated = option if option is not None else scene.source.get("measure", {}).get("threshold")
-    if not isinstance(stated, float | int):
-        raise InputError(ONE_OF_TWO)
-    return CoverageEstimate.of_normal(float(stated), 0.0)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 
 METHOD = shared.SceneOption("--method", "measure", "method")
+SHAPE = shared.SceneOption("--shape", "measure", "shape")
 THRESHOLD = shared.SceneOption("--threshold", "measure", "threshold")
 
 MOST_SHOWN = 1000
@@ -30,9 +31,7 @@ JOINED_FOLDER = "combined"
 """Inside the output folder of several folders: their tables as one."""
 
 
-@shared.command(
-    *shared.FRAMES, METHOD, shared.SceneOption("--shape", "measure", "shape"), THRESHOLD, shared.CLUSTER
-)
+@shared.command(*shared.FRAMES, METHOD, SHAPE, THRESHOLD, shared.CLUSTER)
 def process(
     folders: Annotated[tuple[shared.Existing, ...], "FOLDER..."],
     *,
@@ -104,7 +103,7 @@ def process(
             frames, facts = pipeline.write_run(series, out.folder, table_format)
             if pictures:
                 pipeline.draw_overlays(series, experiment, out.folder / "overlays", workers=workers)
-            counts = {str(action): int(n) for action, n in experiment.edits["action"].value_counts().items()}
+            counts = dict(Counter(experiment.edits["action"]).most_common())
             out.record |= facts | ({"edits": counts} if counts else {})
             title = f"{folder}, method {described.measure.method}"
             echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
@@ -126,7 +125,12 @@ def _process_several(
     folders: tuple[str, ...], target: Path, measure: Callable[..., int], *, table_format: "files.TableFormat"
 ) -> int:
     """Measure several folders and join their tables; return the exit code."""
-    names, codes, code = _distinct_names(folders), dict[str, int](), 0
+    names, codes, code = [Path(folder).resolve().name for folder in folders], dict[str, int](), 0
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"two folders are called {twice}; give each folder once, and rename one of the two")
+    if JOINED_FOLDER in names:
+        raise InputError(f"{JOINED_FOLDER} is the folder of the joined tables; rename the folder of frames")
     for folder, name in zip(folders, names, strict=True):
         try:
             codes[name] = measure(folder, target / name)
@@ -143,17 +147,6 @@ def _process_several(
     )
     say(f"tables of all {len(codes)} folders in {target / JOINED_FOLDER}")
     return max(*codes.values(), code)
-
-
-def _distinct_names(folders: tuple[str, ...]) -> list[str]:
-    """Names of the folders, for those of the results."""
-    names = [Path(folder).resolve().name for folder in folders]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"two folders are called {twice}; give each folder once, and rename one of the two")
-    if JOINED_FOLDER in names:
-        raise InputError(f"{JOINED_FOLDER} is the folder of the joined tables; rename the folder of frames")
-    return names
 
 
 def _film_sentence(frames: "pd.DataFrame", films: dict[str, dict[str, Any]]) -> str:

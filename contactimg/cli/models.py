@@ -120,9 +120,8 @@ def simulate(scene: shared.Existing, *, output: shared.Output = None, workers: s
     asperities = None if smooth else pipeline.need_asperities(described, "simulating frames")
     count = len(described.need("simulate", "simulating frames").loads)
     planned, plans = pipeline.plan_simulation(described, asperities)
-    with shared.results_in(
-        output, described.folder, described, inputs, main_files=["truth.csv", "scene.toml"]
-    ) as out:
+    main_files = ["truth.csv", "scene.toml"]
+    with shared.results_in(output, described.folder, described, inputs, main_files=main_files) as out:
         out.record["plans"] = {load_name(plan.load): plan.record for plan in plans}
         out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in plans}
         switches = planned.effects.switches()

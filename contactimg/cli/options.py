@@ -85,16 +85,13 @@ def _parameter(parameter: inspect.Parameter, meaning: str) -> click.Parameter:
     bounds = next((note for note in notes if isinstance(note, click.ParamType)), None)
     said = next((note for note in notes if isinstance(note, str) and not note.startswith("-")), "")
     flags = next((note for note in notes if isinstance(note, str) and note.startswith("-")), "")
-    settings: dict[str, Any] = {"type": bounds or (click.Choice(words) if words else plain)}
     required = parameter.default is parameter.empty
-    if not required:
-        settings["default"] = parameter.default
-    if parameter.kind is parameter.POSITIONAL_OR_KEYWORD:
-        settings |= {"metavar": said or None, "nargs": -1 if many else 1, "required": required}
-        return click.Argument([parameter.name], **settings)
+    settings: dict[str, Any] = {"type": bounds or (click.Choice(words) if words else plain)}
     if plain is bool:
-        settings = {"default": parameter.default, "is_flag": True}
-    settings["required"] = required
+        settings = {"is_flag": True}
+    settings |= {"required": required} | ({} if required else {"default": parameter.default})
+    if parameter.kind is parameter.POSITIONAL_OR_KEYWORD:
+        return click.Argument([parameter.name], metavar=said or None, nargs=-1 if many else 1, **settings)
     names = flags.split(" ") if flags else [f"--{parameter.name.replace('_', '-')}"]
     help_text = said or " ".join(meaning.split())
     return click.Option([*names, parameter.name], multiple=many, help=help_text, **settings)

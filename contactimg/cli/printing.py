@@ -228,25 +228,22 @@ def echo_table(
     cells = pd.DataFrame(rows, dtype=object)
     for head in map(str, cells):
         cells[head] = ["" if pd.isna(one) else format(one, forms.get(head, "")) for one in cells[head]]
-    table = Table(
-        title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
-    )
+    grid = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for place, head in enumerate(map(str, cells)):
         if cells[head].any():
-            table.add_column(head, justify="left" if place < left else "right", overflow="fold")
+            grid.add_column(head, justify="left" if place < left else "right", overflow="fold")
     for row in cells.loc[:, cells.any()].itertuples(index=False):
-        table.add_row(*row)
+        grid.add_row(*row)
     console = Console(highlight=False, markup=False, stderr=stderr)
     if not console.is_terminal:
         console.width = max(console.width, WIDTH_OF_FILES)
-    console.print(table)
+    console.print(grid)
 
 
 def _brief(value: float, std: float) -> str:
     """A value with its uncertainty, as short as its size allows."""
-    if isnan(value) or 1e-3 <= abs(value) < 1e5 or not std > 0:
-        return _with_std(value, std)
-    return f"{value:.4g} ± {std:.2g}"
+    plain = isnan(value) or 1e-3 <= abs(value) < 1e5 or not std > 0
+    return _with_std(value, std) if plain else f"{value:.4g} ± {std:.2g}"
 
 
 def _with_std(value: float, std: float) -> str:

@@ -59,11 +59,8 @@ def overlay(
         numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
         spacing = mean_spacing(asperities)
         settle(doubts_about_match(measured.scene, **numbers, shown=shown, spacing=spacing), run)
-        found = {
-            "matches": (tables.MATCHES, comparison.matches),
-            "scores": (tables.SCORES, comparison.scores),
-        }
-        pipeline.write_results(out.folder, found)
+        made = {"matches": (tables.MATCHES, comparison.matches), "scores": (tables.SCORES, comparison.scores)}
+        pipeline.write_results(out.folder, made)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
         overlays = out.folder / "overlays"
         pipeline.draw_comparison(comparison, measured, experiment, overlays, workers=workers)

@@ -110,7 +110,9 @@ def _placed(data: Stated, folder: Path, *, first: Path, other: Path) -> Stated:
     """
 
     def place(name: str) -> str:
-        base = first if _has(first, name) else other
+        found = files.named_file(name, first).exists()
+        found = found or (not Path(name).is_absolute() and any(first.glob(name)))  # a glob
+        base = first if found else other
         return name if base == folder else str((base / name).resolve())
 
     for section, key in FILES:
@@ -120,12 +122,6 @@ def _placed(data: Stated, folder: Path, *, first: Path, other: Path) -> Stated:
         elif key == "reference" and named is not None:
             data[section][key] = [place(name) for name in named]
     return data
-
-
-def _has(folder: Path, name: str) -> bool:
-    """Whether a name or a glob leads to files from the folder."""
-    relative = not Path(name).is_absolute()
-    return files.named_file(name, folder).exists() or (relative and any(folder.glob(name)))
 
 
 # --- what a calibration acts on

@@ -10,12 +10,11 @@ from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_table, say
 from contactimg.cli.scenes import scene_at
 from contactimg.errors import InputError
-from contactimg.scene import Scene, scene_from_dict
+from contactimg.scene import scene_from_dict
 
 if TYPE_CHECKING:
     from contactimg.design.laws import WantedLaw
     from contactimg.design.surface import DesignedSurface
-    from contactimg.summits import FoundSummits
 
 ASPERITIES_FILE, LAW_FILE = "asperities.csv", "law.csv"
 
@@ -69,36 +68,24 @@ def asperities(
     unit = None if height_unit is None else files.METRES[height_unit]
     surface = files.read_height_map(map_file, pixel_size=pixel, height_unit=unit)
     found = find_summits(surface, form=form, least_height=min_height_um * 1e-6, depth=depth)
+    parts = ", ".join(f"{count} {reason}" for reason, count in found.left_out.items())
+    left_out = f" (left out: {parts})" if parts else ""
     if found.table.empty:
-        raise InputError(
-            f"{map_file}: no summit found{_counted(found)}; see --form, --min-height-um, --depth"
-        )
+        raise InputError(f"{map_file}: no summit found{left_out}; see --form, --min-height-um, --depth")
     file = Path(map_file)
     with shared.results_in(output, file.parent, None, [file], main_files=[ASPERITIES_FILE]) as out:
         out.record |= {"left_out": found.left_out, "noise_m": found.noise, "warnings": found.warnings}
         files.write_table(found.table, tables.SUMMITS, out.folder / ASPERITIES_FILE)
-        _echo_summits(found)
+        say(f"{len(found.table)} summits{left_out}; noise of the map {found.noise * 1e9:.3g} nm")
+        for name, title in (("height", "heights"), ("radius", "radii of curvature")):
+            values, stds = found.table[f"{name}_m"] * 1e6, found.table[f"{name}_std_m"] * 1e6
+            say(
+                f"  {title}: {values.min():.4g} to {values.max():.4g} µm, median {values.median():.4g} µm; "
+                f"standard uncertainty {stds.median():.2g} µm (median), {stds.max():.2g} µm (largest)"
+            )
     for warning in found.warnings:
         click.echo(f"contactimg: {warning}", err=True)
     return 0
-
-
-def _counted(found: "FoundSummits") -> str:
-    """The sentence part on summits that were left out, in brackets."""
-    parts = [f"{count} {reason}" for reason, count in found.left_out.items()]
-    return f" (left out: {', '.join(parts)})" if parts else ""
-
-
-def _echo_summits(found: "FoundSummits") -> None:
-    """Print what was found."""
-    table = found.table
-    say(f"{len(table)} summits{_counted(found)}; noise of the map {found.noise * 1e9:.3g} nm")
-    for name, title in (("height", "heights"), ("radius", "radii of curvature")):
-        values, stds = table[f"{name}_m"] * 1e6, table[f"{name}_std_m"] * 1e6
-        say(
-            f"  {title}: {values.min():.4g} to {values.max():.4g} µm, median {values.median():.4g} µm; "
-            f"standard uncertainty {stds.median():.2g} µm (median), {stds.max():.2g} µm (largest)"
-        )
 
 
 # --- design
@@ -207,7 +194,10 @@ def design(
         out.record |= {"status": found.status, "residual": found.residual}
         made = {"asperities": (tables.ASPERITIES, found.asperities), "law": (tables.DESIGNED, found.law)}
         pipeline.write_results(out.folder, made, {"law": plots.plot_design(found.law)})
-        files.write_scene(_designed_scene(described), out.folder / "scene.toml")
+        source = described.source["elastic"]
+        kept = {key: source[key] for key in ("young_modulus_Pa", "poisson_ratio") if key in source}
+        body = {"indenter": {"radius_m": "flat"}, "elastic": kept, "asperities": {"file": ASPERITIES_FILE}}
+        files.write_scene(body, out.folder / "scene.toml")
         _echo_law(found, height_error_um)
     return int(found.residual > tolerance)
 
@@ -228,13 +218,6 @@ def _wanted(
     column = table["area_m2" if areas else "friction_N"].to_numpy(float)
     whole = WantedLaw(table["load_N"].to_numpy(float), column).over(1.0 if areas else shear_strength)
     return whole.between(least, largest)
-
-
-def _designed_scene(described: Scene) -> dict[str, dict[str, object]]:
-    """The scene of the designed surface under a flat plate."""
-    elastic = described.source["elastic"]
-    kept = {key: elastic[key] for key in ("young_modulus_Pa", "poisson_ratio") if key in elastic}
-    return {"indenter": {"radius_m": "flat"}, "elastic": kept, "asperities": {"file": ASPERITIES_FILE}}
 
 
 def _echo_law(found: "DesignedSurface", height_error_um: float) -> None:
