@@ -77,9 +77,8 @@ class FrameView:
     @property
     def light(self) -> Image:
         """Frame minus background over the contrast: 0 background, 1 contact."""
-        return self.counted.difference * np.float32(
-            1 / self.counted.contrast if self.counted.contrast else 0.0
-        )
+        contrast = self.counted.contrast
+        return self.counted.difference * np.float32(1 / contrast if contrast else 0.0)
 
     def curves(self, edits: Edits, pixel_size: float | None) -> dict[str, Any]:
         """Number and area of the contacts against the threshold.
@@ -148,9 +147,7 @@ class FrameView:
         left, top = max(int(x - half), 0), max(int(y - half), 0)
         pixels = light[top : int(y + half) + 2, left : int(x + half) + 2]
         others = [shape for shape in shapes if shape is not one]
-        parts = [
-            draw_contacts(some, self.blur, (left, top), pixels.shape) for some in ([one], others) if some
-        ]
+        parts = [draw_contacts(few, self.blur, (left, top), pixels.shape) for few in ([one], others) if few]
         seen = [part.ravel() for part in parts if part.any()]
         design = np.array(seen, np.float32).reshape(len(seen), pixels.size).T
         values = np.linalg.lstsq(design, pixels.ravel(), rcond=None)[0]

@@ -124,11 +124,16 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Answer a request that changes something."""
-        body = self._body()
-        path = self._admitted_path()
-        if body is None or path is None:
+        length = self.headers.get("Content-Length", "")
+        if not length.isascii() or not length.isdigit() or int(length) > LARGEST_BODY:
+            self.close_connection = True
+            self._refuse(413, f"a request must have a body of at most {LARGEST_BODY} bytes")
             return
-        if not self._is_from_page():
+        body, path = self.rfile.read(int(length)), self._admitted_path()
+        if path is None:
+            return
+        kind, host = self.headers.get("Content-Type", "").split(";")[0].strip(), self.headers.get("Host", "")
+        if self.headers.get("Origin", "") != f"http://{host}" or kind != "application/json":
             self._refuse(403, "the request does not come from the page")
             return
         try:
@@ -142,8 +147,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _admitted_path(self) -> str | None:
         """The path after the token; None if the request was refused."""
-        host = self.headers.get("Host", "")
-        if not _HOST.fullmatch(host):
+        if not _HOST.fullmatch(self.headers.get("Host", "")):
             self._refuse(421, "the host of the address must be this machine")
             return None
         if self.headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
@@ -154,22 +158,6 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(404, "there is no such page; use the whole address that the command printed")
             return None
         return rest[0]
-
-    def _is_from_page(self) -> bool:
-        """Whether a request that writes comes from the page: its origin is the host it asks."""
-        origin = self.headers.get("Origin", "")
-        kind = self.headers.get("Content-Type", "").split(";")[0].strip()
-        host = self.headers.get("Host", "")
-        return origin == f"http://{host}" and kind == "application/json"
-
-    def _body(self) -> bytes | None:
-        """The body of the request; None if it was refused."""
-        length = self.headers.get("Content-Length", "")
-        if not length.isascii() or not length.isdigit() or int(length) > LARGEST_BODY:
-            self.close_connection = True
-            self._refuse(413, f"a request must have a body of at most {LARGEST_BODY} bytes")
-            return None
-        return self.rfile.read(int(length))
 
     def _answer(self, make: Any) -> None:
         """Send what ``make`` returns, or why there is no answer."""
@@ -255,9 +243,9 @@ def answer_get(session: Session, path: str) -> Answer | None:
         "contacts": session.contacts,
         "curves": session.curves,
     }
-    found = makers[what](number) if what in makers else None
-    if found is None:
+    if what not in makers:
         return None
+    found = makers[what](number)
     return Answer(found, "image/png") if isinstance(found, bytes) else Answer.of(found)
 
 
@@ -273,7 +261,10 @@ def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer | N
         rows, place = data.get("rows"), data.get("place")
         if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
             raise InputError("rows must be a list of edits")
-        session.insert([_in_one_line(_edit(row)) for row in rows], place if isinstance(place, int) else None)
+        edits = [_edit(row) for row in rows]
+        for edit in edits:  # what a person writes has no line breaks
+            edit |= {name: " ".join(edit[name].split()) for name in ("author", "reason")}
+        session.insert(edits, place if isinstance(place, int) else None)
     elif path == "edits/remove":
         row, place = data.get("row"), data.get("place")
         if not isinstance(row, dict) or not isinstance(place, int):
@@ -306,8 +297,3 @@ def _edit(row: dict[str, Any]) -> dict[str, Any]:
             if not isinstance(edit[name], str) or "\0" in edit[name]:
                 raise InputError(f"{name} must be text")
     return edit
-
-
-def _in_one_line(edit: dict[str, Any]) -> dict[str, Any]:
-    """An edit without line breaks in what a person writes."""
-    return edit | {name: " ".join(edit[name].split()) for name in ("author", "reason")}

@@ -12,24 +12,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from contactimg import files
 from contactimg.engine.progress import shown_by
 from contactimg.errors import InputError
-from contactimg.files import (
-    EVERY_FRAME,
-    MASK,
-    SCENE_FILE,
-    EditsFile,
-    Experiment,
-    FrameSource,
-    FrameTables,
-    PartStore,
-    Run,
-    edits_file,
-    open_experiment,
-    provenance,
-    read_run,
-    set_scene_keys,
-)
 from contactimg.pipeline.measured_series import write_run
 from contactimg.pipeline.pictures import series_stretch
 from contactimg.pipeline.series import edits_by_frame, measure_parts
@@ -71,13 +56,13 @@ class Shown:
     Edits are None where they are not known, because the file has changed since.
     """
 
-    run: Run
+    run: files.Run
     folder: Path
     edits: Edits | None
     scene: Scene
 
     @cached_property
-    def tables(self) -> dict[str, FrameTables]:
+    def tables(self) -> dict[str, files.FrameTables]:
         """Name of a frame -> its tables."""
         return dict(self.run.by_frame())
 
@@ -88,7 +73,7 @@ class Shown:
 
     def of_frame(self, frame: str) -> dict[str, Any]:
         """Contacts, rejected candidates, outlines and the row of one frame, for the page."""
-        tables, lines = self.tables.get(frame, FrameTables()), dict[str, list[Any]]()
+        tables, lines = self.tables.get(frame, files.FrameTables()), dict[str, list[Any]]()
         for (label, _), part in tables.outlines.groupby(["label", "outline"]):
             lines.setdefault(str(label), []).append(part[["x_px", "y_px"]].to_numpy(float).tolist())
         return {
@@ -121,11 +106,11 @@ class Session:
     """
 
     def __init__(self, folder: Path, *, workers: int | None = None) -> None:
-        run = read_run(folder)
+        run = files.read_run(folder)
         if run.command != "process":
             raise InputError(f"{folder}: holds no run of `contactimg process`, so there is nothing to review")
         self.folder, self.scene, self.command = folder, run.scene, str(run.provenance["command"])
-        self.edits = EditsFile(edits_file(run.scene))
+        self.edits = files.EditsFile(files.edits_file(run.scene))
         if self.edits.path.is_symlink():
             raise InputError(
                 f"{self.edits.path}: is a link, which is not followed; put the table itself there"
@@ -133,7 +118,15 @@ class Session:
         self.jobs, self._workers, self._lock = Jobs(), workers, RLock()
         self._known: tuple[str, Edits] = ("", [])
         self.shown = Shown(run, folder, self._edits_of_run(run.provenance["inputs"]), run.scene)
-        self.sources = _readable(self.open(), folder, run.provenance["inputs"])
+        self.sources = list(self.open().frames)
+        recorded = {str(entry["path"]) for entry in run.provenance["inputs"]}
+        tops = [Path(self.scene.folder).resolve(), folder.resolve()]
+        for source in self.sources:  # what the page shows lies in these folders, or the run was made from it
+            path = source.path.resolve()
+            if str(path) not in recorded and not any(path.is_relative_to(top) for top in tops):
+                raise InputError(
+                    f"{source.path}: leads to {path}, which the run was not made from; repeat the run"
+                )
         self._pixel_size = None if run.pose is None else run.pose.pose.pixel_size
         self._scratch = TemporaryDirectory(prefix="contactimg_review_")
         self.picture = lru_cache(KEPT_FRAMES)(self._picture)
@@ -144,9 +137,9 @@ class Session:
         self.jobs.close()
         self._scratch.cleanup()
 
-    def open(self) -> Experiment:
+    def open(self) -> files.Experiment:
         """The experiment with the edits as they are now."""
-        return open_experiment(self.scene)
+        return files.open_experiment(self.scene)
 
     def _edits_of_run(self, inputs: list[dict[str, Any]]) -> Edits | None:
         """The edits that the run was measured with, if the file is still the same."""
@@ -177,8 +170,8 @@ class Session:
                     {"name": name, "status": "not measured", "n_contacts": None, "load_N": None}
                     | {key: shown.rows[name][key] for key in SUMMARY_COLUMNS if name in shown.rows}
                     | {
-                        "n_edits": sum(row["frame"] in (name, EVERY_FRAME) for row in edits),
-                        "pending": pending is None or bool(pending & {name, EVERY_FRAME}),
+                        "n_edits": sum(row["frame"] in (name, files.EVERY_FRAME) for row in edits),
+                        "pending": pending is None or bool(pending & {name, files.EVERY_FRAME}),
                     }
                     for name in (source.name for source in self.sources)
                 ],
@@ -209,18 +202,16 @@ class Session:
     def window(self, number: int, label: int) -> dict[str, Any]:
         """Pixels and model of a contact that the page shows."""
         name = self.sources[number].name
-        tables = self.shown.tables.get(name, FrameTables())
+        tables = self.shown.tables.get(name, files.FrameTables())
         if label not in set(tables.contacts["label"]):
             raise InputError(f"{name}: has no contact {label}")
         return self.view(number).window(tables.contacts, tables.outlines, label)
 
     def view(self, number: int) -> FrameView:
         """A frame prepared for closer looks, with the masks as they are now."""
-        frames = (self.sources[number].name, EVERY_FRAME)
-        masks = [
-            _meaning(row) for row in self._edits_now() if row["action"] == MASK and row["frame"] in frames
-        ]
-        return self._view(number, tuple(masks))
+        frames = (self.sources[number].name, files.EVERY_FRAME)
+        ours = [row for row in self._edits_now() if row["frame"] in frames]
+        return self._view(number, tuple(_meaning(row) for row in ours if row["action"] == files.MASK))
 
     def _picture(self, number: int) -> bytes:
         """PNG of a frame as it was recorded."""
@@ -235,7 +226,7 @@ class Session:
     def insert(self, rows: list[dict[str, Any]], place: int | None) -> None:
         """Write edits; those that are there already, with the same time, were sent twice."""
         table = EDITS.conform(pd.DataFrame(rows, columns=list(EDITS.columns)))
-        unknown = set(table["frame"]) - {EVERY_FRAME, *(source.name for source in self.sources)}
+        unknown = set(table["frame"]) - {files.EVERY_FRAME, *(source.name for source in self.sources)}
         if unknown:
             raise InputError(f"edits: there is no frame {min(unknown)!r}")
         with self._lock:
@@ -258,7 +249,7 @@ class Session:
     @property
     def scene_file(self) -> Path | None:
         """The scene file that `process` read; None without one, or where it is named by an option."""
-        path = Path(self.scene.folder) / SCENE_FILE
+        path = Path(self.scene.folder) / files.SCENE_FILE
         return path if path.is_file() and "--scene" not in shlex.split(self.command) else None
 
     def choose_threshold(self, threshold: float) -> None:
@@ -276,11 +267,10 @@ class Session:
             )
         keys: dict[str, str | float] = {"method": "threshold", "threshold": threshold}
         with self._lock:
-            set_scene_keys(self.scene_file, "measure", keys)
+            files.set_scene_keys(self.scene_file, "measure", keys)
             data = self.scene.configuration
-            self.scene = scene_from_dict(
-                data | {"measure": data.get("measure", {}) | keys}, folder=self.scene.folder
-            )
+            measure = data.get("measure", {}) | keys
+            self.scene = scene_from_dict(data | {"measure": measure}, folder=self.scene.folder)
 
     # measuring again
 
@@ -292,9 +282,9 @@ class Session:
         """Measure the series; frames whose edits and scene are as before come from the store."""
         with self._lock:
             edits, experiment, scene = self._edits_now(), self.open(), self.scene
-        record = provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)
+        record = files.provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)
         top = Path(self._scratch.name)
-        store = PartStore(top / "frames", record, resumes=False)
+        store = files.PartStore(top / "frames", record, resumes=False)
         with shown_by(lambda _text, _count: nullcontext(advance)):
             series = measure_parts(experiment, workers=self._workers, store=store)
         folder = top / f"tables_{self.jobs.state.number}"
@@ -318,16 +308,3 @@ def _changed_frames(before: Edits | None, now: Edits) -> set[str] | None:
         for row in rows:
             changes.setdefault(row["frame"], ([], []))[k].append(_meaning(row))
     return {frame for frame, (old, new) in changes.items() if old != new}
-
-
-def _readable(experiment: Experiment, folder: Path, inputs: list[dict[str, Any]]) -> list[FrameSource]:
-    """The frames of a run, if each lies in its folders or is a file that the run was made from."""
-    recorded = {str(entry["path"]) for entry in inputs}
-    tops = [Path(experiment.scene.folder).resolve(), folder.resolve()]
-    for source in experiment.frames:
-        path = source.path.resolve()
-        if str(path) not in recorded and not any(path.is_relative_to(top) for top in tops):
-            raise InputError(
-                f"{source.path}: leads to {path}, which the run was not made from; repeat the run"
-            )
-    return list(experiment.frames)
