@@ -15,19 +15,10 @@ import numpy as np
 import pandas as pd
 from PIL import Image
 
-from contactimg import __version__
+from contactimg import __version__, files
 from contactimg.analysis.estimates import Estimate
 from contactimg.errors import InputError
-from contactimg.files import (
-    PROVENANCE_FILE,
-    Run,
-    figure_bytes,
-    finish_commit,
-    read_calibration,
-    read_records,
-    read_run,
-    read_table,
-)
+from contactimg.files.atomic import read_bytes
 from contactimg.files.runs import is_out_of_date
 from contactimg.pipeline.pictures import file_stem
 from contactimg.plots import CAPTIONS, caption_of, plot_area
@@ -94,18 +85,6 @@ class _Output:
     def kind(self) -> str:
         return [*self.command.split(), "", ""][1]
 
-    @property
-    def figures(self) -> list[Path]:
-        """The figures, each in one format."""
-        names = [Path(str(name)) for name in self.record.get("outputs", [])]
-        best = {
-            name.stem: self.place / name
-            for ending in reversed(FIGURE_TYPES)
-            for name in names
-            if name.suffix == ending and len(name.parts) == 1
-        }
-        return [best[stem] for stem in sorted(best) if best[stem].is_file()]
-
 
 def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_pictures: int = 40) -> str:
     """Write one self-contained HTML page about a run.
@@ -133,8 +112,8 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
     """
     folder, places = Path(folder), [Path(other) for other in others]
     for place in (folder, *(path for path in folder.glob("*") if path.is_dir()), *places):
-        finish_commit(place)
-    run = read_run(folder)
+        files.finish_commit(place)
+    run = files.read_run(folder)
     outputs, out_of_date = _current_outputs(folder, places)
     pictures = _pictures_in(folder, run)
     shown = _evenly_spaced(pictures, max_pictures)
@@ -144,10 +123,15 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
         embed_picture(path, caption=summary.caption_of_frame(run, frame), most_bytes=most_bytes)
         for frame, path in shown
     ]
-    parts: dict[str, list[Part]] = {"overlay": [], "analyse": [], "calibrate": _used_calibration(run)}
+    parts: dict[str, list[Part]] = {"overlay": [], "analyse": [], "calibrate": []}
+    used = run.provenance["configuration"].get("options", {}).get("calibration")
+    if used:
+        table = in_display_units(_numbers(used["record"]))
+        parts["calibrate"].append(Part(f"used by this run: {used['file']}", [], table))
     for output in outputs:
         parts[output.kind].append(_show_output(output, run, max_pictures=max_pictures, most_bytes=most_bytes))
     figure, exponent = _area(run, parts["analyse"])
+    counts = {str(flag.name): int((run.contacts["flags"] & int(flag) != 0).sum()) for flag in Flag}
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("contactimg", "report"),
         autoescape=True,
@@ -172,7 +156,7 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
         analyses=parts["analyse"],
         variants=VARIANTS,
         calibrations=parts["calibrate"],
-        flags=_flag_counts(run.contacts),
+        flags=[(name, count, count / len(run.contacts)) for name, count in counts.items() if count],
         rejected=list(run.rejected.groupby("reason").size().items()),
         failed=run.frames[run.frames["status"] == FAILED].to_dict("records"),
         provenance=json.dumps(run.provenance, indent=2),
@@ -181,7 +165,7 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
     return html.encode("utf-8", "replace").decode("utf-8")  # file names may hold bytes that are no valid text
 
 
-def _area(run: Run, analyses: list[Part]) -> tuple[Picture | None, summary.Headline | None]:
+def _area(run: files.Run, analyses: list[Part]) -> tuple[Picture | None, summary.Headline | None]:
     """The figure of A(P) and its exponent, of an analysis of this run alone; else the areas of the run."""
     for part in analyses:
         if part.area is not None:
@@ -193,7 +177,7 @@ def _area(run: Run, analyses: list[Part]) -> tuple[Picture | None, summary.Headl
     if not ((run.frames["load_N"] > 0) & (run.frames["area_m2"] > 0)).any():
         return None, None
     model = "predicted" if run.command == "predict" else "measured"
-    svg = figure_bytes(plot_area(run.frames, model=model), "svg")
+    svg = files.figure_bytes(plot_area(run.frames, model=model), "svg")
     return Picture(CAPTIONS["area"], _data_uri("image/svg+xml", svg)), None
 
 
@@ -224,11 +208,11 @@ def _current_outputs(folder: Path, others: Sequence[Path]) -> tuple[list[_Output
     InputError
         If one of the others holds no output of these commands.
     """
-    inside = [folder, *(path.parent for path in sorted(folder.glob(f"*/{PROVENANCE_FILE}")))]
+    inside = [folder, *(path.parent for path in sorted(folder.glob(f"*/{files.PROVENANCE_FILE}")))]
     found, out_of_date = list[_Output](), list[str]()
     for place in [*inside, *others]:
         try:
-            outputs = [_Output(place, record) for record in read_records(place)]
+            outputs = [_Output(place, record) for record in files.read_records(place)]
         except (OSError, ValueError):
             raise InputError(f"{place}: holds no output of contactimg") from None
         shown = [output for output in outputs if output.kind in SHOWN_COMMANDS]
@@ -248,30 +232,33 @@ def _current_outputs(folder: Path, others: Sequence[Path]) -> tuple[list[_Output
     return found, out_of_date
 
 
-def _show_output(output: _Output, run: Run, *, max_pictures: int, most_bytes: int) -> Part:
+def _show_output(output: _Output, run: files.Run, *, max_pictures: int, most_bytes: int) -> Part:
     """Pictures and table of a command; pictures of frames take at most so many bytes each."""
     if output.kind == "overlay":
         pictures = [
             embed_picture(path, caption=summary.caption_of_comparison(run, frame), most_bytes=most_bytes)
             for frame, path in _evenly_spaced(_pictures_in(output.place, run), max_pictures)
         ]
-        return Part(output.command, pictures, read_table(output.place / "scores.csv", SCORES))
+        return Part(output.command, pictures, files.read_table(output.place / "scores.csv", SCORES))
     if output.kind == "calibrate":
-        table = _numbers(read_calibration(output.place))
+        table = _numbers(files.read_calibration(output.place))
     else:
-        table = read_table(output.place / "results.csv", RESULTS, infinite=True)
-    figures = {path.stem: _embed_figure(path) for path in output.figures}
+        table = files.read_table(output.place / "results.csv", RESULTS, infinite=True)
+    names = [Path(str(name)) for name in output.record.get("outputs", [])]
+    best = {  # each figure in one format
+        name.stem: output.place / name
+        for ending in reversed(FIGURE_TYPES)
+        for name in names
+        if name.suffix == ending and len(name.parts) == 1
+    }
+    found = {stem: best[stem] for stem in sorted(best) if best[stem].is_file()}
+    figures = {
+        stem: Picture(caption_of(stem) or stem, _data_uri(FIGURE_TYPES[path.suffix], read_bytes(path)))
+        for stem, path in found.items()
+    }
     alone = output.kind == "analyse" and not (table["n_places"] > 1).any()
     area = figures.pop("area", None) if alone else None
     return Part(output.command, list(figures.values()), in_display_units(table), area)
-
-
-def _used_calibration(run: Run) -> list[Part]:
-    """The calibration that the run was measured with, from its provenance."""
-    used = run.provenance["configuration"].get("options", {}).get("calibration")
-    if not used:
-        return []
-    return [Part(f"used by this run: {used['file']}", [], in_display_units(_numbers(used["record"])))]
 
 
 def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
@@ -283,13 +270,7 @@ def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["quantity", "value", "std", "unit"])
 
 
-def _flag_counts(contacts: pd.DataFrame) -> list[tuple[str, int, float]]:
-    values = contacts["flags"].to_numpy(np.int64)
-    counts = {str(flag.name): int(np.count_nonzero(values & int(flag))) for flag in Flag}
-    return [(name, count, count / len(values)) for name, count in counts.items() if count]
-
-
-def _pictures_in(folder: Path, run: Run) -> list[tuple[str, Path]]:
+def _pictures_in(folder: Path, run: files.Run) -> list[tuple[str, Path]]:
     """Names of the frames of a run that have a picture in a folder, and its file."""
     pairs = [(str(name), folder / "overlays" / f"{file_stem(str(name))}.png") for name in run.frames["frame"]]
     return [(name, path) for name, path in pairs if path.is_file()]
@@ -318,8 +299,8 @@ def embed_picture(path: Path, *, caption: str, most_bytes: int) -> Picture:
     width, content = image.width, _as_jpeg(image)
     while len(content) > most_bytes and width > LEAST_WIDTH_PX:
         width = max(LEAST_WIDTH_PX, int(0.95 * width * (most_bytes / len(content)) ** 0.5))
-        height = round(image.height * width / image.width)
-        content = _as_jpeg(image.resize((width, height), Image.Resampling.LANCZOS))
+        size = width, round(image.height * width / image.width)
+        content = _as_jpeg(image.resize(size, Image.Resampling.LANCZOS))
     return Picture(caption, _data_uri("image/jpeg", content))
 
 
@@ -328,14 +309,6 @@ def _as_jpeg(image: Image.Image) -> bytes:
     buffer = io.BytesIO()
     image.save(buffer, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
     return buffer.getvalue()
-
-
-def _embed_figure(path: Path) -> Picture:
-    try:
-        source = _data_uri(FIGURE_TYPES[path.suffix], path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    return Picture(caption_of(path.stem) or path.stem, source)
 
 
 def _data_uri(kind: str, content: bytes) -> str:
