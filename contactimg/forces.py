@@ -20,14 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.effects.local_law import (
-    HERTZ_EXPONENT,
-    ForceLaw,
-    adhesive_pull,
-    force_exponents,
-    law_name,
-    pressing_force,
-)
+from contactimg.effects import local_law
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
 from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
@@ -79,7 +72,7 @@ def assign_forces(
     *,
     contact_modulus: float,
     modulus_relative_std: float = 0.0,
-    law: ForceLaw = "hertz",
+    law: local_law.ForceLaw = "hertz",
     work_of_adhesion: float = 0.0,
 ) -> pd.DataFrame:
     """Fill ``force_N``, ``force_std_N`` and ``force_hertz_N``; flag ``BEYOND_HERTZ``.
@@ -132,10 +125,10 @@ def assign_forces(
     """
     a = contacts["radius_m"].to_numpy(float)
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
-    hertzian = pressing_force(a, R, contact_modulus=contact_modulus)
-    pressed = pressing_force(a, R, contact_modulus=contact_modulus, law=law)
-    pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
-    slope = force_exponents(a, R, law=law) * pressed - ADHESION_EXPONENT * pulled
+    hertzian = local_law.pressing_force(a, R, contact_modulus=contact_modulus)
+    pressed = local_law.pressing_force(a, R, contact_modulus=contact_modulus, law=law)
+    pulled = local_law.adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
+    slope = local_law.force_exponents(a, R, law=law) * pressed - ADHESION_EXPONENT * pulled
     std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
     beyond = int(Flag.BEYOND_HERTZ)
     flags = contacts["flags"].to_numpy(np.int64) & ~beyond | np.where(a > HERTZ_LIMIT * R, beyond, 0)
@@ -175,7 +168,7 @@ def _visible_areas(contacts: pd.DataFrame) -> pd.Series:
 def total_force(
     contacts: pd.DataFrame,
     *,
-    exponent: ArrayLike = HERTZ_EXPONENT,
+    exponent: ArrayLike = local_law.HERTZ_EXPONENT,
     unseen: Total = NOTHING,
     modulus_relative_std: float = 0.0,
     modulus_edge_correlation: float = 0.0,
@@ -273,7 +266,7 @@ def fill_forces(
     (`contactimg.forces`); these are not in the sums but beside them.
     """
     elastic, relative, correlation = scene.elastic, 0.0, 0.0
-    exponent, law = np.full(len(contacts), HERTZ_EXPONENT), law_name(scene)
+    exponent, law = np.full(len(contacts), local_law.HERTZ_EXPONENT), local_law.law_name(scene)
     if elastic is not None:
         contacts, exponent = local_forces(scene, contacts, sites)
         relative = elastic.young_modulus_std / elastic.young_modulus
@@ -355,7 +348,7 @@ def local_forces(
         Composite summits of the asperities.
     """
     elastic, effects = scene.need("elastic", "computing local forces"), scene.effects
-    law: ForceLaw = "sphere" if effects.sphere_profile == "on" else "hertz"
+    law: local_law.ForceLaw = "sphere" if effects.sphere_profile == "on" else "hertz"
     body = {
         "contact_modulus": elastic.contact_modulus,
         "work_of_adhesion": elastic.work_of_adhesion if effects.adhesion == "on" else 0.0,
@@ -364,8 +357,8 @@ def local_forces(
     radii = sphere_radii(contacts, scene, sites)
     contacts = assign_forces(contacts, radii, law=law, modulus_relative_std=relative, **body)
     a = contacts["radius_m"].to_numpy(float)
-    share = adhesive_pull(a, **body) / contacts["force_N"].to_numpy()
-    exponent = force_exponents(a, radii, law=law) * (1 + share) - ADHESION_EXPONENT * share
+    share = local_law.adhesive_pull(a, **body) / contacts["force_N"].to_numpy()
+    exponent = local_law.force_exponents(a, radii, law=law) * (1 + share) - ADHESION_EXPONENT * share
     return contacts, exponent
 
 

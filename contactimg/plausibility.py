@@ -164,13 +164,10 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
     yield from doubt_about("the median of radius_m of the asperities", float(asperities["radius_m"].median()))
     columns = "are columns swapped, or in different units?"
     yield from doubt_about("height_m over radius_m of the asperities", height / radius, hint=columns)
-    if spacing := mean_spacing(asperities):
-        metres = "are x_m, y_m and radius_m in metres?"
-        yield from doubt_about(
-            "radius_m of the asperities over their distance", radius / spacing, hint=metres
-        )
     points = asperities[["x_m", "y_m"]].to_numpy(float)
-    if spacing:
+    if spacing := mean_spacing(asperities):
+        cure, key = "are x_m, y_m and radius_m in metres?", "radius_m of the asperities over their distance"
+        yield from doubt_about(key, radius / spacing, hint=cure)
         distances, nearest = np.asarray(cKDTree(points).query(points, k=2))[..., 1]
         one = int(distances.argmin())
         said = f"distance of the asperities {one} and {int(nearest[one])} over the mean one"
@@ -241,12 +238,10 @@ def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> 
         yield f"no frame shows a contact: probably {reference}{polarity}"
         return
     loaded = frames[(frames["load_N"] > 0) & (frames["area_m2"] > 0)]
-    if (
-        loaded["load_N"].nunique() >= FEWEST_LOADS
-        and loaded["load_N"].rank().corr(loaded["area_m2"].rank()) < 0
-    ):
+    loads, areas = loaded["load_N"], loaded["area_m2"]
+    if loads.nunique() >= FEWEST_LOADS and loads.rank().corr(areas.rank()) < 0:
         yield "the area of contact falls as the load grows: is the order of the loads reversed?"
-    ratio = float((loaded["force_sum_N"] / loaded["load_N"]).median())
+    ratio = float((loaded["force_sum_N"] / loads).median())
     for unit, size in UNITS["N"].items():
         if 1 / SAME_SLIP < ratio / size < SAME_SLIP:
             yield f"the forces add up to {ratio:.2g} times load_N: were the loads given in {unit}?"

@@ -1,6 +1,5 @@
 """Predictions of the models for a scene: contacts, row of the frames table and profile at each load."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
@@ -14,12 +13,7 @@ from scipy.special import ellipe
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
 from contactimg.effects.local_law import law_name
-from contactimg.effects.mechanics import (
-    MECHANICAL_EFFECTS,
-    coupling_level,
-    refuse_touching,
-    solve_scene,
-)
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, refuse_touching, solve_scene
 from contactimg.effects.output_change import ANNULUS
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
@@ -138,18 +132,21 @@ def predict_contacts(
         contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
     )
     contacts = contacts.assign(force_hertz_N=hertz_forces)
-    sunk = 0.0 if field is None else field.sinking(asperities)
     row = {
         "n_contacts": len(contacts),
         "area_m2": float(contacts["area_m2"].sum()),
         "force_sum_N": float(contacts["force_N"].sum()),
         "force_hertz_sum_N": contacts["force_hertz_N"].sum(),
-        "indentation_m": solution.indentation + sunk,
+        "indentation_m": solution.indentation + (0.0 if field is None else field.sinking(asperities)),
         "min_gap_m": solution.base_gap.least,
         "law": law_name(scene),
     }
     border = _around_the_table(scene, asperities, solution, field, load)
-    row |= _judgement(solution, border, () if plan is None else plan.messages)
+    unproven = "" if solution.status == CONVERGED else solution.status
+    doubtful = unproven or solution.validity.planes_touch or "runs off the table" in border
+    said = [unproven, *solution.validity.messages(), border, *([] if plan is None else plan.messages)]
+    status = Status.APPROXIMATE if doubtful else Status.OK
+    row |= {"status": status, "message": "; ".join(filter(None, said))}
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
@@ -163,7 +160,12 @@ def _solve(
 
     Arguments and errors are those of `predict_contacts`.
     """
-    scene, plan = with_coupling(scene, coupling), None
+    plan = None
+    if coupling != "auto":
+        switches = {name: "off" for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"}
+        switches["coupling"] = "off" if coupling == "none" else "on"
+        switches["full_coupling"] = "on" if coupling == "full" else "off"
+        scene = scene.with_effects(switches)
     if always_plan or any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
@@ -179,28 +181,9 @@ def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: float)
     return make_plan(scene.model_copy(update={"simulate": None}), asperities, load=load)
 
 
-def with_coupling(scene: Scene, coupling: str) -> Scene:
-    """The scene with the switches that correspond to a level of coupling given as an option."""
-    if coupling == "auto":
-        return scene
-    switches = {name: "off" for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"}
-    switches["coupling"] = "off" if coupling == "none" else "on"
-    switches["full_coupling"] = "on" if coupling == "full" else "off"
-    return scene.with_effects(switches)
-
-
 def scene_of_model(scene: Scene, model: str) -> Scene:
     """The scene of one of `COMPARED_MODELS`: without coupling for ``"uncoupled"``."""
     return scene if model == "coupled" else scene.with_effects({"coupling": "off", "full_coupling": "off"})
-
-
-def _judgement(solution: InteractingSolution, border: str, more: Sequence[str]) -> dict[str, str]:
-    """Status and message of the row, from what the solver says of its solution, and more to say."""
-    unproven = "" if solution.status == CONVERGED else solution.status
-    doubtful = unproven or solution.validity.planes_touch or "runs off the table" in border
-    said = [unproven, *solution.validity.messages(), border, *more]
-    status = Status.APPROXIMATE if doubtful else Status.OK
-    return {"status": status, "message": "; ".join(filter(None, said))}
 
 
 BORDER_SHARE = 2e-3
@@ -256,11 +239,7 @@ def table_rectangle(section: Asperities, asperities: pd.DataFrame) -> NDArray[np
 
 
 def _around_the_table(
-    scene: Scene,
-    asperities: pd.DataFrame,
-    solution: InteractingSolution,
-    field: MeanField | None,
-    load: float,
+    scene: Scene, table: pd.DataFrame, solution: InteractingSolution, field: MeanField | None, load: float
 ) -> str:
     """A sentence on what lies around the table; empty where the contact region ends inside it."""
     if field is not None:
@@ -268,15 +247,15 @@ def _around_the_table(
             f"around the table a mean field carries {field.load:.4g} N on {field.area * 1e6:.4g} mm2, which "
             "are not in the sums"
         )
-    if not load > 0 or _without_mean_field(scene, asperities):
+    if not load > 0 or _without_mean_field(scene, table):
         return ""
-    rectangle = table_rectangle(scene.asperities or Asperities(), asperities)
-    spacing = float(np.sqrt(np.prod(np.ptp(rectangle, axis=1)) / len(asperities)))
+    rectangle = table_rectangle(scene.asperities or Asperities(), table)
+    spacing = float(np.sqrt(np.prod(np.ptp(rectangle, axis=1)) / len(table)))
     rows, apex = solution.touching, np.array(scene.need("indenter", PURPOSE).apex)
     rim = rim_share(solution.x[rows], solution.y[rows], solution.force[rows], rectangle, spacing)
     if rim == 0 and np.all((apex > rectangle[:, 0]) & (apex < rectangle[:, 1])):
         return ""
-    outside = _mean_field(scene, asperities, load, coupled=solution.coupling != "none").share
+    outside = _mean_field(scene, table, load, coupled=solution.coupling != "none").share
     if outside < BORDER_SHARE:
         return ""
     return (
@@ -332,13 +311,12 @@ def predict_average(
         )
     if rings.touching_share > MAX_TOUCHING_SHARE:
         raise ModelRangeError(f"at {load:g} N {rings.limits()[-1]}; lower the load")
-    remarks, count = rings.limits(), float(ring_weights(rings.r) @ rings.density)
+    remarks, count = [*rings.limits()], float(ring_weights(rings.r) @ rings.density)
     if count < FEW_CONTACTS:
-        remark = (
+        remarks.append(
             f"an average over random patterns in which only about {count:.2g} asperities touch: a single "
             f"pattern scatters about it by {100 / np.sqrt(count):.0f} % or more"
         )
-        remarks = [*remarks, remark]
     frames = _frames(
         name,
         load,
@@ -362,9 +340,7 @@ def solve_average(
     if not np.isfinite(indenter.radius):
         raise InputError(f'model "{model}" takes a lens of finite radius, and [indenter] radius_m is "flat"')
     radius = _mean_radius(section, asperities)
-    solve: Callable[..., RingSolution] = (
-        solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
-    )
+    solve = solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
     return solve(
         _height_law(section, asperities),
         density=asperity_density(section, asperities),
@@ -554,7 +530,5 @@ def hertz_circle(scene: Scene, load: float) -> tuple[float, float, float] | None
     """Apparent contact ``(x, y, radius)`` of the smooth sphere at a load (m), if the scene says enough."""
     if scene.indenter is None or scene.elastic is None or not np.isfinite(load) or load < 0:
         return None
-    radius = hertz.radius(
-        load, sphere_radius=scene.indenter.radius, contact_modulus=scene.elastic.contact_modulus
-    )
-    return *scene.indenter.apex, float(radius)
+    body = {"sphere_radius": scene.indenter.radius, "contact_modulus": scene.elastic.contact_modulus}
+    return *scene.indenter.apex, float(hertz.radius(load, **body))
