@@ -321,8 +321,7 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
     groups = contacts.assign(visible_area_m2=_visible_areas(contacts)).groupby("frame")
     new = frames.reset_index(drop=True).copy()
     measured = new["n_contacts"].notna().to_numpy()
-    counts = groups.size().reindex(new["frame"], fill_value=0).to_numpy()
-    new.loc[measured, "n_contacts"] = counts[measured]
+    new.loc[measured, "n_contacts"] = groups.size().reindex(new["frame"][measured], fill_value=0).to_numpy()
     for total, part, std in SUMS:
         stated = frames[total].to_numpy(float)
         summed = groups[part].sum().reindex(new["frame"], fill_value=0.0).to_numpy()

@@ -353,8 +353,7 @@ def solve_average(
 
 def _frames(name: str, load: float, **row: Any) -> pd.DataFrame:
     """The frames table of a load."""
-    whole = {"frame": name, "status": Status.OK, "load_N": load} | row
-    return FRAMES.conform(pd.DataFrame([whole]))
+    return FRAMES.conform(pd.DataFrame([{"frame": name, "status": Status.OK, "load_N": load} | row]))
 
 
 def _table(asperities: pd.DataFrame | None, wanted: str) -> pd.DataFrame:
@@ -459,8 +458,7 @@ def find_touching_load(
     def gap(load: float) -> float:
         try:
             if model == "interacting":
-                table = _table(asperities, "a table")
-                found = _solve(scene, table, load, coupling)[-1].base_gap.least
+                found = _solve(scene, _table(asperities, "a table"), load, coupling)[-1].base_gap.least
             else:
                 row = predict_average(scene, asperities, load=load, model=model).frames
                 found = float(row["min_gap_m"].iloc[0])

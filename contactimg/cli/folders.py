@@ -207,8 +207,7 @@ def check(
     with shared.results_in(output, folder, experiment.scene, experiment.inputs, main_files=main_files) as out:
         result = pipeline.check_experiment(experiment, seed=seed, workers=workers)
         found = {"check": (tables.CHECK, result.classes), "drawn": (tables.DRAWN, result.drawn)}
-        shown = plots.plot_check(result.drawn, result.classes)
-        pipeline.write_results(out.folder, found, {"check": shown})
+        pipeline.write_results(out.folder, found, {"check": plots.plot_check(result.drawn, result.classes)})
         out.record["sentence"] = result.sentence
         forms = {"low_px": ".2f", "high_px": ".2f", "drawn": "", "completeness": ".0%", "bias_px": "+.3f"}
         forms |= {"rms_px": ".3f", "within_1_std": ".0%", "within_2_std": ".0%"}

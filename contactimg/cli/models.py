@@ -83,8 +83,7 @@ def predict(
         out.record |= record | touching
         level = f", coupling {coupling}" if model == "interacting" else ""
         echo_frames(frames, title=f"{scene}, model {model}{level}")
-        planned = [one for one in predictions if one.plan is not None]
-        say(*(pipeline.choice_sentence(one) for one in planned))
+        say(*(pipeline.choice_sentence(one) for one in predictions if one.plan is not None))
     return int((frames["status"] == tables.FAILED).any())
 
 

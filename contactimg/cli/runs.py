@@ -62,8 +62,7 @@ def overlay(
         made = {"matches": (tables.MATCHES, comparison.matches), "scores": (tables.SCORES, comparison.scores)}
         pipeline.write_results(out.folder, made)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
-        overlays = out.folder / "overlays"
-        pipeline.draw_comparison(comparison, measured, experiment, overlays, workers=workers)
+        pipeline.draw_comparison(comparison, measured, experiment, out.folder / "overlays", workers=workers)
         echo_scores(comparison.scores, title=f"{run}: measured against predicted contacts")
         say(*(f"{frame}: {plan.sentence()}" for frame, plan in comparison.plans.items()))
     for frame, reason in comparison.left_out.items():

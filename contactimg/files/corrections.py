@@ -232,8 +232,7 @@ def _subtract_and_divide(frame: Frame, darks: Sources, flats: Sources) -> Frame:
     scale = np.inf if frame.full_scale is None else frame.full_scale
     raw = frame.image
     if raw.min() == raw.max() and raw[0, 0] < scale:
-        flat = np.full(frame.shape, max(float(raw[0, 0]) - level, 0.0), np.float32)
-        return replace(frame, image=flat)
+        return replace(frame, image=np.full(frame.shape, max(float(raw[0, 0]) - level, 0.0), np.float32))
     image, full_scale = (raw.astype(np.float32) - dark) / gain, None
     if frame.full_scale is not None:
         top = np.float32(max(float(np.max(image[~useless], initial=0.0)), frame.full_scale - level))

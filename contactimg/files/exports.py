@@ -253,8 +253,7 @@ def write_napari_shapes(contacts: pd.DataFrame, outlines: pd.DataFrame, path: Pa
 def napari_shapes(outline: Outline) -> list[tuple[str, NDArray[np.float64]]]:
     """Napari's shapes for one contact, each its type and points (x, y): the contact, then its holes."""
     if outline.lines:
-        holes = [("path", hole) for hole in outline.lines[1:]]
-        return [("polygon", outline.lines[0][:-1]), *holes]
+        return [("polygon", outline.lines[0][:-1]), *(("path", hole) for hole in outline.lines[1:])]
     a, b, angle = outline.semi_major, outline.semi_minor, outline.angle
     along = a * np.array([np.cos(angle), np.sin(angle)])
     across = b * np.array([-np.sin(angle), np.cos(angle)])

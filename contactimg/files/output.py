@@ -166,6 +166,11 @@ def files_of(record: Mapping[str, Any]) -> set[Path]:
     return {file for file in files if not file.is_absolute() and ".." not in file.parts}
 
 
+def command_of(record: Mapping[str, Any]) -> str:
+    """The command that made a result, ``process`` for example; empty if it is not recorded."""
+    return [*str(record.get("command", "")).split(), "", ""][1]
+
+
 def task_of(record: Mapping[str, Any]) -> str:
     """The kind of run: program, command and, for a calibration, its kind."""
     words = str(record.get("command", "")).split()

@@ -20,6 +20,7 @@ from contactimg.files.output import (
     PROVENANCE_FILE,
     SCHEMA_VERSION,
     changed_inputs,
+    command_of,
     finish_commit,
     read_records,
     read_settled,
@@ -172,8 +173,7 @@ class Run:
     @property
     def command(self) -> str:
         """The command that made the run, ``process`` or ``predict``; empty if not recorded."""
-        words = str(self.provenance.get("command", "")).split()
-        return words[1] if len(words) > 1 else ""
+        return command_of(self.provenance)
 
     def need_pose(self) -> Pose:
         """The pose of the camera, or an `InputError` that says how to get one."""

@@ -257,9 +257,7 @@ class FrameSeries(Sequence[Frame]):
 
     def __getitem__(self, index: int | slice) -> "Frame | FrameSeries":
         """Read one frame, or take a part of the series without reading."""
-        if isinstance(index, slice):
-            return FrameSeries(self.sources[index])
-        return self.sources[index].read()
+        return FrameSeries(self.sources[index]) if isinstance(index, slice) else self.sources[index].read()
 
 
 def read_frames(path: PathLike | Iterable[PathLike]) -> FrameSeries:

@@ -19,6 +19,7 @@ from contactimg import __version__, files
 from contactimg.analysis.estimates import Estimate
 from contactimg.errors import InputError
 from contactimg.files.atomic import read_bytes
+from contactimg.files.output import command_of
 from contactimg.files.runs import is_out_of_date
 from contactimg.pipeline.pictures import file_stem
 from contactimg.plots import CAPTIONS, caption_of, plot_area
@@ -31,6 +32,8 @@ logger = logging.getLogger(__name__)
 
 FIGURE_TYPES = {".svg": "image/svg+xml", ".png": "image/png"}
 """Endings of figures and their types, the preferred one first."""
+Record = dict[str, Any]
+"""What provenance.json says of one result."""
 SHOWN_COMMANDS = ("overlay", "analyse", "calibrate")
 """Commands whose outputs are part of the page."""
 PICTURE_BYTES = 2_400_000
@@ -70,22 +73,6 @@ class Part:
     area: Picture | None = None
 
 
-@dataclass(frozen=True)
-class _Output:
-    """Output of a command: its folder, command line, name, files and whole record."""
-
-    place: Path
-    record: dict[str, Any]
-
-    @property
-    def command(self) -> str:
-        return str(self.record.get("command", ""))
-
-    @property
-    def kind(self) -> str:
-        return [*self.command.split(), "", ""][1]
-
-
 def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_pictures: int = 40) -> str:
     """Write one self-contained HTML page about a run.
 
@@ -117,7 +104,7 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
     outputs, out_of_date = _current_outputs(folder, places)
     pictures = _pictures_in(folder, run)
     shown = _evenly_spaced(pictures, max_pictures)
-    compared = sum(min(len(_pictures_in(output.place, run)), max_pictures) for output in outputs)
+    compared = sum(min(len(_pictures_in(place, run)), max_pictures) for place, _ in outputs)
     most_bytes = PICTURE_BYTES // max(len(shown) + compared, 1)
     overlays = [
         embed_picture(path, caption=summary.caption_of_frame(run, frame), most_bytes=most_bytes)
@@ -128,8 +115,9 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
     if used:
         table = in_display_units(_numbers(used["record"]))
         parts["calibrate"].append(Part(f"used by this run: {used['file']}", [], table))
-    for output in outputs:
-        parts[output.kind].append(_show_output(output, run, max_pictures=max_pictures, most_bytes=most_bytes))
+    for place, record in outputs:
+        part = _show_output(place, record, run, max_pictures=max_pictures, most_bytes=most_bytes)
+        parts[command_of(record)].append(part)
     figure, exponent = _area(run, parts["analyse"])
     counts = {str(flag.name): int((run.contacts["flags"] & int(flag) != 0).sum()) for flag in Flag}
     environment = jinja2.Environment(
@@ -193,8 +181,8 @@ def _with_std(value: float | None, std: float | None, factor: float = 1.0) -> st
     return number_with_std(value * factor, (nan if std is None else std) * factor)
 
 
-def _current_outputs(folder: Path, others: Sequence[Path]) -> tuple[list[_Output], list[str]]:
-    """Outputs of other commands for a run, and a sentence for each that is out of date.
+def _current_outputs(folder: Path, others: Sequence[Path]) -> tuple[list[tuple[Path, Record]], list[str]]:
+    """Folder and record of the outputs of other commands for a run; a sentence for each that is out of date.
 
     Parameters
     ----------
@@ -209,44 +197,44 @@ def _current_outputs(folder: Path, others: Sequence[Path]) -> tuple[list[_Output
         If one of the others holds no output of these commands.
     """
     inside = [folder, *(path.parent for path in sorted(folder.glob(f"*/{files.PROVENANCE_FILE}")))]
-    found, out_of_date = list[_Output](), list[str]()
+    found, out_of_date = list[tuple[Path, Record]](), list[str]()
     for place in [*inside, *others]:
         try:
-            outputs = [_Output(place, record) for record in files.read_records(place)]
+            records = files.read_records(place)
         except (OSError, ValueError):
             raise InputError(f"{place}: holds no output of contactimg") from None
-        shown = [output for output in outputs if output.kind in SHOWN_COMMANDS]
+        shown = [record for record in records if command_of(record) in SHOWN_COMMANDS]
         if not shown and place in others:
-            raise InputError(
-                f"{place}: is the output of {outputs[0].command!r}, not of overlay, analyse or calibrate"
-            )
-        for output in shown:
-            if output.kind != "calibrate" and is_out_of_date(output.record, folder):
+            made = str(records[0].get("command", ""))
+            raise InputError(f"{place}: is the output of {made!r}, not of overlay, analyse or calibrate")
+        for record in shown:
+            if command_of(record) != "calibrate" and is_out_of_date(record, folder):
                 out_of_date.append(
-                    f"{place}: was made by '{output.command}' from tables that the run no longer holds, and "
-                    "is left out; repeat that command"
+                    f"{place}: was made by '{record['command']}' from tables that the run no longer holds, "
+                    "and is left out; repeat that command"
                 )
                 logger.warning(out_of_date[-1])
             else:
-                found.append(output)
+                found.append((place, record))
     return found, out_of_date
 
 
-def _show_output(output: _Output, run: files.Run, *, max_pictures: int, most_bytes: int) -> Part:
+def _show_output(place: Path, record: Record, run: files.Run, *, max_pictures: int, most_bytes: int) -> Part:
     """Pictures and table of a command; pictures of frames take at most so many bytes each."""
-    if output.kind == "overlay":
+    kind, command = command_of(record), str(record["command"])
+    if kind == "overlay":
         pictures = [
             embed_picture(path, caption=summary.caption_of_comparison(run, frame), most_bytes=most_bytes)
-            for frame, path in _evenly_spaced(_pictures_in(output.place, run), max_pictures)
+            for frame, path in _evenly_spaced(_pictures_in(place, run), max_pictures)
         ]
-        return Part(output.command, pictures, files.read_table(output.place / "scores.csv", SCORES))
-    if output.kind == "calibrate":
-        table = _numbers(files.read_calibration(output.place))
+        return Part(command, pictures, files.read_table(place / "scores.csv", SCORES))
+    if kind == "calibrate":
+        table = _numbers(files.read_calibration(place))
     else:
-        table = files.read_table(output.place / "results.csv", RESULTS, infinite=True)
-    names = [Path(str(name)) for name in output.record.get("outputs", [])]
+        table = files.read_table(place / "results.csv", RESULTS, infinite=True)
+    names = [Path(str(name)) for name in record.get("outputs", [])]
     best = {  # each figure in one format
-        name.stem: output.place / name
+        name.stem: place / name
         for ending in reversed(FIGURE_TYPES)
         for name in names
         if name.suffix == ending and len(name.parts) == 1
@@ -256,9 +244,9 @@ def _show_output(output: _Output, run: files.Run, *, max_pictures: int, most_byt
         stem: Picture(caption_of(stem) or stem, _data_uri(FIGURE_TYPES[path.suffix], read_bytes(path)))
         for stem, path in found.items()
     }
-    alone = output.kind == "analyse" and not (table["n_places"] > 1).any()
+    alone = kind == "analyse" and not (table["n_places"] > 1).any()
     area = figures.pop("area", None) if alone else None
-    return Part(output.command, list(figures.values()), in_display_units(table), area)
+    return Part(command, list(figures.values()), in_display_units(table), area)
 
 
 def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
