@@ -3,7 +3,7 @@
 import json
 import os
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path, PurePath
@@ -130,24 +130,24 @@ def write_json(data: Mapping[str, Any], path: str | Path) -> None:
         file.write("\n")
 
 
+_PLAIN: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
+    (np.ndarray | np.generic, lambda value: value.tolist()),
+    (BaseModel, lambda value: [type(value).__name__, value.model_dump()]),
+    (bytes, bytes.hex),
+    (PurePath, PurePath.as_posix),
+    (set | frozenset, lambda value: sorted(value, key=repr)),
+    (Mapping, dict),
+    (pd.DataFrame, lambda value: value.to_dict("list")),
+    (type(pd.NA), lambda _: None),
+)
+"""Kind of value that JSON does not have -> the same made of values that it has; the first that fits."""
+
+
 def plain(value: Any) -> Any:
     """A value that JSON does not have, made of values that it has: the ``default`` of `json.dumps`."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, BaseModel):
-        return [type(value).__name__, value.model_dump()]
+    for kind, converted in _PLAIN:
+        if isinstance(value, kind):
+            return converted(value)
     if is_dataclass(value) and not isinstance(value, type):
         return [type(value).__name__, {field.name: getattr(value, field.name) for field in fields(value)}]
-    if isinstance(value, bytes):
-        return value.hex()
-    if isinstance(value, PurePath):
-        return value.as_posix()
-    if isinstance(value, set | frozenset):
-        return sorted(value, key=repr)
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, pd.DataFrame):
-        return value.to_dict("list")
-    if value is pd.NA:
-        return None
     raise TypeError(f"a {type(value).__name__} cannot be written as JSON")
