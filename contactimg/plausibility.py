@@ -7,7 +7,7 @@ expected. A value outside is an error that names it and the unit that was probab
 
 import logging
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
+from contactimg.engine.progress import holding
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
 from contactimg.pose.apex import Apex
@@ -84,14 +85,9 @@ FEWEST_LOADS = 3
 _warn_only: ContextVar[bool] = ContextVar("warn_only", default=False)
 
 
-@contextmanager
-def doubts_as_warnings() -> Iterator[None]:
-    """Log doubts as warnings instead of raising them."""
-    token = _warn_only.set(True)
-    try:
-        yield
-    finally:
-        _warn_only.reset(token)
+def doubts_as_warnings() -> AbstractContextManager[None]:
+    """Log doubts as warnings instead of raising them, inside the block."""
+    return holding(_warn_only, value=True)
 
 
 def warn_of(doubts: Iterable[str], place: str) -> bool:

@@ -16,6 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from contactimg.engine.progress import holding
 from contactimg.errors import ContactimgError, InputError, finite_number
 
 if TYPE_CHECKING:
@@ -242,10 +243,9 @@ def on_cluster(place: str) -> Iterator[Cluster]:
                 "start one with: dask scheduler"
             ) from None
         cluster = Cluster(client, place)
-        token = _in_use.set(cluster)
         try:
-            yield cluster
+            with holding(_in_use, cluster):
+                yield cluster
         finally:
-            _in_use.reset(token)
             with suppress(Exception):  # the scheduler may have gone
                 client.close(timeout=_CLOSE_SECONDS)

@@ -17,13 +17,18 @@ _bar: ContextVar[Bar | None] = ContextVar("contactimg_bar", default=None)
 
 
 @contextmanager
-def shown_by(bar: Bar) -> Iterator[None]:
-    """Let a bar show the loops inside the block."""
-    token = _bar.set(bar)
+def holding(variable: ContextVar[Item], value: Item) -> Iterator[None]:
+    """Give a variable a value inside the block."""
+    token = variable.set(value)
     try:
         yield
     finally:
-        _bar.reset(token)
+        variable.reset(token)
+
+
+def shown_by(bar: Bar) -> AbstractContextManager[None]:
+    """Let a bar show the loops inside the block."""
+    return holding(_bar, bar)
 
 
 def counted(items: Iterable[Item], text: str, count: int) -> Iterator[Item]:

@@ -25,6 +25,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from contactimg.engine.progress import holding
 from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
 from contactimg.files.tables import METRES
@@ -258,14 +259,11 @@ def _opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
         if file.read(4) not in _SIGNATURES:
             raise ValueError("the content is not that of a TIFF image")
     complaints = list[str]()
-    token = _complaints.set(complaints)
     try:
-        with tifffile.TiffFile(path) as tif:
+        with holding(_complaints, complaints), tifffile.TiffFile(path) as tif:
             yield tif, complaints
     except (tifffile.TiffFileError, struct.error) as error:
         raise ValueError(f"the file is truncated or damaged: {error}") from None
-    finally:
-        _complaints.reset(token)
 
 
 def list_tiff(path: Path) -> list[int]:
