@@ -250,7 +250,8 @@ def measure_image(
     registered, whole = "position_drift" in absent, registration == "whole"
     difference, sign = _subtract_background(pair, polarity, registered=registered, whole=whole)
     pair = pair if difference.valid is None else pair.within(difference.valid)
-    prior, dust = prior.scaled(1.0 / pair.unit), "dust" not in absent
+    per_level, dust = prior.relative and difference.level > 0, "dust" not in absent
+    prior = replace(prior.scaled(difference.level if per_level else 1.0 / pair.unit), relative=False)
     foreground = find_foreground(pair, difference, sign, prior, dust=dust)
     fraction = choose_threshold(foreground.image, foreground.contrast, threshold)
     if method == "threshold" or not foreground.contrast.plateau > 0:

@@ -1,12 +1,12 @@
 """The background of a series, pooled from its frames, in place of the single reference.
 
-The frames are measured with the reference as it is; the contacts found are divided out of each frame, what
-is left is registered and averaged, the radii are corrected together with it (`contactimg.imaging.pooled`),
-and every frame is measured again on the mean of the others.
+Some frames are measured with the reference as it is; the contacts found are divided out of each, what is left
+is registered and averaged, and the radii are corrected together with it (`contactimg.imaging.pooled`). Every
+frame is then measured on the mean of the others.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -46,8 +46,9 @@ FEWEST_FRAMES = 5
 """Frames from which on the background is pooled without being asked for. Chosen: each has four others."""
 
 MOST_VIEWS = 16
-"""Frames that the background is pooled from, evenly spread over the series. Chosen: what the background adds
-to the variance of a radius is then 1/16 at best; more frames would take at most 3 % off its uncertainty."""
+"""Frames, evenly spread over the series, that are measured before the others, show the background and tell
+contrast, blur and edge. Chosen: the background then adds 1/16 to the variance of a radius at best; more
+frames would take at most 3 % off its uncertainty."""
 
 FEWEST_VIEWS = 3
 """Different frames that a pooled background needs."""
@@ -84,8 +85,10 @@ class Pool:
     options : FrameOptions
     source : str
         Whose coordinates the background has, if not those of the reference.
-    remarks : tuple of str
-        On each frame of the series; empty where there is nothing to say.
+    remark : str
+        On all frames of the series; empty where there is nothing to say.
+    differing : frozenset of int
+        Numbers of the frames that differ from the others.
     needed : bool
         It is used whether or not it gains: it was asked for, or the reference is at fault.
     spots : int
@@ -97,18 +100,22 @@ class Pool:
     views: tuple[PlacedFrame, ...]
     options: FrameOptions
     source: str
-    remarks: tuple[str, ...]
+    remark: str
+    differing: frozenset[int]
     needed: bool
     spots: int
 
-    def gains(self, before: list[MeasuredFrame], after: list[MeasuredFrame]) -> bool:
+    def gains(self, before: Mapping[int, MeasuredFrame], after: Mapping[int, MeasuredFrame]) -> bool:
         """Whether it is needed, or the frames measured on it show less noise than before."""
         ratios = [
-            first.row["noise"] / part.row["noise"]
-            for first, part in zip(before, after, strict=True)
-            if part is not first and part.row["noise"] > 0
+            before[k].row["noise"] / part.row["noise"] for k, part in after.items() if part.row["noise"] > 0
         ]
         return self.needed or bool(ratios and np.median(ratios) > LEAST_GAIN)
+
+    def remarks_on(self, number: int) -> str:
+        """What is to be said about a frame of the series."""
+        differs = "differs from the other frames: left out of the pooled background"
+        return "; ".join(filter(None, [self.remark, differs * (number in self.differing)]))
 
     def without(self, image: NDArray) -> tuple[PooledBackground, list[Contacts]]:
         """The sums without the view of an image (or of a copy of it), and the contacts of the other views."""
@@ -166,22 +173,24 @@ def measure_on_pool(
     _reference: NDArray | None,
     optics: SharedOptics | None,
     edits: Edits,
-    before: tuple[float, float],
+    before: tuple[float, float] | None,
     *,
     pool: Pool,
 ) -> MeasuredFrame:
     """Measure a frame on the mean of the other views, and say what that changed.
 
-    ``before`` are the noise and the median uncertainty of a radius as measured with the reference.
+    ``before`` are the noise and the median uncertainty of a radius as measured with the reference, if known.
     """
     background, others = pool.without(frame.image)
     measured = measure_scene_frame(frame, background.mean(), optics, edits, options=pool.options)
     measured = _with_excess(measured, pool, background, others)
-    views, (noise, std) = int(np.median(background.count[::4, ::4])), noise_and_std(measured)
-    text = f"background pooled from {views} images{pool.source}: "
-    text += f"noise {before[0]:.3g} -> {noise:.3g} grey levels"
-    if np.isfinite([before[1], std]).all():
-        text += f", uncertainty of a radius {before[1]:.2g} -> {std:.2g} px"
+    views = int(np.median(background.count[::4, ::4]))
+    text = f"background pooled from {views} images{pool.source}"
+    if before is not None:
+        noise, std = noise_and_std(measured)
+        text += f": noise {before[0]:.3g} -> {noise:.3g} grey levels"
+        if np.isfinite([before[1], std]).all():
+            text += f", uncertainty of a radius {before[1]:.2g} -> {std:.2g} px"
     return measured.with_remarks(text)
 
 
@@ -233,10 +242,16 @@ def contacts_of(part: MeasuredFrame, options: FrameOptions) -> Contacts:
     return replace(contacts, contrast=contrast, blur=blur, film=film) if known else contacts.left_out()
 
 
+def evenly_spread(numbers: Sequence[int], most: int) -> list[int]:
+    """At most so many of the numbers, evenly spread over them."""
+    places = np.linspace(0, len(numbers) - 1, min(most, len(numbers)))
+    return [numbers[k] for k in np.rint(places).astype(int).tolist()]
+
+
 def pool_background(
     experiment: Experiment,
     options: FrameOptions,
-    parts: Sequence[MeasuredFrame],
+    parts: Mapping[int, MeasuredFrame],
     *,
     workers: int | None,
     fault: str = "",
@@ -250,8 +265,8 @@ def pool_background(
     ----------
     experiment : Experiment
     options : FrameOptions
-    parts : sequence of MeasuredFrame
-        The frames as measured with the reference of the experiment, or without one.
+    parts : mapping of int to MeasuredFrame
+        Frames of these numbers as measured with the reference of the experiment, or without one.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`.
     fault : str
@@ -262,7 +277,7 @@ def pool_background(
     Pool or None
         None where the background is not to be pooled, or too few different frames show it or agree on it.
     """
-    wish, count = options.scene.images.background, sum(map(is_measured, parts))
+    wish, count = options.scene.images.background, sum(map(is_measured, parts.values()))
     enough = count >= FEWEST_FRAMES and options.scene.measure.method == "disk"
     if not (enough if wish == "auto" else wish == "pooled" and count > 1):
         return None
@@ -286,14 +301,14 @@ def pool_background(
         remark = "the reference differs from all frames: left out of the pooled background"
     elif fault or (experiment.references and not has_reference):
         remark = f"{fault or 'the reference does not show the surface of the frames'}: not used"
-    differs = "differs from the other frames: left out of the pooled background"
-    said = ([remark, differs * (k in shown and k not in views)] for k in range(len(parts)))
-    remarks = tuple("; ".join(filter(None, texts)) for texts in said)
     placed = zip(views.values(), corrections, strict=True)
     corrected = tuple(replace(own, correction=correction) for own, correction in placed)
     spots = agreement.spots_of(0, sign=anchored.sign) if has_reference else 0
     needed = bool(fault) or wish == "pooled"
-    return Pool(pooled, brightness, corrected, options, anchored.source, remarks, needed, spots)
+    differing = frozenset(shown) - frozenset(views)
+    return Pool(
+        pooled, brightness, corrected, options, anchored.source, remark, differing, needed=needed, spots=spots
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,14 +334,13 @@ class _Anchored:
 
 
 def _place_views(
-    experiment: Experiment, options: FrameOptions, parts: Sequence[MeasuredFrame], workers: int | None
+    experiment: Experiment, options: FrameOptions, parts: Mapping[int, MeasuredFrame], workers: int | None
 ) -> _Anchored:
     """The anchor, and the frames on it; a `FrameError` if too few show its surface."""
-    frames, usable = experiment.frames, [k for k, part in enumerate(parts) if is_measured(part)]
+    frames, usable = experiment.frames, [k for k, part in parts.items() if is_measured(part)]
     light = sum(np.sign(parts[k].row["contrast"]) * parts[k].row["n_contacts"] for k in usable)
     sign = 1 if light >= 0 else -1  # whether most contacts are brighter than the background
-    chosen = np.rint(np.linspace(0, len(usable) - 1, min(MOST_VIEWS, len(usable)))).astype(int)
-    contacts = {k: contacts_of(parts[k], options) for k in (usable[n] for n in np.unique(chosen))}
+    contacts = {k: contacts_of(parts[k], options) for k in evenly_spread(usable, MOST_VIEWS)}
     registered = bool(options.scene.effects.switched_off("position_drift"))
 
     def place(contacts: dict[int, Contacts], anchor: NDArray) -> dict[int, PlacedView]:

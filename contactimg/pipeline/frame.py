@@ -192,8 +192,9 @@ class MeasuredFrame:
 
     @property
     def relative_optics(self) -> SharedOptics | None:
-        """Its own optics with the contrast divided by the background, so that drifts of the lamp cancel."""
-        return None if self.own_optics is None else self.own_optics.scaled(1.0 / (self.level or 1.0))
+        """Its own optics with the contrast divided by the background."""
+        own = self.own_optics
+        return None if own is None else replace(own.scaled(1.0 / (self.level or 1.0)), relative=True)
 
     def with_contacts(self, contacts: pd.DataFrame) -> "MeasuredFrame":
         """Return the frame with other contacts."""

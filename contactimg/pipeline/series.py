@@ -2,21 +2,31 @@
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files import EVERY_FRAME, Experiment, PartStore, Run, edit_points, open_experiment
+from contactimg.files import (
+    EVERY_FRAME,
+    Experiment,
+    FrameSource,
+    PartStore,
+    Run,
+    edit_points,
+    open_experiment,
+)
 from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
 from contactimg.imaging.fit.pooling import FEWEST_SCORES, pool_edges, pool_optics
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.background import (
     FEWEST_FALSE_SPOTS,
+    FEWEST_FRAMES,
+    MOST_VIEWS,
+    evenly_spread,
     is_measured,
     measure_on_pool,
     noise_and_std,
@@ -30,10 +40,6 @@ from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
-
-MOST_EDGES = 200
-"""Frames that the edge is pooled from, evenly spread over the series. Chosen: what all of a long series would
-add is below a tenth of the uncertainty of a frame; the time to leave each one out grows with their square."""
 
 POOLING_GAIN = 1.5
 """A frame is measured again with the optics of the series if these know its contrast or blur so many times
@@ -114,7 +120,9 @@ def _measure_frames(
     workers: int | None,
     store: PartStore | None,
 ) -> tuple[list[MeasuredFrame], tuple[int, int]]:
-    """Measure every frame on its own, then again those that need contrast and blur of the others.
+    """Measure the frames, on a pooled background where that gains; some again with optics of the others.
+
+    Only the frames that the background is pooled from are measured with the reference before.
 
     Returns
     -------
@@ -128,84 +136,100 @@ def _measure_frames(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
-    frames = experiment.frames
-    measure = partial(measure_scene_frame, options=options)
+    frames, method = experiment.frames, options.scene.measure.method
     by_hand = [edits.get(frame.name, ()) for frame in frames]
-    parts: list[MeasuredFrame] = []
-    everything = [(frame, None, own) for frame, own in zip(frames, by_hand, strict=True)]
-    for measured in for_each_frame(
-        experiment, measure, everything, workers=workers, store=store, shown="measuring frames"
-    ):
-        parts.append(MeasuredFrame.of(measured))
-        parts[-1].log()
-    shape = _refuse_other_sizes(parts)
-
-    def again(
-        parts: list[MeasuredFrame], call: Callable[..., MeasuredFrame], given: dict[int, tuple[Any, ...]]
-    ) -> list[MeasuredFrame]:
-        """The parts, some of them measured again; a frame that fails now is left as it was."""
-        new, jobs = list(parts), [(frames[k], *job) for k, job in given.items()]
-        results = for_each_frame(experiment, call, jobs, workers=workers, store=store)
-        for k, result in zip(given, results, strict=True):
-            if not isinstance(result, FailedFrame):
-                new[k] = result
-                result.log("again: ")
-        return new
-
-    def lend(parts: list[MeasuredFrame]) -> dict[int, SharedOptics]:
-        """Number of a frame that gains by it -> what the frames of the series share, in its grey levels."""
-        lent = _lent_optics(parts, options.scene.measure.method)
-        return {k: optics.scaled(parts[k].level or 1.0) for k, optics in lent.items()}
-
-    shown = [k for k, part in enumerate(parts) if is_measured(part)]
-    pool = pool_background(experiment, options, parts, workers=workers)
+    failed: dict[int, FailedFrame] = {}
+    measured = partial(_measured, experiment, failed, workers=workers, store=store)
+    alone = partial(measure_scene_frame, options=options)
+    tails: list[tuple[Any, ...]] = [(edits,) for edits in by_hand]
+    by_itself = {k: (None, *tail) for k, tail in enumerate(tails)}
+    counts_pixels = method == "threshold" and options.scene.images.background != "pooled"
+    sample = evenly_spread(range(len(frames)), len(frames) if counts_pixels else MOST_VIEWS)
+    parts = measured(alone, {k: by_itself[k] for k in sample})
+    if len(parts) < FEWEST_FRAMES or len({part.shape for part in parts.values()}) > 1:
+        parts |= measured(alone, {k: job for k, job in by_itself.items() if k not in parts | failed})
+    if not parts:
+        raise InputError(f"no frame could be measured; the first: {failed[0].row['message']}")
+    shown = {k: part for k, part in _of_usual_shape(parts).items() if is_measured(part)}
+    pool = pool_background(experiment, options, shown, workers=workers)
     if pool is not None and pool.spots >= FEWEST_FALSE_SPOTS:
         fault = f"the reference shows {pool.spots} spots like contacts that no frame confirms"
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
-        parts = again(parts, measure, {k: (None, by_hand[k]) for k in shown})
-        pool = pool_background(experiment, options, parts, workers=workers, fault=fault)
+        measured = partial(_measured, experiment, failed, workers=workers, store=store)
+        shown |= measured(alone, {k: by_itself[k] for k in shown}, again="again: ")
+        parts |= shown
+        pool = pool_background(experiment, options, shown, workers=workers, fault=fault)
+    call, (common, lent) = alone, _lent_optics(_of_usual_shape(parts), method)
     if pool is not None:
         on_pool = partial(measure_on_pool, pool=pool)
+        before = [noise_and_std(shown[k]) if k in shown else None for k in range(len(frames))]
         # without a reference the frames alone know their contrast badly
-        lent = {} if pool.source else lend(parts)
-        jobs = {k: (lent.get(k), by_hand[k], noise_and_std(parts[k])) for k in shown}
-        better = again(parts, on_pool, jobs)
-        if pool.gains(parts, better):
-            if pool.source:
-                jobs = {k: (optics, *jobs[k][1:]) for k, optics in lend(better).items()}
-                better = again(better, on_pool, jobs)
-            return [part.with_remarks(text) for part, text in zip(better, pool.remarks, strict=True)], shape
-        logger.info("the pooled background gains nothing; the reference is used")
-    return again(parts, measure, {k: (optics, by_hand[k]) for k, optics in lend(parts).items()}), shape
+        jobs = {k: (None if pool.source else lent.get(k), by_hand[k], before[k]) for k in shown}
+        better = measured(on_pool, jobs, again="again: ")
+        if pool.gains(shown, better):
+            call, tails, parts = on_pool, list(zip(by_hand, before, strict=True)), parts | better
+            common, lent = _lent_optics(better, method) if pool.source else (common, {})
+        else:
+            logger.info("the pooled background gains nothing; the reference is used")
+            pool = None
+    parts |= measured(call, {k: (lent[k], *tails[k]) for k in lent}, again="again: ")
+    others = [k for k in range(len(frames)) if k not in parts | failed]
+    parts |= measured(call, {k: (common, *tails[k]) for k in others})
+    if pool is not None:  # frames of which the pool tells nothing
+        parts |= measured(alone, {k: by_itself[k] for k in others if k not in parts})
+        parts = {k: part.with_remarks(pool.remarks_on(k)) for k, part in parts.items()}
+    return _in_order(parts, failed, frames)
 
 
-def _lent_optics(parts: Sequence[MeasuredFrame], method: str) -> dict[int, SharedOptics]:
-    """Number of a frame that gains by it -> contrast, blur and edge that the frames of the series share.
+def _measured(
+    experiment: Experiment,
+    failed: dict[int, FailedFrame],
+    call: Callable[..., MeasuredFrame],
+    jobs: Mapping[int, tuple[Any, ...]],
+    *,
+    workers: int | None,
+    store: PartStore | None,
+    again: str = "",
+) -> dict[int, MeasuredFrame]:
+    """The frames of these numbers, each measured with its job; those that fail go to ``failed`` instead."""
+    given = [(experiment.frames[k], *job) for k, job in jobs.items()]
+    shown = "" if again else "measuring frames"
+    results = for_each_frame(experiment, call, given, workers=workers, store=store, shown=shown)
+    found = {}
+    for k, result in zip(jobs, results, strict=True):
+        if isinstance(result, FailedFrame):
+            failed[k] = result
+        else:
+            found[k] = result
+        MeasuredFrame.of(result).log(again)
+    return found
 
-    Contrast and blur are those of all frames; of the edge a frame gets what the others of a
-    pool show: its own adds nothing to it. Nothing is lent where no frame determines its contrast.
+
+def _lent_optics(
+    parts: Mapping[int, MeasuredFrame], method: str
+) -> tuple[SharedOptics | None, dict[int, SharedOptics]]:
+    """Contrast, blur and edge that frames share: for any other frame, and for those of them that gain by it.
+
+    Contrast and blur are those of all frames; of the edge a frame gets what the others
+    show: its own adds nothing to it. Nothing is lent where no frame determines its contrast.
     """
-    if method != "disk":  # a pixel count takes each frame's own plateau
-        return {}
-    own = (part.relative_optics for part in parts)
+    own = (part.relative_optics for part in parts.values())
     pooled = pool_optics(replace(optics, edge=None) for optics in own if optics is not None)
-    if pooled is None:
-        return {}
-    edges = [None if part.own_optics is None else part.own_optics.edge for part in parts]
-    seen = [k for k, edge in enumerate(edges) if edge is not None and edge.count >= FEWEST_SCORES]
-    places = np.linspace(0, len(seen) - 1, min(MOST_EDGES, len(seen)))
-    chosen = [seen[k] for k in np.unique(np.rint(places).astype(int))]
-    pool = {k: edge for k in chosen if (edge := edges[k]) is not None}
+    if method != "disk" or pooled is None:  # a pixel count takes each frame's own plateau
+        return None, {}
+    edges = {k: optics.edge for k in sorted(parts) if (optics := parts[k].own_optics) is not None}
+    seen = {k: edge for k, edge in edges.items() if edge is not None and edge.count >= FEWEST_SCORES}
+    pool = {k: seen[k] for k in evenly_spread(list(seen), MOST_VIEWS)}
     common = replace(pooled, edge=pool_edges(list(pool.values())))
     lent = {}
-    for k, part in enumerate(parts):
+    for k, part in parts.items():
         optics = common
         if k in pool:
             optics = replace(pooled, edge=pool_edges([edge for other, edge in pool.items() if other != k]))
         if _gains_by_pooling(part, optics):
             lent[k] = optics
-    return lent
+    return common, lent
 
 
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
@@ -228,14 +252,24 @@ def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
     return own.edge.families != pooled.edge.families and 2 * own.edge.count < pooled.edge.count
 
 
-def _refuse_other_sizes(parts: list[MeasuredFrame]) -> tuple[int, int]:
-    """Make failures of the frames of an unusual size, and return the usual one."""
-    sizes = Counter(part.shape for part in parts if part.shape is not None)
-    if not sizes:
-        raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
-    (rows, columns), _ = sizes.most_common(1)[0]
-    for k, part in enumerate(parts):
-        if part.shape not in (None, (rows, columns)):
-            odd = f"has {part.shape[1]} x {part.shape[0]} pixels, the other frames {columns} x {rows}"
-            parts[k] = MeasuredFrame.of(FailedFrame.of(part.row["frame"], FrameError(odd)))
-    return rows, columns
+def _of_usual_shape(parts: Mapping[int, MeasuredFrame]) -> dict[int, MeasuredFrame]:
+    """The frames that have as many rows and columns as most."""
+    (usual, _), *_ = Counter(part.shape for part in parts.values()).most_common(1)
+    return {k: part for k, part in parts.items() if part.shape == usual}
+
+
+def _in_order(
+    parts: Mapping[int, MeasuredFrame], failed: Mapping[int, FailedFrame], frames: Sequence[FrameSource]
+) -> tuple[list[MeasuredFrame], tuple[int, int]]:
+    """All frames and their usual shape; those of another shape are failures."""
+    usual = _of_usual_shape(parts)
+    rows, columns = next(iter(usual.values())).shape or (0, 0)
+    ordered = []
+    for k, frame in enumerate(frames):
+        part = parts[k] if k in parts else MeasuredFrame.of(failed[k])
+        if k in parts and k not in usual:
+            size = "{1} x {0}".format(*parts[k].shape or (0, 0))
+            odd = f"has {size} pixels, the other frames {columns} x {rows}"
+            part = MeasuredFrame.of(FailedFrame.of(frame.name, FrameError(odd)))
+        ordered.append(part)
+    return ordered, (rows, columns)

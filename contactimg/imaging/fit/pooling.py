@@ -61,6 +61,7 @@ def pool_optics(frames: Iterable[SharedOptics]) -> SharedOptics | None:
         blur_std_px=blur.std,
         correlation=best.correlation * contrast.shared * blur.shared,
         halo=best.halo,
+        relative=best.relative,
     )
 
 

@@ -93,6 +93,8 @@ class SharedOptics:
         What is known of edges that are no disk behind one Gaussian; None if nothing is.
     known_edge : KnownEdge or None
         Where contacts end in their edges, for the method "disk"; None if no reference has told.
+    relative : bool
+        Contrasts are divided by the level of the background, so that drifts of the lamp cancel.
 
     Examples
     --------
@@ -109,6 +111,7 @@ class SharedOptics:
     halo: Halo | None = None
     edge: EdgeKnowledge | None = field(default=None, compare=False)
     known_edge: KnownEdge | None = None
+    relative: bool = False
 
     def scaled(self, factor: float) -> "SharedOptics":
         """The optics with contrasts multiplied by ``factor``."""
