@@ -193,13 +193,7 @@ class CoverageEstimate(Estimate):
         >>> CoverageEstimate(3e6, 1e4, 2.98e6, 3.02e6).record("Pa")["std"]
         10000.0
         """
-        return {
-            "value": self.value,
-            "std": self.std,
-            "unit": unit,
-            "low_95": self.low,
-            "high_95": self.high,
-        }
+        return {"value": self.value, "std": self.std, "unit": unit, "low_95": self.low, "high_95": self.high}
 
 
 def estimate_from_draws(draws: NDArray[np.float64]) -> CoverageEstimate:

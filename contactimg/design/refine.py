@@ -65,13 +65,7 @@ def evaluate(table: pd.DataFrame, loads: Values, wanted: Values, how: dict[str, 
 
 
 def refine(
-    table: pd.DataFrame,
-    loads: Values,
-    wanted: Values,
-    *,
-    tolerance: float,
-    max_iterations: int,
-    **how: Any,
+    table: pd.DataFrame, loads: Values, wanted: Values, *, tolerance: float, max_iterations: int, **how: Any
 ) -> Refined:
     """Correct the heights until the area at each load is the wanted one, or no step brings it nearer.
 

@@ -22,11 +22,7 @@ from contactimg.scene.contact_sections import Elastic
 
 Values = NDArray[np.float64]
 
-LAW_WORDS = {
-    "hertz": "Hertz",
-    "sphere": "Hertz with the exact profile of a sphere",
-    "jkr": "JKR adhesion",
-}
+LAW_WORDS = {"hertz": "Hertz", "sphere": "Hertz with the exact profile of a sphere", "jkr": "JKR adhesion"}
 """Part of the name of a law -> what it means."""
 
 EFFECT_WORDS = {"sphere_profile": "the exact profile of the sphere", "adhesion": "adhesion"}
@@ -159,11 +155,7 @@ def _support_message(radius: float, elastic: Elastic, tolerance: float) -> str:
 
 
 def pressing_force(
-    radius: ArrayLike,
-    sphere_radius: ArrayLike,
-    *,
-    contact_modulus: float,
-    law: ForceLaw = "hertz",
+    radius: ArrayLike, sphere_radius: ArrayLike, *, contact_modulus: float, law: ForceLaw = "hertz"
 ) -> Values:
     """Force (N) that presses contacts to their radius, without adhesion.
 

@@ -344,11 +344,7 @@ def layer_deficit(r, thinness, value, slope):  # type: ignore[no-untyped-def]  #
     first = (rise + (1 - 2 * f) * (left * (1 - f) + right * f) + f * (1 - f) * (right - left)) / layer.STEP
     second = (2 * (1 - 2 * f) * (right - left) - 2 * (left * (1 - f) + right * f)) / layer.STEP**2
     over = first / s if s > 0.5 * layer.STEP else second
-    return (
-        thinness * (value[k] + f * rise + bend),
-        thinness**2 * first,
-        thinness**3 * (second + over),
-    )
+    return (thinness * (value[k] + f * rise + bend), thinness**2 * first, thinness**3 * (second + over))
 
 
 @njit(cache=True, error_model="numpy", inline="always")

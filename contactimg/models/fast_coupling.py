@@ -22,13 +22,7 @@ from scipy.special import erf, erfc, erfcinv
 
 from contactimg.compiled import njit
 from contactimg.errors import InputError
-from contactimg.models.coupling import (
-    Coupling,
-    DenseCoupling,
-    Kernel,
-    NewtonSystem,
-    conjugate_gradients,
-)
+from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NewtonSystem, conjugate_gradients
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]

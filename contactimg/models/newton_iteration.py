@@ -235,10 +235,7 @@ def _search_line(system: ContactSystem, at: Iterate, change: Values, rise: float
     step, mismatch = 1.0, at.mismatch
     while step >= MIN_STEP_FRACTION:
         trial = evaluate_iterate(
-            system,
-            at.force + step * change,
-            at.indentation + step * rise,
-            at.displacement + step * response,
+            system, at.force + step * change, at.indentation + step * rise, at.displacement + step * response
         )
         if trial.mismatch < (1 - 1e-4 * step) * mismatch:
             return trial

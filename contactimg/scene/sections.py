@@ -324,8 +324,7 @@ class Simulate(FilmLight):
         1.4, description="Standard deviation of the optical blur, px."
     )
     psf: Literal["gaussian", "halo", "airy"] = Field(
-        "gaussian",
-        description="Point spread function: Gaussian, Gaussian with a wide halo, or Airy disk.",
+        "gaussian", description="Point spread function: Gaussian, Gaussian with a wide halo, or Airy disk."
     )
     halo_fraction: Fraction = Field(0.2, description="Fraction of the light that goes into the halo.")
     halo_sigma_px: Annotated[Positive, Field(le=500)] = Field(

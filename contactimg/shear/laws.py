@@ -364,10 +364,7 @@ def half_axes_along(
     cosine, sine = (np.nan_to_num(part(turn - direction)) ** 2 for part in (np.cos, np.sin))
     round_one = np.isnan(turn)
     cosine = np.where(round_one, 1.0, cosine)
-    return (
-        np.sqrt(major**2 * cosine + minor**2 * sine),
-        np.sqrt(major**2 * sine + minor**2 * cosine),
-    )
+    return (np.sqrt(major**2 * cosine + minor**2 * sine), np.sqrt(major**2 * sine + minor**2 * cosine))
 
 
 def local_friction(

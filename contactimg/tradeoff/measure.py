@@ -111,12 +111,7 @@ class Tradeoff:
     left_out: dict[str, str]
 
 
-def measure_knob(
-    knob: Knob,
-    *,
-    seconds: float,
-    clock: Clock = perf_counter,
-) -> pd.DataFrame:
+def measure_knob(knob: Knob, *, seconds: float, clock: Clock = perf_counter) -> pd.DataFrame:
     """Run every setting of a knob; repeat fast ones in turn and take the shortest time.
 
     Parameters
