@@ -94,25 +94,15 @@ def frame_areas(
     rows, names = [], ("place", "frame", "load", "area", "area_std")
     for row in good.to_dict("records"):
         own = groups.get(row["frame"], none)
-        area_std = np.nan_to_num(row["area_std_m2"], nan=0.0)
-        values = place, row["frame"], row["load_N"], row["area_m2"], area_std
-        rows.append([*values, *_contact_sums(own), *_sector_sums(own, centre)])
+        ratio = own.reindex(columns=["radius_ratio"])["radius_ratio"].dropna()
+        sums = sampling_std(own), len(own), own["radius_m"].sum(), ratio.sum(), len(ratio), ratio.max()
+        sectors = np.full((2, SECTORS), np.nan)
+        if centre is not None and len(own) and own[["x_m", "y_m", "force_N"]].notna().all(axis=None):
+            whole = annulus_moments(own, centre=centre, edges=[0.0, np.inf], sectors=SECTORS)
+            sectors = np.stack([np.pi * whole["aa"], whole["p"]])
+        measured = row["load_N"], row["area_m2"], np.nan_to_num(row["area_std_m2"], nan=0.0)
+        rows.append([place, row["frame"], *measured, *sums, *sectors.ravel()])
     return pd.DataFrame(rows, columns=[*names, *CONTACT_SUMS, *AREA_SECTORS, *FORCE_SECTORS])
-
-
-def _contact_sums(contacts: pd.DataFrame) -> tuple[float, ...]:
-    ratio = contacts["radius_ratio"].dropna() if "radius_ratio" in contacts else pd.Series(dtype=float)
-    largest = float(ratio.max()) if len(ratio) else np.nan
-    radius, count = float(contacts["radius_m"].sum()), len(contacts)
-    return sampling_std(contacts), count, radius, float(ratio.sum()), len(ratio), largest
-
-
-def _sector_sums(contacts: pd.DataFrame, centre: tuple[float, float] | None) -> Values:
-    """Area and force of the contacts of a frame in each sector about the centre, one after the other."""
-    if centre is None or contacts.empty or contacts[["x_m", "y_m", "force_N"]].isna().any(axis=None):
-        return np.full(2 * SECTORS, np.nan)
-    sums = annulus_moments(contacts, centre=centre, edges=[0.0, np.inf], sectors=SECTORS)
-    return np.concatenate([np.pi * sums["aa"], sums["p"]])
 
 
 def group_loads(loads: Sequence[float] | Values, *, tolerance: float) -> NDArray[np.intp]:
@@ -249,7 +239,11 @@ def fit_area_law(
             f"got {good['load'].nunique()}"
         )
     read, area, area_std = (good[name].to_numpy(float) for name in ("load", "area", "area_std"))
-    errors = np.hypot(load_relative_std * read, load_std), np.hypot(area_std, _common_sampling_std(good))
+    # of one relative size at each load: else places whose area is larger by chance had the larger weight
+    groups = group_loads(read, tolerance=SAME_LOAD_TOLERANCE)
+    sampled = pd.Series((good["sampling_std"].to_numpy(float) / area) ** 2).groupby(groups).transform("mean")
+    sampling = area * np.sqrt(sampled.to_numpy(float))
+    errors = np.hypot(load_relative_std * read, load_std), np.hypot(area_std, sampling)
     zero, zero_stds = _zero(read, area, errors, load_cell.zero_std)
     load = read - zero
     logs, reference = logarithms(load, area, *errors)
@@ -265,17 +259,6 @@ def fit_area_law(
         exponent = exponent.widened(zero_stds[1], confidence=confidence)
     law = power_law(exponent, offset, load, reference, fit.scatter, good["place"].nunique(), confidence)
     return replace(law, zero=zero)
-
-
-def _common_sampling_std(areas: pd.DataFrame) -> Values:
-    """Sampling errors of the areas, of one relative size at each load.
-
-    With those of each place, places whose area is larger by chance would have the larger weight.
-    """
-    area = areas["area"].to_numpy(float)
-    groups = group_loads(areas["load"].to_numpy(float), tolerance=SAME_LOAD_TOLERANCE)
-    relative = pd.Series((areas["sampling_std"].to_numpy(float) / area) ** 2)
-    return np.asarray(area * np.sqrt(relative.groupby(groups).transform("mean").to_numpy(float)), np.float64)
 
 
 def _replicates(areas: pd.DataFrame, logs: Points) -> tuple[Points | None, int]:

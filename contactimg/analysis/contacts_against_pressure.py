@@ -148,7 +148,12 @@ def fit_contact_law(
     kept = [_kept(table, min_contacts) for table in whole]
     own = _coordinates(whole, kept, quantity)
     pressure = np.exp(own[0, 0])
-    _refuse_flat(own)
+    x, _, z, w = own[:, 0]
+    if x.size < 2 or not w @ ((z - w @ z / w.sum()) * x) > 0:
+        raise InputError(
+            "an exponent against the pressure needs annuli of different pressure beside others with enough "
+            f"contacts, got {x.size} of them; allow fewer contacts or wider annuli"
+        )
     reference = float(np.exp(np.mean(own[0])))
     own[[0, 2]] -= np.log(reference)
     (value,) = _fitted(line, own)
@@ -185,15 +190,19 @@ def _broken(single: PowerLaw, rows: Values, blocks: int) -> BrokenLaw:
     breaks = breaks[(breaks > ends[..., 1].max()) & (breaks < ends[..., -2].min())]
     if breaks.size < 2:
         return _unbroken(single)
-    fits = np.array([_fitted(two_lines(place), rows) for place in breaks])
-    misfits = [_squares(two_lines(place), rows, fit) for place, fit in zip(breaks, fits, strict=True)]
-    best = np.argmin(misfits, axis=0)
+    fits, (x, y, _, w) = np.array([_fitted(two_lines(place), rows) for place in breaks]), rows
+    laws = [(two_lines(u)(x, 0) @ fit[..., None])[..., 0] for u, fit in zip(breaks, fits, strict=True)]
+    best = np.argmin([np.sum(w * (y - law) ** 2, axis=-1) for law in laws], axis=0)
     chosen, where = fits[best, np.arange(len(best))], breaks[best]
     lines = [
         bootstrap_estimate(float(column[0]), column[1:], blocks=blocks, confidence=single.confidence)
         for column in (chosen[:, 1], chosen[:, 2], where)
     ]
-    gain = _chi_square_of_breaks(fits[..., 1] - fits[..., 2], blocks)
+    # chi-square of the difference of the exponents at each break, as if its spread were known
+    difference, tiny = fits[..., 1] - fits[..., 2], np.finfo(float).tiny
+    spread = bootstrap_std(difference[:, 1:], blocks=blocks)
+    tail = special.stdtr(blocks - 1, -np.abs(difference[:, 0]) / np.maximum(spread, tiny))
+    gain = np.asarray(special.ndtri(np.maximum(tail, tiny)) ** 2)
     return broken_law(single, lines, gain, breaks, level=float(chosen[0, 0]))
 
 
@@ -236,34 +245,7 @@ def _coordinates(sums: Sequence[Values], kept: Sequence[NDArray[np.bool_]], quan
     return np.concatenate(columns, axis=-1)
 
 
-def _refuse_flat(coordinates: Values) -> None:
-    """Raise if the pressures beside do not tell those of the annuli."""
-    x, _, z, w = coordinates[:, 0]
-    if x.size < 2 or not w @ ((z - w @ z / w.sum()) * x) > 0:
-        raise InputError(
-            "an exponent against the pressure needs annuli of different pressure beside others with enough "
-            f"contacts, got {x.size} of them; allow fewer contacts or wider annuli"
-        )
-
-
 def _fitted(basis: Basis, coordinates: Values) -> Values:
     """Parameters of each row of coordinates, with the pressure beside as the instrument."""
     x, y, z, w = coordinates
     return solve_moments(basis(z, 0), basis(x, 0), y, w / w.sum(axis=-1, keepdims=True))
-
-
-def _squares(basis: Basis, coordinates: Values, parameters: Values) -> Values:
-    """Weighted squares of the residuals of each row."""
-    x, y, _, w = coordinates
-    rest = y - (basis(x, 0) @ parameters[..., None])[..., 0]
-    return np.asarray(np.sum(w * rest**2, axis=-1) / w.sum(axis=-1))
-
-
-def _chi_square_of_breaks(difference: Values, blocks: int) -> Values:
-    """Squares of the exponents' difference over its spread, at each break, as if the spread were known.
-
-    The first column is that of the whole, the others are those of the replicates.
-    """
-    spread = bootstrap_std(difference[:, 1:], blocks=blocks)
-    tail = special.stdtr(blocks - 1, -np.abs(difference[:, 0]) / np.maximum(spread, np.finfo(float).tiny))
-    return np.asarray(special.ndtri(np.maximum(tail, np.finfo(float).tiny)) ** 2)

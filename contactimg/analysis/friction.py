@@ -7,7 +7,7 @@ import pandas as pd
 
 from contactimg.analysis.area_against_load import group_loads
 from contactimg.analysis.estimates import Estimate, student_estimate
-from contactimg.analysis.linear_fit import LinearFit, Points, fit_proportional
+from contactimg.analysis.linear_fit import Points, fit_proportional
 from contactimg.errors import InputError
 
 
@@ -89,7 +89,11 @@ def fit_shear_stress(
     area, force, area_std = (good[name].to_numpy(float) for name in ("area_m2", "friction_N", "area_std_m2"))
     points = Points(area, np.abs(force), x_std=np.nan_to_num(area_std, nan=0.0), y_std=friction_std)
     fit = fit_proportional(points)
-    freedom = _effective_freedom(fit, points)
+    freedom = fit.freedom
+    if freedom > 0:  # the stated errors explain a part of the variance
+        stated = fit_proportional(points, scatter=0.0).covariance[0, 0]
+        from_scatter = max(1 - float(stated / fit.covariance[0, 0]), 0.0)
+        freedom = fit.freedom / from_scatter**2 if from_scatter > 0 else float(np.inf)
     std = float(np.sqrt(fit.covariance[0, 0]))
     return ShearStress(
         stress=student_estimate(float(fit.parameters[0]), std, freedom=freedom, confidence=confidence),
@@ -100,15 +104,6 @@ def fit_shear_stress(
         freedom=freedom,
         confidence=confidence,
     )
-
-
-def _effective_freedom(fit: LinearFit, points: Points) -> float:
-    """Degrees of freedom behind the variance, of which the stated errors explain a part."""
-    if fit.freedom == 0:
-        return 0.0
-    stated = fit_proportional(points, scatter=0.0).covariance[0, 0]
-    from_scatter = max(1 - float(stated / fit.covariance[0, 0]), 0.0)
-    return fit.freedom / from_scatter**2 if from_scatter > 0 else float(np.inf)
 
 
 def compare_stress(stress: ShearStress, reference: Estimate) -> Estimate:
@@ -189,24 +184,17 @@ def stress_by_velocity(
     >>> found["stress_Pa"].round().tolist(), found["n_frames"].tolist()
     ([500000.0, 550000.0], [2, 1])
     """
-    moving = friction[(friction["velocity_m_s"].abs() > 0) & friction["friction_N"].notna()]
-    moving = moving[moving["area_m2"] > 0]
+    table = friction.assign(speed=friction["velocity_m_s"].abs())
+    moving = table[(table["speed"] > 0) & table["friction_N"].notna() & (table["area_m2"] > 0)]
     if moving.empty:
         raise InputError(
             "friction against velocity needs frames with friction_N, velocity_m_s and contacts; "
             "add these columns to the loads"
         )
-    moving = moving.assign(speed=moving["velocity_m_s"].abs())
     rows = []
     for _, part in moving.groupby(group_loads(moving["speed"].to_numpy(float), tolerance=tolerance)):
         found = fit_shear_stress(part, friction_std=friction_std)
         known = found.freedom > 0 or friction_std > 0 or (part["area_std_m2"] > 0).any()
-        rows.append(
-            {
-                "velocity_m_s": float(np.exp(np.log(part["speed"]).mean())),
-                "stress_Pa": found.stress.value,
-                "stress_std_Pa": found.stress.std if known else np.nan,
-                "n_frames": found.n_points,
-            }
-        )
-    return pd.DataFrame(rows)
+        mean, std = np.exp(np.log(part["speed"]).mean()), found.stress.std if known else np.nan
+        rows.append((mean, found.stress.value, std, found.n_points))
+    return pd.DataFrame(rows, columns=["velocity_m_s", "stress_Pa", "stress_std_Pa", "n_frames"])

@@ -270,12 +270,9 @@ def two_lines(place: float | Values) -> Basis:
 
     def terms(x: Values, order: int) -> Values:
         away = x - place
-        values = np.empty((*away.shape, 3))
         if order:
-            values[..., 0], values[..., 1], values[..., 2] = 0.0, away < 0, away >= 0
-        else:
-            values[..., 0], values[..., 1], values[..., 2] = 1.0, np.minimum(away, 0), np.maximum(away, 0)
-        return values
+            return np.stack([np.zeros_like(away), away < 0, away >= 0], axis=-1)
+        return np.stack([np.ones_like(away), np.minimum(away, 0), np.maximum(away, 0)], axis=-1)
 
     return terms
 

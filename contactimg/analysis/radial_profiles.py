@@ -111,13 +111,19 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
         )
     sums = sum_moments(places)
     area = _nonzero(sums["area"])
-    unknown = _pressure_unknown(sums)
+    # contacts without any force, in the annulus or in all annuli
+    unforced = bool(sums["n"].sum() > 0 and sums["n_forces"].sum() == 0)
+    unknown = unforced | ((sums["n"] > 0) & (sums["n_forces"] == 0)).to_numpy(bool)
     variance, student = _load_variance(places, sums)
     load, squares = sums["p"].to_numpy(float), sums["pp"].to_numpy(float)
     heaviest = squares / np.where(load == 0, np.inf, np.abs(load))
     heaviest = np.maximum(heaviest, _largest_beside(heaviest, sums))
     low, high = weighted_count_interval(load, student**2 * variance, heaviest)
-    std = np.hypot(np.sqrt(variance), _empty_limit(sums))
+    # no contacts are found in 5 % of the places where -ln 0.05 are expected, 1.96 standard uncertainties, of
+    # the mean force of the nearest annuli that have some, the larger of the two
+    mean = np.abs(load) / np.maximum(sums["n_forces"].to_numpy(float), 1.0)
+    unseen = float(-np.log(0.05) / special.ndtri(0.975)) * _largest_beside(mean, sums)
+    std = np.hypot(np.sqrt(variance), np.where(sums["n"].to_numpy(float) > 0, 0.0, unseen))
     loads = {"pressure_Pa": load, "pressure_std_Pa": std, "pressure_low_Pa": low, "pressure_high_Pa": high}
     columns = {
         "r_m": (sums["inner"] + sums["outer"]) / 2,
@@ -133,12 +139,6 @@ def _nonzero(values: pd.Series) -> Values:
     """The values with NaN for 0, to divide by."""
     array = values.to_numpy(float)
     return np.where(array > 0, array, np.nan)
-
-
-def _pressure_unknown(sums: pd.DataFrame) -> NDArray[np.bool_]:
-    """Where the pressure is unknown: contacts without any force, in the annulus or in all annuli."""
-    nowhere = bool(sums["n"].sum() > 0 and sums["n_forces"].sum() == 0)
-    return nowhere | ((sums["n"] > 0) & (sums["n_forces"] == 0)).to_numpy(bool)
 
 
 def _load_variance(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> tuple[Values, float]:
@@ -160,17 +160,6 @@ def _load_variance(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> tuple[
     away = p - seen * p.sum(axis=2, keepdims=True) / np.where(area > 0, area, 1.0)
     student = float(special.stdtrit(groups * (n - 1), 0.975) / special.ndtri(0.975))
     return np.asarray(n / (n - 1) * np.sum(away**2, axis=(1, 2)), np.float64), student
-
-
-def _empty_limit(sums: pd.DataFrame) -> Values:
-    """Standard uncertainty (N) of the load on annuli without contacts; 0 on others.
-
-    None are found in 5 % of the places where ``-ln 0.05`` are expected, which stand for 1.96 standard
-    uncertainties. Their force is the mean force of the nearest annuli that have some, the larger of the two.
-    """
-    mean = np.abs(sums["p"].to_numpy(float)) / np.maximum(sums["n_forces"].to_numpy(float), 1.0)
-    count = float(-np.log(0.05) / special.ndtri(0.975))
-    return np.where(sums["n"].to_numpy(float) > 0, 0.0, count * _largest_beside(mean, sums))
 
 
 def _largest_beside(values: Values, sums: pd.DataFrame) -> Values:
@@ -304,23 +293,17 @@ def ring_profile(rings: pd.DataFrame, edges: ArrayLike, *, frame: str) -> pd.Dat
     radius = np.nan_to_num(rings["mean_radius_m"].to_numpy(float), nan=0.0)
     area = np.pi * np.diff(edges**2)
 
-    def mean(f: Values) -> Values:
-        return np.diff(_within(r, f, edges)) / area
+    def mean(f: Values) -> Values:  # of f linear between the r and 0 beyond
+        mesh = np.union1d(r, edges[edges < r[-1]])
+        left, right = np.interp(mesh[:-1], r, f), np.interp(mesh[1:], r, f)
+        sums = np.pi * np.diff(mesh) * (mesh[:-1] * (2 * left + right) + mesh[1:] * (left + 2 * right)) / 3
+        return np.diff(np.interp(edges, mesh, np.concatenate([[0.0], np.cumsum(sums)]))) / area
 
     eta = mean(density)
     columns = {name: mean(rings[name].to_numpy(float)) for name in ("pressure_Pa", "area_fraction")}
     mean_radius = mean(density * radius) / np.where(eta > 0, eta, np.nan)
     columns |= {"density_per_m2": eta, "mean_radius_m": mean_radius}
     return _on_annuli(edges, frame, str(rings["model"].iloc[0]), columns)
-
-
-def _within(r: Values, f: Values, radii: Values) -> Values:
-    """``int_0^R 2 pi r f dr`` at each of the radii, ``f`` linear between the ``r`` and 0 beyond."""
-    mesh = np.union1d(r, radii[radii < r[-1]])
-    values = np.interp(mesh, r, f)
-    left, right = values[:-1], values[1:]
-    rings = np.pi * np.diff(mesh) * (mesh[:-1] * (2 * left + right) + mesh[1:] * (left + 2 * right)) / 3
-    return np.interp(radii, mesh, np.concatenate([[0.0], np.cumsum(rings)]))
 
 
 def normalise_profile(

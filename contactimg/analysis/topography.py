@@ -134,7 +134,5 @@ def _angle(slope: Estimate) -> Estimate:
     """``acos(1 - slope)``; its derivative is ``1/sin(theta)``."""
     if not 0 < slope.value < 2:
         return Estimate(np.nan, np.nan, np.nan, np.nan)
-    low, value, high = (
-        float(np.arccos(1 - min(max(s, 0.0), 2.0))) for s in (slope.low, slope.value, slope.high)
-    )
+    low, value, high = np.arccos(1 - np.clip([slope.low, slope.value, slope.high], 0.0, 2.0)).tolist()
     return Estimate(value, slope.std / float(np.sin(value)), low, high)

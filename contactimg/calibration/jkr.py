@@ -404,11 +404,17 @@ def calibrate_jkr(
     )
     settle(doubts, "the calibration")
     here = series.part(used)
-    found, layer = replace(found, edge=edge, zero_asked=_zero_asked(here)), _layer_asked(here)
-    if layer is not None:
-        layered = replace(series, sphere=replace(sphere, thickness=layer))
-        other = _solved(layered, used, branch, cell, departure).young_modulus.value
-        found = replace(found, layer_asked=(layer, other / found.young_modulus.value - 1))
+    free, asked = replace(here, zero_std=1.0), None
+    if not here.zero_std and is_asked_for(here, free):
+        asked = float(free.fit(prior=False).parameters[-1])
+    found = replace(found, edge=edge, zero_asked=asked)
+    if thickness is None:
+        thick = [float(here.radius.max()) / ratio for ratio in LAYER_RATIOS]
+        layers = {one: replace(series, sphere=replace(sphere, thickness=one)) for one in thick}
+        layer, layered = min(layers.items(), key=lambda one: one[1].part(used).misfit())
+        if is_asked_for(here, layered.part(used), more=1, false_alarm_rate=LAYER_FALSE_ALARM_RATE):
+            other = _solved(layered, used, branch, cell, departure).young_modulus.value
+            found = replace(found, layer_asked=(layer, other / found.young_modulus.value - 1))
     for name, rival, doubt in rivals:
         found = replace(found.widened(_solved(rival, used, branch, cell, name), doubt), rival=name)
     return found
@@ -458,9 +464,8 @@ def _series(
         shapes = f"got shapes {P.shape}, {a.shape} and {std.shape}"
         raise InputError(f"one radius a load is needed, and one uncertainty or one each, {shapes}")
     std = np.broadcast_to(std, a.shape)
-    if not (
-        np.isfinite(P).all() and np.all(np.isfinite(a) & (a > 0)) and np.all(np.isfinite(std) & (std >= 0))
-    ):
+    numbers = np.concatenate([P, a, std])
+    if not (np.isfinite(numbers).all() and (a > 0).all() and (std >= 0).all()):
         raise InputError("loads must be finite, radii positive and their uncertainties not negative")
     return JkrSeries(P, a, std, cell.zero_std, sphere, np.ones((P.size, 1)), np.ones((P.size, 0)))
 
@@ -496,24 +501,6 @@ def is_asked_for(
     return bool(special.fdtrc(1, freedom, gain) < false_alarm_rate)
 
 
-def _zero_asked(series: JkrSeries) -> float | None:
-    """The zero of the loads (N) that the frames ask for, by an F test at 1 %, although none is stated."""
-    free = replace(series, zero_std=1.0)
-    asked = not series.zero_std and is_asked_for(series, free)
-    return float(free.fit(prior=False).parameters[-1]) if asked else None
-
-
-def _layer_asked(series: JkrSeries) -> float | None:
-    """The thickness (m) of the layer that explains the frames where a half-space does not."""
-    if series.sphere.thickness is not None:
-        return None
-    thick = [float(series.radius.max()) / ratio for ratio in LAYER_RATIOS]
-    layers = [replace(series, sphere=replace(series.sphere, thickness=one)) for one in thick]
-    best = min(layers, key=lambda one: one.misfit())
-    asked = is_asked_for(series, best, more=1, false_alarm_rate=LAYER_FALSE_ALARM_RATE)
-    return best.sphere.thickness if asked else None
-
-
 def _departures(
     series: JkrSeries, branch: NDArray[np.str_], used: Mask
 ) -> Sequence[tuple[str, JkrSeries, float]]:
@@ -529,10 +516,8 @@ def _departures(
         candidates[HYSTERESIS] = replace(series, branches=apart)
     if (steps > 0).any() and (steps < 0).any():
         time = np.linspace(-0.5, 0.5, len(series.load))  # a drift is its change over the series
-        candidates |= {
-            ZERO_DRIFT: series.with_column(time),
-            GAIN_DRIFT: series.with_column(time * series.load),
-        }
+        candidates[ZERO_DRIFT] = series.with_column(time)
+        candidates[GAIN_DRIFT] = series.with_column(time * series.load)
     here = series.part(used)
     asked = [
         (max(one.part(used).misfit(), EXACT), name, one)
@@ -601,12 +586,11 @@ def classify_branches(load: ArrayLike) -> NDArray[np.str_]:
     """
     P = np.asarray(load, float)
     branch = np.full(P.shape, "", "<U9")
-    if P.size:
-        top = int(P.argmax())
-        if np.all(np.diff(P[: top + 1]) >= 0) and np.all(np.diff(P[top:]) <= 0):
-            branch[: top + 1], branch[top + 1 :] = "loading", "unloading"
-            if top == 0 and P.size > 1:
-                branch[:] = "unloading"
+    top = int(P.argmax()) if P.size else 0
+    if np.all(np.diff(P[: top + 1]) >= 0) and np.all(np.diff(P[top:]) <= 0):
+        branch[:] = "unloading"
+        if top > 0 or P.size == 1:
+            branch[: top + 1] = "loading"
     return branch
 
 

@@ -101,38 +101,17 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike) -> Plateau:
     if np.count_nonzero(positive) < 5:
         raise InputError("a plateau needs contact area at five thresholds or more")
     t, A, total = t[positive], A[positive], total[positive]
-    rate = -_derivative(t, np.log(total))
+    # the derivative of a parabola through five neighbours
+    starts, logs = np.clip(np.arange(len(t)) - 2, 0, len(t) - 5), np.log(total)
+    rate = np.empty(len(t))
+    for k, i in enumerate(starts):
+        near = np.polynomial.Polynomial.fit(t[i : i + 5] - t[k], logs[i : i + 5], 2)
+        rate[k] = -near.deriv()(0.0)
     slowest = int(rate.argmin())
-    flat = rate <= STEEPNESS * max(rate[slowest], np.finfo(float).tiny)
-    low, high = _run_about(flat, slowest)
+    steep = np.flatnonzero(rate > STEEPNESS * max(rate[slowest], np.finfo(float).tiny))
+    low = int(steep[steep < slowest].max(initial=-1)) + 1
+    high = int(steep[steep > slowest].min(initial=len(t))) - 1
     middle, half = (A[low] + A[high]) / 2, np.abs(A[low] - A[high]) / 2
     fall = float(1 - total[high] / total[low])
-    return Plateau(
-        float(t[low]),
-        float(t[high]),
-        float(t[slowest]),
-        middle,
-        half,
-        fall,
-        fall < MAX_RELATIVE_FALL,
-        t,
-        rate,
-    )
-
-
-def _derivative(t: Values, y: Values) -> Values:
-    """Derivative from parabolas through five points, one-sided at the ends."""
-    out = np.empty_like(y)
-    for k in range(len(t)):
-        start = min(max(k - 2, 0), len(t) - 5)
-        near = slice(start, start + 5)
-        out[k] = np.polynomial.Polynomial.fit(t[near] - t[k], y[near], 2).deriv()(0.0)
-    return out
-
-
-def _run_about(flat: NDArray[np.bool_], place: int) -> tuple[int, int]:
-    """First and last index of the run of true values that holds a place."""
-    before, after = np.flatnonzero(~flat[:place]), np.flatnonzero(~flat[place:])
-    low = int(before[-1]) + 1 if before.size else 0
-    high = place + int(after[0]) - 1 if after.size else len(flat) - 1
-    return low, high
+    first, last, best = t[[low, high, slowest]].tolist()
+    return Plateau(first, last, best, middle, half, fall, fall < MAX_RELATIVE_FALL, t, rate)

@@ -161,9 +161,11 @@ def calibrate_threshold(
     fraction = (values[k] - 1) / (values[k] - values[k + 1])
     at_unit = (1 - fraction) * F[k] + fraction * F[k + 1]
     slope = load_slope(at_unit, P, **common)
-    value, steepness = float(t[k] + fraction * (t[k + 1] - t[k])), _steepness(t, values, k)
+    low, high = max(k - 2, 0), min(k + 3, len(t) - 1)
+    steepness = float((values[low] - values[high]) / (t[high] - t[low]))
+    value = float(t[k] + fraction * (t[k + 1] - t[k]))
     ends = np.clip(value + np.array([-1, 1]) * (slope.high - slope.low) / 2 / steepness, 0.0, 1.0)
-    threshold = CoverageEstimate(value, slope.std / steepness, float(ends[0]), float(ends[1]))
+    threshold = CoverageEstimate(value, slope.std / steepness, *ends.tolist())
     return ThresholdCalibration(threshold, slope, t, values, stds, at_unit)
 
 
@@ -171,22 +173,13 @@ def _crossing(t: Values, slopes: Values) -> int:
     """The interval of thresholds in which the slope falls through 1; the one nearest to 0.5 of several."""
     falls = np.flatnonzero((slopes[:-1] >= 1) & (slopes[1:] < 1))
     if not falls.size:
-        side = (
-            "too small: the modulus may be too small"
-            if slopes.max() < 1
-            else "too large: it may be too large"
-        )
+        small = "too small: the modulus may be too small"
+        side = small if slopes.max() < 1 else "too large: it may be too large"
         raise InputError(
             f"no threshold between {t[0]:g} and {t[-1]:g} gives slope 1: it runs from {slopes[0]:.4g} to "
             f"{slopes[-1]:.4g}, so the forces are {side}; check modulus, loads, pixel size and asperity radii"
         )
     return int(falls[np.abs(t[falls] - 0.5).argmin()])
-
-
-def _steepness(t: Values, slopes: Values, k: int) -> float:
-    """Fall of the slope per unit of threshold about an interval, over five intervals."""
-    low, high = max(k - 2, 0), min(k + 3, len(t) - 1)
-    return float((slopes[low] - slopes[high]) / (t[high] - t[low]))
 
 
 @dataclass(frozen=True)
@@ -268,9 +261,8 @@ def calibrate_modulus(
     if not slope.value > 0:
         raise InputError("the force sums are zero at every load: no modulus gives slope 1")
     value = young_modulus / slope.value
-    relative = slope.std / slope.value
     half = value * (slope.high - slope.low) / 2 / slope.value
-    tuned = CoverageEstimate(value, value * relative, max(value - half, 0.0), value + half)
+    tuned = CoverageEstimate(value, value * slope.std / slope.value, max(value - half, 0.0), value + half)
     difference = value - young_modulus
     distance = difference / np.hypot(tuned.std, young_modulus_std) if young_modulus_std > 0 else np.nan
     compatible = not (young_modulus_std > 0 and abs(difference) > 1.96 * young_modulus_std)

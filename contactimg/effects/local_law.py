@@ -18,7 +18,6 @@ from contactimg.errors import InputError
 from contactimg.mechanics import hertz, sphere
 from contactimg.mechanics.layer import LARGEST_RATIO, layer_factors
 from contactimg.scene import Scene
-from contactimg.scene.contact_sections import Elastic
 
 Values = NDArray[np.float64]
 
@@ -73,13 +72,13 @@ class LawPlan:
         """The law, and what it leaves out."""
         law = law_name(self.scene)
         words = ", ".join(LAW_WORDS[part] for part in law.split("+"))
-        left = "; ".join(map(self._loss, self.left_out)) or "nothing that acts on them is left out"
+        losses = [
+            f"left out{', as the scene says' if effect in self.switched_off else ''}: "
+            f"{EFFECT_WORDS[effect]} ({100 * change:.2g} % of the forces)"
+            for effect, change in self.left_out.items()
+        ]
+        left = "; ".join(losses) or "nothing that acts on them is left out"
         return "; ".join([f"local forces by the law {law} ({words})", left, *self.messages])
-
-    def _loss(self, effect: str) -> str:
-        """A sentence on what is left out with an effect."""
-        why = ", as the scene says" if effect in self.switched_off else ""
-        return f"left out{why}: {EFFECT_WORDS[effect]} ({100 * self.left_out[effect]:.2g} % of the forces)"
 
 
 def law_evidence(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> pd.DataFrame:
@@ -119,12 +118,10 @@ def decide_law(scene: Scene, evidence: pd.DataFrame) -> LawPlan:
     ``evidence`` is that of all frames, from `law_evidence`.
     """
     elastic, worst = scene.need("elastic", "computing local forces"), evidence.max().fillna(0.0).to_dict()
-    estimates = [
-        EffectEstimate(
-            name, worst[name], "from the measured radii", {"force": worst[name], "profile": worst[name]}
-        )
-        for name in EFFECT_WORDS
-    ]
+    estimates = []
+    for name in EFFECT_WORDS:
+        changes = dict.fromkeys(("force", "profile"), worst[name])
+        estimates.append(EffectEstimate(name, worst[name], "from the measured radii", changes))
     tolerance = scene.tolerance
     decisions, messages = decide(
         estimates, scene.effects, tolerance=tolerance.relative, output=tolerance.output
@@ -133,25 +130,16 @@ def decide_law(scene: Scene, evidence: pd.DataFrame) -> LawPlan:
     left_out = {d.effect: d.change for d in decisions if switches[d.effect] == "off" and d.change > 0}
     switched_off = tuple(d.effect for d in decisions if d.switch == "off" and d.effect in left_out)
     others = [text for text in messages if not text.startswith(switched_off)]
-    if too_thin := _support_message(worst["radius_m"], elastic, tolerance.relative):
-        others.append(too_thin)
+    if elastic.thickness is not None:
+        ratio = worst["radius_m"] / elastic.thickness
+        pressing, _ = layer_factors(min(ratio, LARGEST_RATIO), poisson_ratio=elastic.poisson_ratio)
+        if (error := float(1 - 1 / pressing)) > tolerance.relative:
+            others.append(
+                f"contact radii reach {ratio:.2g} of the layer's thickness: the support under a contact "
+                "itself is not in the law, and forces are low by "
+                f"{'more than' if ratio > LARGEST_RATIO else 'up to'} {100 * error:.2g} %"
+            )
     return LawPlan(scene.with_effects(switches), left_out, switched_off, tuple(others))
-
-
-def _support_message(radius: float, elastic: Elastic, tolerance: float) -> str:
-    """A sentence if the layer is so thin that its support acts on a single contact; else empty."""
-    if elastic.thickness is None:
-        return ""
-    ratio = radius / elastic.thickness
-    pressing, _ = layer_factors(min(ratio, LARGEST_RATIO), poisson_ratio=elastic.poisson_ratio)
-    error = float(1 - 1 / pressing)
-    if error <= tolerance:
-        return ""
-    return (
-        f"contact radii reach {ratio:.2g} of the layer's thickness: the support under a contact itself is "
-        f"not in the law, and forces are low by {'more than' if ratio > LARGEST_RATIO else 'up to'} "
-        f"{100 * error:.2g} %"
-    )
 
 
 def pressing_force(
@@ -186,11 +174,9 @@ def pressing_force(
     if law not in ("hertz", "sphere"):
         raise InputError(f'law must be "hertz" or "sphere", got {law!r}')
     a, R = np.broadcast_arrays(np.asarray(radius, float), np.asarray(sphere_radius, float))
-    known = np.isfinite(a) & np.isfinite(R)
+    known, force = np.isfinite(a) & np.isfinite(R), np.full(a.shape, np.nan)
     if law == "sphere":
         known &= np.where(known, a, 0.0) < np.where(known, R, 1.0)
-    force = np.full(a.shape, np.nan)
-    if law == "sphere":
         force[known] = contact_modulus * R[known] ** 2 * sphere.scaled_load(a[known] / R[known])
     else:
         force[known] = hertz.load(a[known], sphere_radius=R[known], contact_modulus=contact_modulus)

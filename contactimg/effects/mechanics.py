@@ -269,12 +269,8 @@ class Comparison:
         return found
 
     def _changes(self, without: Values, complete: Values, *, may_form: bool) -> dict[str, float]:
-        answers = {"without": without, "complete": complete}
-        return output_changes(
-            self.distance,
-            self.base.composite_radius,
-            **{name: self.answer(state, may_form=may_form) for name, state in answers.items()},
-        )
+        less, all_of_it = (self.answer(state, may_form=may_form) for state in (without, complete))
+        return output_changes(self.distance, self.base.composite_radius, without=less, complete=all_of_it)
 
     @cached_property
     def distance(self) -> Values:
@@ -343,7 +339,15 @@ def reason(pair: Comparison, effect: str, other: InteractingSolution) -> str:
     """The number that decides on an effect, from a compared problem and its other solution."""
     base, elastic, rows = pair.base, pair.elastic, pair.base.touching
     if effect == "coupling":
-        return _unequal_displacement(*((base, other) if effect in pair.on else (other, base)))
+        coupled, alone = (base, other) if effect in pair.on else (other, base)
+        lowered = (coupled.indentation - coupled.penetration) - (alone.indentation - alone.penetration)
+        known = np.isfinite(lowered) & (coupled.force > 0)
+        force, lowered = coupled.force[known], lowered[known]
+        total, sunk = float(force.sum()), float(force @ coupled.penetration[known])
+        if not sunk > 0:
+            return "no contact bears a load with coupling"
+        varies = np.sqrt(float(force @ (lowered - force @ lowered / total) ** 2) / total) * total / sunk
+        return f"the displacement by the neighbours varies by {varies:.2g} of the mean indentation"
     if effect == "full_coupling":
         largest = np.sqrt(np.max(pair.curvature_changes, initial=0.0))
         return f"the neighbours change the radii of curvature by up to {largest:.2g}"
@@ -355,22 +359,10 @@ def reason(pair: Comparison, effect: str, other: InteractingSolution) -> str:
     dry = other if effect in pair.on else base
     if not dry.touching.size:
         return "without adhesion there is no contact at this load"
-    force = float(dry.force[dry.touching].mean())
+    bears = float(dry.force[dry.touching].mean())
     pull = 3 * np.pi * elastic.work_of_adhesion * float(dry.composite_radius[dry.touching].mean())
-    gain = (pull + np.sqrt(2 * pull * force + pull**2)) / force
-    return f"it adds {gain:.0%} to a^3 of a contact of {force:.2g} N"
-
-
-def _unequal_displacement(coupled: InteractingSolution, alone: InteractingSolution) -> str:
-    """How unequally the neighbours lower the contacts."""
-    lowered = (coupled.indentation - coupled.penetration) - (alone.indentation - alone.penetration)
-    known = np.isfinite(lowered) & (coupled.force > 0)
-    force, lowered = coupled.force[known], lowered[known]
-    total, sunk = float(force.sum()), float(force @ coupled.penetration[known])
-    if not sunk > 0:
-        return "no contact bears a load with coupling"
-    spread = np.sqrt(float(force @ (lowered - force @ lowered / total) ** 2) / total)
-    return f"the displacement by the neighbours varies by {spread * total / sunk:.2g} of the mean indentation"
+    gain = (pull + np.sqrt(2 * pull * bears + pull**2)) / bears
+    return f"it adds {gain:.0%} to a^3 of a contact of {bears:.2g} N"
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ change together stays below the tolerance in each of these outputs. What no swit
 and the slope of the lens, is estimated beside them.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -236,25 +236,22 @@ def decide(
         on = kept(required | also_required)
     inactive = {effect for effect, base in REQUIRES.items() if base in switch and base not in on}
     on -= inactive
-    decisions = []
+    decisions, warnings = [], []
     for e in estimates:
         numbers = asdict(e)
         if e.effect in inactive:
             reason = f"acts through {REQUIRES[e.effect]}, which is left out"
             numbers |= {"change": 0.0, "reason": reason, "changes": dict.fromkeys(e.changes, 0.0)}
-        decisions.append(Decision(**numbers, tolerance=tolerance, on=e.effect in on, switch=switch[e.effect]))
-    return tuple(decisions), tuple(_warnings(decisions))
-
-
-def _warnings(decisions: Sequence[Decision]) -> Iterable[str]:
-    for d in decisions:
+        d = Decision(**numbers, tolerance=tolerance, on=e.effect in on, switch=switch[e.effect])
+        decisions.append(d)
         if d.switch == "on" and not d.on:
-            yield f"{d.effect} is switched on but {d.reason}"
+            warnings.append(f"{d.effect} is switched on but {d.reason}")
         elif d.switch == "off" and d.change >= d.tolerance:
-            yield (
+            warnings.append(
                 f"{d.effect} is switched off although that changes the requested output by about "
                 f"{d.change:.2g} (tolerance {d.tolerance:g}): {d.reason}"
             )
+    return tuple(decisions), tuple(warnings)
 
 
 @stage("planning")
@@ -339,14 +336,15 @@ def unmodelled_effects(solution: InteractingSolution, *, law: str, output: str) 
         return ()
     rows, (x0, y0) = solution.touching, solution.conditions.apex
     a, R, weight = solution.radius[rows], solution.composite_radius[rows], np.abs(solution.force[rows])
-    load = strain_factor(a / R, law)
+    load, total = strain_factor(a / R, law), float(weight.sum())
+    unequal = np.abs(load / (weight @ load / total) - 1) if total > 0 else 0 * load
     area = a**2 * (load ** (-2 / 3) - 1)
     radius = a * (load ** (-1 / 3) - 1)
     strain = {
         "area": abs(float(area.sum() / np.sum(a**2))),
         "radius": float(np.sqrt(np.sum(radius**2) / np.sum(a**2))),
         "hertz": float(np.abs(a**3 / R * (1 / load - 1)).sum() / np.sum(a**3 / R)),
-        "force": _unequal(load, weight),
+        "force": float(weight @ unequal) / (total or 1.0),
     }
     widest = int(np.argmax(a / R))
     distance = np.hypot(solution.x[rows] - x0, solution.y[rows] - y0)
@@ -370,11 +368,3 @@ def strain_factor(ratio: Values, law: str) -> Values:
     [1.0, 0.971]
     """
     return np.interp(ratio, STRAIN_RATIO, OVER_SPHERE if law == "sphere" else OVER_HERTZ)
-
-
-def _unequal(factor: NDArray, weight: NDArray) -> float:
-    """Mean distance of the factors from their weighted mean, relative to it; 0 without any weight."""
-    total = float(weight.sum())
-    if not total > 0.0:
-        return 0.0
-    return float(weight @ np.abs(factor / (weight @ factor / total) - 1) / total)

@@ -144,7 +144,13 @@ def solve_adhesive(
         indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation, poisson_ratio
     )
     conditions.check()
-    problem = scale_problem(asperities, conditions, depth=_depth_unit(asperities, conditions, w))
+    if not len(asperities):
+        raise InputError("the asperity table is empty: no asperity can adhere")
+    # the unit of height: the depth under the load without adhesion, that prescribed, or that of adhesion
+    radius, E = float(np.median(asperities["radius_m"])), conditions.contact_modulus
+    hertz = (0.75 * abs(load or 0.0) / E / np.sqrt(radius)) ** (2 / 3)
+    unit = float(max(hertz, abs(indentation or 0.0), np.cbrt(radius * (w / E) ** 2)))
+    problem = scale_problem(asperities, conditions, depth=unit)
     first = start is None or not start.radius.any()  # without contacts nothing is held
     if start is None or first:  # contacts without adhesion are the least that first loading brings about
         start = solve_interacting(
@@ -214,16 +220,6 @@ def solve_adhesive_path(
     for load in loads:
         previous = solve_adhesive(asperities, load=float(load), start=previous, **options)
         yield previous
-
-
-def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of_adhesion: float) -> float:
-    """Unit of height, m: the larger of the indentations by load and by adhesion of the median asperity."""
-    if not len(asperities):
-        raise InputError("the asperity table is empty: no asperity can adhere")
-    radius, E = float(np.median(asperities["radius_m"])), conditions.contact_modulus
-    hertz = (0.75 * abs(conditions.load or 0.0) / E / np.sqrt(radius)) ** (2 / 3)
-    depth = abs(conditions.indentation or 0.0)
-    return float(max(hertz, depth, np.cbrt(radius * (work_of_adhesion / E) ** 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,7 +311,13 @@ class AdhesivePath:
                 broken[weakest] = True
                 rows = rows[rows != weakest]
                 continue
-            state = AdhesiveState(rows, equations, balance, self._penetrations(rows, balance))
+            penetration = balance.indentation - p.gap
+            near = np.flatnonzero(penetration > 0)
+            if self.kernel is not None:
+                p.part(np.union1d(near, rows)).refuse_duplicates()
+            penetration[near] = self._overlaps(near, rows, balance)
+            penetration[rows] = self.law.penetration(balance.variable, p.caps[rows])
+            state = AdhesiveState(rows, equations, balance, penetration)
             forming = (state.penetration > 0) & ~broken
             forming[rows] = False
             if not forming.any():
@@ -357,16 +359,6 @@ class AdhesivePath:
         none, rows = np.zeros(0), np.zeros(0, dtype=np.intp)
         balance = Balance(none, p.indentation, none, none, 0.0, 0.0)
         return AdhesiveState(rows, self._equations(rows), balance, p.indentation - p.gap)
-
-    def _penetrations(self, rows: Rows, balance: Balance) -> Values:
-        """JKR's penetrations in contact; the overlap of the surfaces where the lens reaches; else the gap."""
-        p, depth = self.problem, balance.indentation - self.problem.gap
-        near = np.flatnonzero(depth > 0)
-        if self.kernel is not None:
-            p.part(np.union1d(near, rows)).refuse_duplicates()
-        depth[near] = self._overlaps(near, rows, balance)
-        depth[rows] = self.law.penetration(balance.variable, p.caps[rows])
-        return depth
 
     def _overlaps(self, places: Rows | slice, rows: Rows, balance: Balance) -> Values:
         """Overlaps of some asperities with the lens as the contacts displace the surface."""

@@ -68,7 +68,11 @@ class HertzLaw:
         """Forces over ``E*`` and contact radii at penetrations; zero where these are negative."""
         depth = np.maximum(penetration, 0.0)
         if caps.bends is not None:
-            return _bent_paraboloid(depth, caps.radius, caps.bends)
+            # Sneddon: delta = a^2 (1/R + T) + (8/3) c a^4 on rho^2/(2 R) + T rho^2/2 + c rho^4
+            curvature, quartic = 1 / caps.radius + caps.bends[:, 0], caps.bends[:, 1]
+            squared = 2 * depth / (curvature + np.sqrt(curvature**2 + 32 / 3 * quartic * depth))
+            force = np.sqrt(squared) * squared * (4 / 3 * curvature + 64 / 15 * quartic * squared)
+            return force, np.sqrt(squared)
         contact_radius = np.sqrt(caps.radius * depth)
         return (4 / 3) * contact_radius * depth, contact_radius
 
@@ -108,17 +112,6 @@ def _sphere_totals(penetration, radius, aspect):  # type: ignore[no-untyped-def]
             force += R * R * load
             contact_radius += R * ratio
     return force / aspect**3, contact_radius / aspect
-
-
-def _bent_paraboloid(depth: Values, radius: Values, bends: Values) -> tuple[Values, Values]:
-    """Forces and contact radii on ``rho^2/(2 R) + T rho^2/2 + c rho^4``, by Sneddon's integrals.
-
-    ``delta = a^2 (1/R + T) + (8/3) c a^4``, solved for ``a^2``.
-    """
-    curvature, quartic = 1 / radius + bends[:, 0], bends[:, 1]
-    squared = 2 * depth / (curvature + np.sqrt(curvature**2 + 32 / 3 * quartic * depth))
-    a = np.sqrt(squared)
-    return a * squared * (4 / 3 * curvature + 64 / 15 * quartic * squared), a
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ maximum, and a minimum in each hollow: it is evaluated with point forces on a gr
 followed to their minima with the full displacement by Hertz's pressure.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -127,14 +128,10 @@ class GapField:
         k, force, sources = self._kernel, self._force, self.contacts[:2]
         if places.shape[1] * force.size > MOST_PAIRS:
             both = np.concatenate([sources, places], axis=1)
-            try:
+            with suppress(InputError):  # so unevenly spread that the modes would not fit into memory
                 sums = FastCoupling(both[0], both[1], k, SINGLE_ACCURACY)
-            except InputError:  # so unevenly spread that the modes would not fit into memory
-                pass
-            else:
-                unloaded = np.zeros(places.shape[1])
-                lowered = sums.displacement(np.concatenate([force, unloaded]))[force.size :]
-                return self.undeformed(places) + lowered
+                padded = np.pad(force, (0, places.shape[1]))
+                return self.undeformed(places) + sums.displacement(padded)[force.size :]
         return self.undeformed(places) + k.displacement(places[0], places[1], sources, force)
 
     @stage("base gap")

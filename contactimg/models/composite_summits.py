@@ -70,22 +70,6 @@ class CompositeSummits:
         return np.argsort(-self.apexes["height_m"], kind="stable")
 
     @cached_property
-    def gap(self) -> Values:
-        """Depths of the summits below the highest, m, in that order."""
-        height = self.apexes["height_m"][self.order]
-        return height[:1] - height
-
-    @cached_property
-    def x(self) -> Values:
-        """Positions of the summits, m, in that order."""
-        return self.apexes["x_m"][self.order]
-
-    @cached_property
-    def y(self) -> Values:
-        """Positions of the summits, m, in that order."""
-        return self.apexes["y_m"][self.order]
-
-    @cached_property
-    def radius(self) -> Values:
-        """Composite radius, m, in that order."""
-        return self.apexes["radius_m"][self.order]
+    def ordered(self) -> dict[str, Values]:
+        """The composite apexes, from the highest."""
+        return {name: values[self.order] for name, values in self.apexes.items()}

@@ -28,7 +28,7 @@ from contactimg.models.newton_iteration import (
     take_step,
 )
 from contactimg.models.scaled_problem import ScaledProblem
-from contactimg.models.validity import Pairs, close_pairs, nearest_neighbours, overlapping, unstable_pair
+from contactimg.models.validity import close_pairs, nearest_neighbours, overlapping, unstable_pair
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -110,7 +110,9 @@ class ContactSolver:
         separate, alone = self._uncoupled()
         if self.coupling == "none":
             return self.problem, separate, alone, 0
-        force, reach, taken = alone.force if seed is None else seed, self._reach(alone), 0
+        force, reach, taken = alone.force if seed is None else seed, alone.indentation, 0
+        if self.problem.load is not None:
+            reach += displacement_under_largest_force(self.problem, alone.force)
         for _ in range(MAX_SELECTIONS):
             count = int(np.searchsorted(self.problem.gap, reach, side="right"))
             candidates = self.problem.part(slice(count))
@@ -163,14 +165,8 @@ class ContactSolver:
             _refuse_crowd(candidates, iterate)
         elif self.coupling not in FIELD_COUPLINGS or candidates.gap.size < MIN_SCREENED_CANDIDATES:
             return candidates, *self._converge(candidates, system, iterate)
-        return self._solve_near(candidates, system, iterate)
-
-    def _solve_near(
-        self, candidates: ScaledProblem, rough: ContactSystem, iterate: Iterate
-    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve roughly, solve for the candidates near contact in that solution, add those it missed."""
-        rough, iterate, steps = self._converge(candidates, rough, iterate, rough_to=SCREENING_RESIDUAL)
-        force, penetration = iterate.force, iterate.penetration(rough)
+        system, iterate, steps = self._converge(candidates, system, iterate, rough_to=SCREENING_RESIDUAL)
+        rough_sums, force, penetration = system.coupling, iterate.force, iterate.penetration(system)
         margin = SCREENING_GAP_FRACTION * float(penetration.max())
         margin += 4 * SCREENING_SUM_ACCURACY * float(iterate.displacement.max())
         near = penetration > -margin
@@ -178,13 +174,14 @@ class ContactSolver:
         near[close[0]] = near[close[1]] = True  # a contact may keep a close neighbour out of contact
         for _ in range(MAX_SELECTIONS):
             part = candidates.part(near)
-            system = self._system(part, self._operator(part))
+            kind = DenseCoupling if self._dense(part) else FastCoupling
+            system = self._system(part, kind(part.x, part.y, self.kernel))
             displacement = system.coupling.displacement(force[near])
             iterate = evaluate_iterate(system, force[near], iterate.indentation, displacement)
             system, iterate, steps = self._converge(part, system, iterate, steps)
             force = np.zeros_like(force)
             force[near] = iterate.force
-            penetration = iterate.indentation - candidates.gap - rough.coupling.displacement(force)
+            penetration = iterate.indentation - candidates.gap - rough_sums.displacement(force)
             if not np.any(penetration[~near] > -0.5 * margin):
                 return part, system, iterate, steps
             near |= penetration > -margin
@@ -207,12 +204,6 @@ class ContactSolver:
         """The equations of the candidates with their coupling."""
         return ContactSystem(candidates.gap, candidates.caps, self.law, operator, candidates.load)
 
-    def _reach(self, alone: Iterate) -> float:
-        """Upper estimate of the indentation: uncoupled forces, their displacement under the largest added."""
-        if self.problem.load is None:
-            return alone.indentation
-        return alone.indentation + displacement_under_largest_force(self.problem, alone.force)
-
     def _dense(self, candidates: ScaledProblem) -> bool:
         """Whether to store the coupling matrix of these candidates."""
         count = candidates.gap.size
@@ -221,11 +212,6 @@ class ContactSolver:
             or self.method == "dense"
             or (self.method == "auto" and count <= MAX_DENSE_CANDIDATES)
         )
-
-    def _operator(self, candidates: ScaledProblem) -> Coupling:
-        """Dense or fast coupling of the candidates."""
-        kind = DenseCoupling if self._dense(candidates) else FastCoupling
-        return kind(candidates.x, candidates.y, self.kernel)
 
     @stage("Newton")
     def _converge(
@@ -305,30 +291,21 @@ def _refuse_ambiguous(problem: ScaledProblem, system: ContactSystem, iterate: It
     x, y = problem.x, problem.y
     pairs = close_pairs(x, y, 2 * iterate.contact_radius)
     pair = unstable_pair(pairs, iterate.contact_radius, iterate.penetration(system), iterate.force)
-    if pair is None:
-        pair = _indefinite_pair(system, iterate, pairs)
+    (i, j, distance), a = pairs, iterate.contact_radius
+    closeness = np.where(a[j] > 0, distance / (a[i] + a[j]), np.inf)
+    if pair is None and np.any(closeness < 1):
+        active = np.flatnonzero(a)
+        try:
+            system.coupling.check_definite(active, np.sqrt(2 * a[active]))
+        except NotPositiveDefinite:
+            closest = int(np.argmin(closeness))
+            pair = int(i[closest]), int(j[closest])
     if pair is not None:
         first, second = sorted(int(problem.order[row]) for row in pair)
-        a = iterate.contact_radius * problem.length * 1e6
+        a = a * problem.length * 1e6
         apart = float(np.hypot(x[pair[0]] - x[pair[1]], y[pair[0]] - y[pair[1]])) * problem.length
         raise ModelRangeError(
             f"asperities: rows {first} and {second}, {apart * 1e6:.4g} um apart, would overlap (contact "
             f"radii {a[pair[0]]:.4g} and {a[pair[1]]:.4g} um) so far that several solutions exist; "
             "lower the load or merge them"
         )
-
-
-def _indefinite_pair(system: ContactSystem, iterate: Iterate, pairs: Pairs) -> tuple[int, int] | None:
-    """The closest overlapping pair if the Newton matrix of all contacts is indefinite; else None."""
-    i, j, distance = pairs
-    a = iterate.contact_radius
-    closeness = np.where(a[j] > 0, distance / (a[i] + a[j]), np.inf)
-    if not np.any(closeness < 1):
-        return None
-    active = np.flatnonzero(a)
-    try:
-        system.coupling.check_definite(active, np.sqrt(2 * a[active]))
-    except NotPositiveDefinite:
-        closest = int(np.argmin(closeness))
-        return int(i[closest]), int(j[closest])
-    return None

@@ -102,17 +102,14 @@ class BalanceEquations:
     def solve(self, state: Balance, *, tolerance: float, most_steps: int) -> tuple[Balance, int]:
         """Newton steps until the errors are small or do not fall any more, and how many were taken."""
         for steps in range(most_steps + 1):
-            settled = state.residual <= tolerance and self._bears_the_load(state)
+            rounding = 8 * np.finfo(float).eps * float(self.weights @ np.abs(state.force))
+            allowed = np.inf if not self.load else max(LOAD_TOLERANCE * abs(self.load), rounding)
+            settled = state.residual <= tolerance and abs(state.missing) <= allowed
             following = None if settled or steps == most_steps else self._step(state)
             if following is None:
                 break
             state = following
         return state, steps
-
-    def _bears_the_load(self, state: Balance) -> bool:
-        """Whether the forces sum to the load within `LOAD_TOLERANCE`, or within their rounding errors."""
-        rounding = 8 * np.finfo(float).eps * float(self.weights @ np.abs(state.force))
-        return not self.load or abs(state.missing) <= max(LOAD_TOLERANCE * abs(self.load), rounding)
 
     def direction(self, state: Balance) -> tuple[Values, float]:
         """Newton's change of the variables and of the indentation."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -102,44 +101,22 @@ def solve_ensemble(
     unknown = [level for level in couplings if level not in COUPLINGS]
     if unknown:
         raise InputError(f"couplings must be among {', '.join(map(repr, COUPLINGS))}, got {unknown[0]!r}")
-    solve = partial(
-        _solve_member,
-        kind,
-        seed=seed,
-        modulus=(contact_modulus, contact_modulus_std),
-        couplings=tuple(couplings),
-        surface={"side": side, "coverage": coverage},
-        loads=tuple(float(load) for load in loads),
-        indenter_radius=indenter_radius,
-    )
+    sweep, couplings = [float(load) for load in loads], tuple(couplings)
+    where: dict[str, Any] = {"indenter_radius": indenter_radius, "apex": (side / 2, side / 2)}
+
+    def solve(index: int) -> EnsembleMember:  # with its own random stream, the child of the seed by its index
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+        modulus = contact_modulus
+        if contact_modulus_std:
+            modulus = float(rng.normal(contact_modulus, contact_modulus_std))
+        law, covered = kind(rng) if callable(kind) else (kind, coverage)
+        pattern = generate_asperities(law, side=side, coverage=covered, rng=rng)
+        summits = CompositeSummits.of(pattern, **where)
+        solutions = {}
+        for coupling in couplings:
+            found = solve_loads(summits, loads=sweep, contact_modulus=modulus, coupling=coupling, **where)
+            solutions.update({(coupling, load): one for load, one in zip(sweep, found, strict=True)})
+        return EnsembleMember(index, solutions)
+
     members = ((k,) for k in range(first, patterns))
     yield from in_parallel(solve, members, count=patterns - first, workers=workers)
-
-
-def _solve_member(
-    kind: str | CapLaw | DrawnSurface,
-    index: int,
-    *,
-    seed: int,
-    modulus: tuple[float, float],
-    couplings: tuple[str, ...],
-    surface: dict[str, Any],
-    loads: tuple[float, ...],
-    indenter_radius: float,
-) -> EnsembleMember:
-    """Generate and solve one pattern with its own random stream, the child of the seed by its index."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-    mean, std = modulus
-    if std:
-        mean = float(rng.normal(mean, std))
-    if callable(kind):
-        kind, coverage = kind(rng)
-        surface = surface | {"coverage": coverage}
-    pattern = generate_asperities(kind, **surface, rng=rng)
-    where: dict[str, Any] = {"indenter_radius": indenter_radius, "apex": (surface["side"] / 2,) * 2}
-    summits = CompositeSummits.of(pattern, **where)
-    solutions = {}
-    for coupling in couplings:
-        sweep = solve_loads(summits, loads=loads, contact_modulus=mean, coupling=coupling, **where)
-        solutions.update({(coupling, load): one for load, one in zip(loads, sweep, strict=True)})
-    return EnsembleMember(index, solutions)

@@ -72,22 +72,14 @@ class CapCorrection:
         order ``a G^2/k`` and ``4/9 a^3 t^2/k``, by the reciprocal theorem. The area follows from the
         stiffness, which is that of a flat punch. A circle of lower gap and smaller curvature has both.
         """
-        terms = _correction_terms(
-            np.stack(fields),
-            bounded_saddle(fields, radius),
-            radius,
-            contact_radius,
-            _edge_curvatures(radius, contact_radius, aspect),
-        )
+        curvatures = np.stack([1 / radius, np.zeros_like(radius), 1 / radius])
+        if aspect:
+            ratio = np.minimum(aspect * contact_radius / radius, MAX_RATIO)
+            value, growth, mean = sphere.scaled_curvatures(ratio)
+            curvatures = np.stack([value / radius, growth * aspect**2 / radius**3, mean / radius])
+        saddles = bounded_saddle(fields, radius)
+        terms = _correction_terms(np.stack(fields), saddles, radius, contact_radius, curvatures)
         return cls(terms[0], terms[1], terms[2], terms[3], bends=np.ascontiguousarray(terms[4:].T))
-
-
-def _edge_curvatures(radius: Values, contact_radius: Values, aspect: float) -> Values:
-    """``k = delta'(a)/(2 a)``, ``(dk/da)/a``, ``3 p/(4 E* a^3)``; paraboloids have ``aspect`` 0."""
-    if not aspect:
-        return np.stack([1 / radius, np.zeros_like(radius), 1 / radius])
-    value, growth, mean = sphere.scaled_curvatures(np.minimum(aspect * contact_radius / radius, MAX_RATIO))
-    return np.stack([value / radius, growth * aspect**2 / radius**3, mean / radius])
 
 
 @njit(cache=True, error_model="numpy")
@@ -169,10 +161,13 @@ class FieldCorrection:
             fields = system.coupling.fields(at.force, contact_radius)
             refined = replace(self.base, gap=self.base.gap + self._extrapolated(fields.excess))
             return refined, evaluate_iterate(refined, at.force, at.indentation, at.displacement)
-        radius = self.base.caps.radius
-        terms = CapCorrection.of(
-            self._fields(system, at.force, contact_radius), radius, contact_radius, self.aspect
-        )
+        radius, saddle = self.base.caps.radius, None
+        if self._tried:
+            saddle = bounded_saddle(Fields(*self._tried[-1].reshape(len(Fields._fields), -1)), radius)
+        wide = pressure_radius(contact_radius, radius, self.aspect)
+        computed = np.stack(system.coupling.fields(at.force, wide, saddle))
+        fields = Fields(*self._extrapolated(computed.ravel()).reshape(computed.shape))
+        terms = CapCorrection.of(fields, radius, contact_radius, self.aspect)
         refined = replace(
             self.base,
             gap=self.base.gap + terms.shifted_rise,
@@ -181,15 +176,6 @@ class FieldCorrection:
         )
         displacement = refined.coupling.displacement(at.force)
         return refined, evaluate_iterate(refined, at.force, at.indentation, displacement)
-
-    def _fields(self, system: ContactSystem, force: Values, contact_radius: Values) -> Fields:
-        """The fields to try next; the ellipses that act on the neighbours are those tried last."""
-        radius, saddle = self.base.caps.radius, None
-        if self._tried:
-            saddle = bounded_saddle(Fields(*self._tried[-1].reshape(len(Fields._fields), -1)), radius)
-        wide = pressure_radius(contact_radius, radius, self.aspect)
-        computed = np.stack(system.coupling.fields(force, wide, saddle))
-        return Fields(*self._extrapolated(computed.ravel()).reshape(computed.shape))
 
     def _extrapolated(self, computed: Values) -> Values:
         """The next corrections to try; ``computed`` are those that follow from the last ones tried."""

@@ -10,8 +10,6 @@ Newton's method on the depths, with the load as one more equation. Dimensionless
 Hertz's contact radius, heights in Hertz's indentation, ``E* = 1``.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe, ellipk
@@ -94,11 +92,10 @@ def solve_greenwood_tripp(
     """
     layer = AsperityLayer(heights, density, radius, contact_modulus)
     check_rings(indenter_radius, load, rings)
-    scale = _Scale.of(layer, indenter_radius, load)
-    system, taken = _Rings(layer, scale, scale.guessed_mesh(rings)), 0
-    state = system.start()
+    scale, taken = _ScaledLayer(layer, indenter_radius, load), 0
+    radii, equations, state = scale.start(rings)
     for last in (False, True):
-        state, steps = system.equations.solve(state, tolerance=tolerance, most_steps=max_iterations - taken)
+        state, steps = equations.solve(state, tolerance=tolerance, most_steps=max_iterations - taken)
         taken += steps
         if not state.residual <= tolerance:
             raise ConvergenceError(
@@ -106,14 +103,14 @@ def solve_greenwood_tripp(
                 f"tolerance {tolerance:.3g}; take more rings, or allow a larger tolerance"
             )
         if not last:
-            system, state = system.fitted(state)
-    r, depth = system.r * scale.length, state.variable * scale.height
-    displacement = (state.indentation - system.r**2 / 2 - state.variable) * scale.height
+            radii, equations, state = scale.fitted(radii, state)
+    r, depth = radii * scale.length, state.variable * scale.height
+    displacement = (state.indentation - radii**2 / 2 - state.variable) * scale.height
     weights = ring_weights(r)
     area = float(weights @ layer.area_fraction(depth))
     solution = RingSolution("gt", layer, r, depth, displacement, load, area, taken, state.residual)
     # the equations recomputed in SI units
-    lowered = system.equations.matrix @ (solution.pressure / scale.pressure) * scale.height
+    lowered = equations.matrix @ (solution.pressure / scale.pressure) * scale.height
     error = state.indentation * scale.height - r**2 / (2 * indenter_radius) - lowered - depth
     errors = {
         "sum of the forces": relative_error(float(weights @ solution.pressure), load),
@@ -122,47 +119,60 @@ def solve_greenwood_tripp(
     return solution.proved(errors, tolerance)
 
 
-@dataclass(frozen=True)
-class _Scale:
-    """Scales of the smooth sphere's Hertz contact, and the width over which roughness softens its edge.
+class _ScaledLayer:
+    """The layer in units of the smooth contact: ``x - D + r^2/2 + A p(x) = 0`` and ``v p(x) = 4/3``.
 
-    Parameters
-    ----------
-    length, height : float, m
-        Hertz's radius and indentation.
-    pressure : float, Pa
-        ``E* height/length``.
-    sinking : float
-        Penetration of the layer under Hertz's peak pressure, in ``height``.
-    edge : float
-        Half-width of the transition around Hertz's circle, in ``length`` (Appendix A's annulus for a gap of
-        ``sinking``), at most 1.
-    uncoupled : float
-        Depth of the uncoupled model at the axis, in ``height``.
+    Hertz's radius ``length`` and indentation ``height`` (m); ``pressure`` is ``E* height/length`` (Pa).
+    ``sinking`` is the penetration of the layer under Hertz's peak pressure, ``edge`` the half-width of the
+    transition around Hertz's circle (Appendix A's annulus for a gap of ``sinking``), at most 1, ``uncoupled``
+    the depth of the uncoupled model at the axis, all in these units.
     """
 
-    length: float
-    height: float
-    pressure: float
-    sinking: float
-    edge: float
-    uncoupled: float
+    def __init__(self, layer: AsperityLayer, indenter_radius: float, load: float) -> None:
+        smooth = {"sphere_radius": indenter_radius, "contact_modulus": layer.contact_modulus}
+        self.layer, self.length = layer, float(hertz.radius(load, **smooth))
+        self.height = self.length**2 / indenter_radius
+        self.pressure = layer.contact_modulus * self.height / self.length
+        self.sinking = max(float(layer.depth(hertz.peak_pressure(load, **smooth))) / self.height, 1e-12)
+        self.edge = min(1.0, (3 * np.pi / (8 * np.sqrt(2)) * self.sinking) ** (2 / 3))
+        self.uncoupled = max(layer.deepest(load, indenter_radius) / self.height, 0.0)
 
-    @classmethod
-    def of(cls, layer: AsperityLayer, indenter_radius: float, load: float) -> "_Scale":
-        """The scales of a load."""
-        E = layer.contact_modulus
-        length = float(hertz.radius(load, sphere_radius=indenter_radius, contact_modulus=E))
-        height = length**2 / indenter_radius
-        peak = float(hertz.peak_pressure(load, sphere_radius=indenter_radius, contact_modulus=E))
-        sinking = max(float(layer.depth(peak)) / height, 1e-12)
-        edge = min(1.0, (3 * np.pi / (8 * np.sqrt(2)) * sinking) ** (2 / 3))
-        uncoupled = max(layer.deepest(load, indenter_radius) / height, 0.0)
-        return cls(length, height, E * height / length, sinking, edge, uncoupled)
+    def response(self, depth: Values) -> tuple[Values, Values]:
+        """The depths and the pressures there."""
+        return depth, self.layer.pressure(depth * self.height) / self.pressure
 
-    def guessed_mesh(self, count: int) -> Values:
-        """Rings out to the end of the softened Hertz contact or the uncoupled model, the larger."""
-        return _mesh(self.edge, max(1.02 * np.sqrt(2 * self.uncoupled), 1 + 3 * self.edge), count)
+    def slopes(self, depth: Values) -> tuple[Values, Values]:
+        """The derivatives of these by the depth."""
+        stiffness = self.layer.stiffness(depth * self.height)
+        return np.ones_like(depth), stiffness * (self.height / self.pressure)
+
+    def on_rings(self, r: Values) -> BalanceEquations:
+        """The equations of the contacts on given radii."""
+        return BalanceEquations(self, _displacement_matrix(r), r**2 / 2, ring_weights(r), 4 / 3)
+
+    def start(self, count: int) -> tuple[Values, BalanceEquations, Balance]:
+        """The better of two starts: Hertz's contact with compressed asperities, and the uncoupled model.
+
+        The rings reach to the end of the larger of the two.
+        """
+        r = _mesh(self.edge, max(1.02 * np.sqrt(2 * self.uncoupled), 1 + 3 * self.edge), count)
+        equations, states = self.on_rings(r), []
+        smooth = self.sinking * np.maximum(1 - r**2, 0.0) ** 0.2 - hertz.gap(r, radius=1.0, sphere_radius=1.0)
+        for depth in (smooth, self.uncoupled - r**2 / 2):
+            # the indentation for which the pressure-weighted mean error vanishes
+            state = equations.at(depth, 0.0)
+            share = equations.weights * (np.maximum(state.force, 1e-12 * state.force.max()) + 1e-300)
+            states.append(equations.at(depth, float(share @ state.error / share.sum())))
+        return r, equations, min(states, key=lambda state: state.merit)
+
+    def fitted(self, r: Values, state: Balance) -> tuple[Values, BalanceEquations, Balance]:
+        """Rings that end just outside the loaded region, with the state interpolated to them."""
+        last = int(np.flatnonzero(state.force > 1e-14 * state.force.max())[-1])
+        end = 1.02 * r[last + 1] if last + 1 < r.size else 1.5 * r[-1]
+        mesh = _mesh(self.edge, max(end, 1 + self.edge), r.size)
+        depth = np.interp(mesh, r, state.variable) - np.maximum(mesh**2 - r[-1] ** 2, 0.0) / 2
+        equations = self.on_rings(mesh)
+        return mesh, equations, equations.at(depth, state.indentation)
 
 
 def _mesh(edge: float, end: float, count: int) -> Values:
@@ -174,47 +184,6 @@ def _mesh(edge: float, end: float, count: int) -> Values:
     r = 1 + np.sign(place) * fine * np.expm1(np.abs(place))
     r[0] = 0.0
     return r
-
-
-class _Rings:
-    """The contacts on given radii: ``x - D + r^2/2 + A p(x) = 0`` and ``v p(x) = 4/3``."""
-
-    def __init__(self, layer: AsperityLayer, scale: _Scale, r: Values) -> None:
-        self.layer, self.scale, self.r = layer, scale, r
-        self.weights = ring_weights(r)
-        self.equations = BalanceEquations(self, _displacement_matrix(r), r**2 / 2, self.weights, 4 / 3)
-
-    def response(self, depth: Values) -> tuple[Values, Values]:
-        """The depths and the pressures there."""
-        return depth, self.layer.pressure(depth * self.scale.height) / self.scale.pressure
-
-    def slopes(self, depth: Values) -> tuple[Values, Values]:
-        """The derivatives of these by the depth."""
-        stiffness = self.layer.stiffness(depth * self.scale.height)
-        return np.ones_like(depth), stiffness * (self.scale.height / self.scale.pressure)
-
-    def start(self) -> Balance:
-        """The better of two starts: Hertz's contact with compressed asperities, and the uncoupled model."""
-        smooth = -hertz.gap(self.r, radius=1.0, sphere_radius=1.0)
-        smooth += self.scale.sinking * np.maximum(1 - self.r**2, 0.0) ** 0.2
-        guesses = [self._balanced(depth) for depth in (smooth, self.scale.uncoupled - self.r**2 / 2)]
-        return min(guesses, key=lambda state: state.merit)
-
-    def _balanced(self, depth: Values) -> Balance:
-        """The state with the indentation for which the pressure-weighted mean error vanishes."""
-        state = self.equations.at(depth, 0.0)
-        share = self.weights * (np.maximum(state.force, 1e-12 * state.force.max()) + 1e-300)
-        return self.equations.at(depth, float(share @ state.error / share.sum()))
-
-    def fitted(self, state: Balance) -> tuple["_Rings", Balance]:
-        """Equations on radii that end just outside the loaded region, with the state interpolated to them."""
-        last = int(np.flatnonzero(state.force > 1e-14 * state.force.max())[-1])
-        end = 1.02 * self.r[last + 1] if last + 1 < self.r.size else 1.5 * self.r[-1]
-        mesh = _mesh(self.scale.edge, max(end, 1 + self.scale.edge), self.r.size)
-        finer = _Rings(self.layer, self.scale, mesh)
-        depth = np.interp(mesh, self.r, state.variable)
-        depth -= np.maximum(mesh**2 - self.r[-1] ** 2, 0.0) / 2
-        return finer, finer.equations.at(depth, state.indentation)
 
 
 def _displacement_matrix(r: Values) -> Values:

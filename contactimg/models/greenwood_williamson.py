@@ -241,19 +241,14 @@ class RingSolution:
 
     def profile(self, frame: str = "") -> pd.DataFrame:
         """The rings as a table of the schema `PROFILE`."""
-        return PROFILE.conform(
-            pd.DataFrame(
-                {
-                    "frame": frame,
-                    "model": self.model,
-                    "r_m": self.r,
-                    "pressure_Pa": self.pressure,
-                    "density_per_m2": self.density,
-                    "mean_radius_m": self.mean_radius,
-                    "area_fraction": self.area_fraction,
-                }
-            )
-        )
+        columns = {
+            "r_m": self.r,
+            "pressure_Pa": self.pressure,
+            "density_per_m2": self.density,
+            "mean_radius_m": self.mean_radius,
+            "area_fraction": self.area_fraction,
+        }
+        return PROFILE.conform(pd.DataFrame(columns).assign(frame=frame, model=self.model))
 
 
 def ring_weights(r: Values) -> Values:

@@ -46,10 +46,7 @@ class UniformHeights:
         """The highest asperity."""
         return self.high
 
-    @property
-    def top(self) -> float:
-        """The highest asperity."""
-        return self.high
+    top = reference
 
     @property
     def width(self) -> float:
@@ -146,10 +143,7 @@ class SampleHeights:
         """The highest asperity."""
         return float(self.values[-1])
 
-    @property
-    def top(self) -> float:
-        """The highest asperity."""
-        return float(self.values[-1])
+    top = reference
 
     @property
     def width(self) -> float:

@@ -119,9 +119,8 @@ def solve_uncoupled(
     """
     gap = system.gap + offset
     lowest = float(gap.min())
-    depth = (0.75 * load / np.sqrt(system.caps.radius[int(np.argmin(gap))])) ** (
-        2 / 3
-    )  # of that asperity alone
+    # of that asperity alone
+    depth = (0.75 * load / np.sqrt(system.caps.radius[int(np.argmin(gap))])) ** (2 / 3)
     if 0.01 * depth < guess - lowest < depth:
         depth = guess - lowest
     else:
@@ -159,8 +158,12 @@ def initial_iterate(system: ContactSystem, force: Values, indentation: float) ->
         guess = indentation + float(force @ displacement) / float(force.sum())
         indentation = solve_uncoupled(system, displacement, loaded, guess=guess, accuracy=START_ACCURACY)
     else:
-        factor = _self_consistent_factor(system, force, displacement, indentation)
-        force, displacement = factor * force, factor * displacement
+        low, high, total = 0.0, 1.0, float(force.sum())
+        for _ in range(30):
+            factor = 0.5 * (low + high)
+            carried, _ = _bearing(system, indentation - system.gap - factor * displacement)
+            low, high = (factor, high) if carried > factor * total else (low, factor)
+        force, displacement = 0.5 * (low + high) * force, 0.5 * (low + high) * displacement
     mixed = 0.5 * (force + system.response(indentation - system.gap - displacement)[0])
     if loaded is not None:
         mixed *= loaded / mixed.sum()
@@ -170,18 +173,6 @@ def initial_iterate(system: ContactSystem, force: Values, indentation: float) ->
             system, displacement, loaded, guess=indentation, accuracy=START_ACCURACY
         )
     return evaluate_iterate(system, mixed, indentation, displacement)
-
-
-def _self_consistent_factor(
-    system: ContactSystem, force: Values, displacement: Values, indentation: float
-) -> float:
-    """Factor by which to scale the forces so that their sum agrees with the penetrations, by bisection."""
-    low, high, total = 0.0, 1.0, float(force.sum())
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        bears_more = _bearing(system, indentation - system.gap - middle * displacement)[0] > middle * total
-        low, high = (middle, high) if bears_more else (low, middle)
-    return 0.5 * (low + high)
 
 
 def take_step(system: ContactSystem, at: Iterate, tolerance: float) -> Iterate | None:
@@ -196,9 +187,13 @@ def take_step(system: ContactSystem, at: Iterate, tolerance: float) -> Iterate |
             change, rise = _direction(system, at, softening, tolerance)
         except NotPositiveDefinite:
             continue
-        following = _search_line(system, at, change, rise)
-        if following is not None:
-            return following
+        response, step = system.coupling.displacement(change), 1.0
+        while step >= MIN_STEP_FRACTION:
+            moved = at.force + step * change, at.indentation + step * rise, at.displacement + step * response
+            trial = evaluate_iterate(system, *moved)
+            if trial.mismatch < (1 - 1e-4 * step) * at.mismatch:
+                return trial
+            step /= 2
     return None
 
 
@@ -220,24 +215,10 @@ def _direction(
     if at.residual**2 > tolerance:
         wanted = 0.3 * np.sqrt(tolerance / at.residual)
     accuracy = min(1e-2, max(1e-10, 0.1 * at.residual, wanted))
-    linear = NewtonSystem(scale, right)
+    missing = None
     if system.load is not None:
         missing = system.load - float(at.force.sum()) - float(leaving.sum())
-        linear = NewtonSystem(scale, right, missing)
+    linear = NewtonSystem(scale, right, missing)
     solution, rise = system.coupling.solve_newton_system(active, linear, accuracy)
     change[active] = scale * solution
     return change, rise
-
-
-def _search_line(system: ContactSystem, at: Iterate, change: Values, rise: float) -> Iterate | None:
-    """Halve the step until the mismatch decreases; None if it does not."""
-    response = system.coupling.displacement(change)
-    step, mismatch = 1.0, at.mismatch
-    while step >= MIN_STEP_FRACTION:
-        trial = evaluate_iterate(
-            system, at.force + step * change, at.indentation + step * rise, at.displacement + step * response
-        )
-        if trial.mismatch < (1 - 1e-4 * step) * mismatch:
-            return trial
-        step /= 2
-    return None

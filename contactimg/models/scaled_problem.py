@@ -149,30 +149,27 @@ def scale_problem(
     """
     setting.check()
     summits = CompositeSummits.of(asperities, indenter_radius=setting.indenter_radius, apex=setting.apex)
-    radius, order = summits.radius, summits.order
-    highest = float(radius[0]) if order.size else 1.0
+    x, y, height, radius = (summits.ordered[name] for name in ("x_m", "y_m", "height_m", "radius_m"))
+    highest = float(radius[0]) if radius.size else 1.0
     if depth is None:
-        depth = _natural_depth(setting, highest) or highest
+        depth = max(setting.indentation or 0.0, 0.0)
+        if setting.load is not None:
+            bearing = 0.75 * max(setting.load, 0.0) / setting.contact_modulus / np.sqrt(highest)
+            depth = float(bearing ** (2 / 3))
+        depth = depth or highest
     length = float(np.sqrt(highest * depth))
     unit = setting.contact_modulus * length * depth
     return ScaledProblem(
-        x=summits.x / length,
-        y=summits.y / length,
-        gap=summits.gap / depth,
+        x=x / length,
+        y=y / length,
+        gap=(height[:1] - height) / depth,
         radius=radius / highest,
         load=None if setting.load is None else setting.load / unit,
         indentation=(setting.indentation or 0.0) / depth,
-        order=order,
+        order=summits.order,
         length=length,
         depth=depth,
         force_unit=unit,
         summits=summits,
         conditions=setting,
     )
-
-
-def _natural_depth(setting: ContactConditions, highest: float) -> float:
-    """Unit of height for a load or an indentation, m; zero if neither is positive."""
-    if setting.load is None:
-        return max(setting.indentation or 0.0, 0.0)
-    return float((0.75 * max(setting.load, 0.0) / setting.contact_modulus / np.sqrt(highest)) ** (2 / 3))

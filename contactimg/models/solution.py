@@ -136,22 +136,17 @@ class InteractingSolution:
         """
         rows = self.touching
         x, y, a = self.x[rows], self.y[rows], self.radius[rows]
-        return CONTACTS.conform(
-            pd.DataFrame(
-                {
-                    "frame": np.full(rows.size, frame, dtype=object),
-                    "label": np.arange(1, rows.size + 1),
-                    "x_m": x,
-                    "y_m": y,
-                    "radius_m": a,
-                    "area_m2": np.pi * a**2,
-                    "shape": "disk",
-                    "semi_major_m": a,
-                    "semi_minor_m": a,
-                    "holes": 0,
-                    "asperity": rows,
-                    "force_N": self.force[rows],
-                    "flags": contact_flags(x, y, a, self.composite_radius[rows]),
-                }
-            )
-        )
+        columns = {
+            "frame": np.full(rows.size, frame, dtype=object),
+            "label": np.arange(1, rows.size + 1),
+            "x_m": x,
+            "y_m": y,
+            **dict.fromkeys(("radius_m", "semi_major_m", "semi_minor_m"), a),
+            "area_m2": np.pi * a**2,
+            "shape": "disk",
+            "holes": 0,
+            "asperity": rows,
+            "force_N": self.force[rows],
+            "flags": contact_flags(x, y, a, self.composite_radius[rows]),
+        }
+        return CONTACTS.conform(pd.DataFrame(columns))

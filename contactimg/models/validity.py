@@ -124,8 +124,7 @@ def overlapping(x: Values, y: Values, contact_radius: Values) -> NDArray[np.bool
     i, j, distance = close_pairs(x, y, 2 * contact_radius)
     touch = contact_radius[i] + contact_radius[j] > distance
     result = np.zeros(contact_radius.size, dtype=bool)
-    result[i[touch]] = True
-    result[j[touch]] = True
+    result[i[touch]] = result[j[touch]] = True
     return result
 
 

@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -17,13 +16,14 @@ from contactimg.frame import Frame
 from contactimg.pipeline.analyse.places import Place
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.scene import Scene
 from contactimg.shear.followed import ShearLaws, fit_beta, fit_shear_laws, follow_contacts
 from contactimg.shear.laws import RateLaw, fit_strength
 from contactimg.shear.unseen import limit_radii
 from contactimg.tables import FOLLOWED, Schema
 
 logger = logging.getLogger(__name__)
+
+Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ def analyse_shear(
     return Sheared(followed, tuple(laws), beta, confidence)
 
 
-def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> NDArray[np.float64]:
+def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> Values:
     """Upper limit of the radius in each row without a contact, m; NaN in the others and outside the image."""
     limits = np.full(len(table), np.nan)
     if place.pose is None:
@@ -154,27 +154,20 @@ def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> 
             rows.append(index)
     if experiment is None:
         return limits
-    call = partial(_limits_of_frame, scene=experiment.scene)
-    measured = for_each_frame(experiment, call, jobs, workers=workers, shown="looking for contacts not seen")
+    scene, doing = experiment.scene, "looking for contacts not seen"
+
+    def unseen(
+        frame: Frame, reference: NDArray | None, spots: Values, contacts: Values, numbers: dict[str, float]
+    ) -> Values:
+        # the cheaper count subtracts the same background
+        seen = measure_prepared(frame, reference, scene, count_at=0.5).foreground
+        image, valid = seen.image * np.float32(seen.frame_pair.unit), seen.frame_pair.valid
+        return limit_radii(image, spots, contacts=contacts, **numbers, valid=valid)
+
+    measured = for_each_frame(experiment, unseen, jobs, workers=workers, shown=doing)
     for index, found in zip(rows, measured, strict=True):
         if isinstance(found, FailedFrame):
             logger.warning("limits of contacts are those of detection: %s", found.row["message"])
         else:
             limits[index] = pixel * found
     return limits
-
-
-def _limits_of_frame(
-    frame: Frame,
-    reference: NDArray | None,
-    spots: NDArray[np.float64],
-    contacts: NDArray[np.float64],
-    numbers: dict[str, float],
-    *,
-    scene: Scene,
-) -> NDArray[np.float64]:
-    """Limits (px) at places of a frame, which is read again."""
-    # the cheaper count subtracts the same background
-    seen = measure_prepared(frame, reference, scene, count_at=0.5).foreground
-    image = seen.image * np.float32(seen.frame_pair.unit)
-    return limit_radii(image, spots, contacts=contacts, **numbers, valid=seen.frame_pair.valid)

@@ -1,7 +1,6 @@
 """`calibrate jkr`: modulus and work of adhesion from the contact circles of a smooth contact, with notes."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from contactimg.calibration.jkr import FALSE_ALARM_RATE, JkrCalibration, calibra
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
-from contactimg.imaging.measure import ImageMeasurement
 from contactimg.imaging.smooth.find_circle import EdgeSamples, find_circle, sample_edge
 from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_opening, fit_circle
 from contactimg.mechanics import jkr
@@ -29,7 +27,7 @@ from contactimg.plots.numbers import number_with_interval
 from contactimg.pose.apex import SIGNIFICANT_STDS
 from contactimg.pose.pairs import MAD_TO_STD
 from contactimg.scene import Scene
-from contactimg.tables import CIRCLES, FAILED, Schema, Status
+from contactimg.tables import CIRCLES, FAILED
 
 CURVE_POINTS = 200  # of the fitted curve in the figure
 
@@ -112,10 +110,29 @@ def measure_circles(experiment: Experiment, *, workers: int | None = None) -> Ci
     camera = scene.need("camera", "measuring a smooth contact")
     indenter = scene.need("indenter", "measuring a smooth contact")
     model = EdgeModel(camera.pixel_size, indenter.radius, excess_table(lamp(scene.light)))
-    measure = partial(_sample_frame, scene=scene, model=model)
+
+    def sample(frame: Frame, reference: NDArray | None) -> tuple[dict[str, object], EdgeSamples | None]:
+        measurement = measure_prepared(frame, reference, scene, count_at=0.5)
+        names = ("status", "message", "shift_x_px", "shift_y_px")
+        row: dict[str, object] = {"frame": frame.name} | {name: getattr(measurement, name) for name in names}
+        contrast, noise = abs(measurement.contrast), measurement.noise
+        try:
+            if not contrast:
+                raise FrameError(measurement.message or "nothing stands out of the noise")
+            image = measurement.difference * np.float32(np.sign(measurement.contrast))
+            valid = np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
+            circle = find_circle(image, contrast)
+            for _ in range(2):  # the second time about the circle that a sharp edge gives
+                outside_px = model.film_px(circle.radius_px) + BEYOND_FILM_PX
+                samples = sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
+                circle = fit_circle(samples, model, opening=np.inf)
+            return row, sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
+        except FrameError as error:
+            return row | FailedFrame.of(frame.name, error).row, None
+
     parts = [
         (part.row, None) if isinstance(part, FailedFrame) else part
-        for part in for_each_frame(experiment, measure, workers=workers, shown="measuring frames")
+        for part in for_each_frame(experiment, sample, workers=workers, shown="measuring frames")
     ]
     sampled = [samples for _, samples in parts if samples is not None]
     if not sampled:
@@ -132,34 +149,6 @@ def measure_circles(experiment: Experiment, *, workers: int | None = None) -> Ci
 
     rival = circles(opening.rival) if opening.doubt > FALSE_ALARM_RATE else None
     return CircleSeries(circles(opening.value), opening.value, opening.doubt, rival)
-
-
-def _sample_frame(
-    frame: Frame, reference: NDArray | None, *, scene: Scene, model: EdgeModel
-) -> tuple[dict[str, object], EdgeSamples | None]:
-    """The row of one frame and samples of its edge; without samples if it shows no circle."""
-    measurement = measure_prepared(frame, reference, scene, count_at=0.5)
-    names = ("status", "message", "shift_x_px", "shift_y_px")
-    row: dict[str, object] = {"frame": frame.name} | {name: getattr(measurement, name) for name in names}
-    try:
-        return row, _sample_edge(frame, measurement, model)
-    except FrameError as error:
-        return row | FailedFrame.of(frame.name, error).row, None
-
-
-def _sample_edge(frame: Frame, measurement: ImageMeasurement, model: EdgeModel) -> EdgeSamples:
-    """Samples of the light across the edge of the contact."""
-    contrast, noise = abs(measurement.contrast), measurement.noise
-    if not contrast:
-        raise FrameError(measurement.message or "nothing stands out of the noise")
-    image = measurement.difference * np.float32(np.sign(measurement.contrast))
-    valid = np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
-    circle = find_circle(image, contrast)
-    for _ in range(2):  # the second time about the circle that a sharp edge gives
-        outside_px = model.film_px(circle.radius_px) + BEYOND_FILM_PX
-        samples = sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
-        circle = fit_circle(samples, model, opening=np.inf)
-    return sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
 
 
 def _with_circle(
@@ -235,25 +224,16 @@ def mean_centre(table: pd.DataFrame) -> tuple[CoverageEstimate, CoverageEstimate
     still = good[["x_px", "y_px"]].to_numpy(float)
     shift = good[["shift_x_px", "shift_y_px"]].fillna(0.0).to_numpy(float)
     own = good["centre_std_px"].to_numpy(float)
-    candidates = [
-        (*_weighted_mean(points, own), moves) for points, moves in ((still, False), (still - shift, True))
-    ]
+    candidates = []
+    for points, moves in ((still, False), (still - shift, True)):
+        median = np.median(points, axis=0)
+        variance = own**2 + (MAD_TO_STD * float(np.median(np.abs(points - median)))) ** 2
+        far = np.sum((points - median) ** 2, axis=1) / np.maximum(variance, 1e-12)
+        weight = 1 / np.maximum(variance, 1e-12) / (1 + far / OUTLIER_SIGMA**2)
+        candidates.append((weight @ points / weight.sum(), float(np.sqrt(1 / weight.sum())), moves))
     middle, std, moves = min(candidates, key=lambda candidate: candidate[1])
-    x, y = (CoverageEstimate.of_normal(float(place), float(std)) for place in middle)
+    x, y = (CoverageEstimate.of_normal(float(place), std) for place in middle)
     return x, y, moves and bool(shift.any())
-
-
-def _weighted_mean(
-    points: NDArray[np.float64], own: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float]:
-    """Mean of points weighted by their own uncertainty and their common scatter, and its uncertainty."""
-    median = np.median(points, axis=0)
-    scatter = MAD_TO_STD * float(np.median(np.abs(points - median)))
-    variance = own**2 + scatter**2
-    far = np.sum((points - median) ** 2, axis=1) / np.maximum(variance, 1e-12)
-    weight = 1 / np.maximum(variance, 1e-12) / (1 + far / OUTLIER_SIGMA**2)
-    mean = weight @ points / weight.sum()
-    return mean, float(np.sqrt(1 / weight.sum()))
 
 
 # --- the calibration
@@ -289,9 +269,8 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated
         table.loc[chosen, column] = calibration.points[column].to_numpy()
     notes = calibration_notes(calibration, table, scene)
     record = _jkr_record(calibration, series) | {"notes": notes}
-    failed = bool((table["status"] == Status.FAILED).any())
-    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"circles": (CIRCLES, table)}
-    return Calibrated(record, tables, {"jkr": _jkr_figure(calibration)}, failed=failed)
+    failed, figures = bool((table["status"] == FAILED).any()), {"jkr": _jkr_figure(calibration)}
+    return Calibrated(record, {"circles": (CIRCLES, table)}, figures, failed=failed)
 
 
 def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
@@ -349,17 +328,15 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries) -> dict[str, 
 
 def _jkr_figure(calibration: JkrCalibration) -> Axes:
     """The fit with its residuals."""
-    sphere = {
-        "sphere_radius": calibration.sphere.radius,
-        "work_of_adhesion": calibration.work_of_adhesion.value,
-    }
+    w = calibration.work_of_adhesion
+    sphere = {"sphere_radius": calibration.sphere.radius, "work_of_adhesion": w.value}
     measured = calibration.points["load_N"]
     loads = np.linspace(max(measured.min(), jkr.pull_off_load(**sphere)), measured.max(), CURVE_POINTS)
     modulus = calibration.young_modulus.value / (1 - calibration.sphere.poisson_ratio**2)
     radius = jkr.radius(loads, contact_modulus=modulus, **sphere)
     fitted = [
         f"E = {number_with_interval(calibration.young_modulus, factor=1e-6)} MPa",
-        f"w = {number_with_interval(calibration.work_of_adhesion, factor=1e3)} mJ/m²",
+        f"w = {number_with_interval(w, factor=1e3)} mJ/m²",
     ]
     curve = pd.DataFrame({"load_N": loads, "radius_m": radius})
     return plot_jkr(calibration.points, curve, fitted=fitted)

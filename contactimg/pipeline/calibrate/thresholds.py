@@ -1,7 +1,6 @@
 """Calibrations by a threshold: `calibrate threshold`, `calibrate modulus` and `calibrate plateau`."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,6 @@ from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
 from contactimg.plots.numbers import number_with_interval, plain_number
-from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FAILED, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema
 
 Values = NDArray[np.float64]
@@ -89,8 +87,19 @@ def measure_thresholds(
     levels, scene = np.sort(np.asarray(thresholds, float)), experiment.scene
     scene.need("camera", "a calibration")
     check_modulus(scene)
-    measure = partial(_count_frame, scene=scene, thresholds=levels)
-    parts = list(for_each_frame(experiment, measure, workers=workers, shown="measuring frames"))
+
+    def count(
+        frame: Frame, reference: NDArray | None
+    ) -> tuple[dict[str, object], list[pd.DataFrame], tuple[int, int]]:
+        measurement = measure_prepared(frame, reference, scene, count_at=0.5)
+        if not measurement.contrast:
+            raise FrameError(measurement.message or "nothing stands out of the noise")
+        counted = (count_again(measurement.foreground, float(level)).disks for level in levels)
+        contacts = [CONTACTS.conform(disks.assign(frame=frame.name)) for disks in counted]
+        row = frame_row(measurement, frame.name) | {"n_contacts": len(measurement.disks)}
+        return row | {"smallest_px": np.nan}, contacts, frame.shape
+
+    parts = list(for_each_frame(experiment, count, workers=workers, shown="measuring frames"))
     rows = [part.row if isinstance(part, FailedFrame) else part[0] for part in parts]
     frames = FRAMES.conform(pd.DataFrame(rows))
     frames["load_N"] = [experiment.load_of(name) for name in frames["frame"]]
@@ -110,19 +119,6 @@ def measure_thresholds(
         np.array([table[name].to_numpy(float) for table in sums]) for name in ("area_m2", "force_sum_N")
     )
     return ThresholdSeries(levels, areas, forces, kept, frames[~good].reset_index(drop=True))
-
-
-def _count_frame(
-    frame: Frame, reference: NDArray | None, *, scene: Scene, thresholds: Values
-) -> tuple[dict[str, object], list[pd.DataFrame], tuple[int, int]]:
-    """Register one frame and count it: its row, its contacts at every threshold, and its shape."""
-    measurement = measure_prepared(frame, reference, scene, count_at=0.5)
-    if not measurement.contrast:
-        raise FrameError(measurement.message or "nothing stands out of the noise")
-    counted = (count_again(measurement.foreground, float(level)).disks for level in thresholds)
-    contacts = [CONTACTS.conform(disks.assign(frame=frame.name)) for disks in counted]
-    row = frame_row(measurement, frame.name) | {"n_contacts": len(measurement.disks), "smallest_px": np.nan}
-    return row, contacts, frame.shape
 
 
 # --- the calibrations
@@ -230,20 +226,11 @@ def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Cali
         "notes": notes,
         "line": found.slope.value,
     }
-    areas = series.areas.sum(axis=1)
-    figures = {
-        "slope_threshold": plot_slopes(
-            found.thresholds, found.slopes, found.slope_stds, found=found.threshold.value
-        ),
-        "forces": plot_forces(load, found.forces, slope=found.slope),
-    }
-    curve = {
-        "threshold": found.thresholds,
-        "slope": found.slopes,
-        "slope_std": found.slope_stds,
-        "area_m2": areas,
-    }
-    return _result(record, series, found.forces, figures, **curve)
+    line = found.thresholds, found.slopes, found.slope_stds
+    figures = {"slope_threshold": plot_slopes(*line, found=found.threshold.value)}
+    figures["forces"] = plot_forces(load, found.forces, slope=found.slope)
+    curve = dict(zip(("threshold", "slope", "slope_std"), line, strict=True))
+    return _result(record, series, found.forces, figures, **curve, area_m2=series.areas.sum(axis=1))
 
 
 def run_modulus(
