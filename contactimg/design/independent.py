@@ -113,10 +113,16 @@ def find_density(law: WantedLaw, *, count: int, cap_radius: float, contact_modul
         below += step
         area = np.pi * R * float(n @ below)
         load = K * float(n @ (below * np.sqrt(below)))
-        added = _caps_added(law, area, load, (np.pi * R * step, K * step**1.5), count - float(n.sum()))
+        own_area, own_load, left = np.pi * R * step, K * step**1.5, count - float(n.sum())
+        added = 0.0  # caps with which the area is that of the law at the load with them
+        for _ in range(MOST_ITERATIONS):
+            before, short = added, float(law.at(load + added * own_load)) - area
+            added = min(max(short / own_area, 0.0), left)
+            if abs(added - before) <= 1e-12 * added:
+                break
         depths[k], caps[k] = d, added
-        loads.append(load + added * K * step**1.5)
-        areas.append(area + added * np.pi * R * step)
+        loads.append(load + added * own_load)
+        areas.append(area + added * own_area)
         d += step
         if loads[-1] >= law.load[-1]:
             values = np.array(loads), np.array(areas), law.at(loads)
@@ -124,17 +130,3 @@ def find_density(law: WantedLaw, *, count: int, cap_radius: float, contact_modul
     raise InputError(
         f"{MOST_STEPS} steps did not lead from {law.load[0]:g} to {law.load[-1]:g} N; take a narrower range"
     )
-
-
-def _caps_added(law: WantedLaw, area: float, load: float, one: tuple[float, float], left: float) -> float:
-    """Caps that must touch for the area to be the wanted one at the end of a step: 0 up to those left.
-
-    ``one`` is what a cap adds to area and load. Iterated from below, so that the fewest caps are found.
-    """
-    added = 0.0
-    for _ in range(MOST_ITERATIONS):
-        before, short = added, float(law.at(load + added * one[1])) - area
-        added = min(max(short / one[0], 0.0), left)
-        if abs(added - before) <= 1e-12 * added:
-            break
-    return added

@@ -134,11 +134,8 @@ def design_heights(
     ----------
     Aymard et al., Science 383 (2024) 200, doi:10.1126/science.adk4234.
     """
-    for name, value in (
-        ("cap_radius", cap_radius),
-        ("spacing", spacing),
-        ("contact_modulus", contact_modulus),
-    ):
+    sizes = {"cap_radius": cap_radius, "spacing": spacing, "contact_modulus": contact_modulus}
+    for name, value in sizes.items():
         if not 0 < value < np.inf:
             raise InputError(f"{name} must be positive and finite, got {value!r}")
     if not 1 <= count <= MOST_CAPS or not 0 < tolerance < 1 or not 0 <= height_std < np.inf:
@@ -160,9 +157,8 @@ def design_heights(
     loads = law.loads(LOADS)
     wanted = law.at(loads)
     goal = np.interp(loads, density.load, density.area) if reason else wanted
-    start = square_grid(count, spacing).assign(
-        height_m=-rng.permutation(density.heights(count)), radius_m=cap_radius
-    )
+    heights = -rng.permutation(density.heights(count))
+    start = square_grid(count, spacing).assign(height_m=heights, radius_m=cap_radius)
     steps: dict[str, Any] = {"tolerance": tolerance / AIM, "max_iterations": max_iterations}
     coupled: dict[str, Any] = {"contact_modulus": contact_modulus, "coupling": coupling, "law": profile}
     alone = refine(start, loads, goal, contact_modulus=contact_modulus, coupling="none", **steps)
@@ -181,20 +177,18 @@ def design_heights(
     if width > spacing:
         remarks.append(f"the highest cap covers a disc {width * 1e6:.4g} um wide, more than the spacing")
     errors = height_std * rng.standard_normal((DRAWS, count))
-    law_table = pd.DataFrame(
-        {
-            "load_N": loads,
-            "wanted_area_m2": wanted,
-            "independent_area_m2": alone.areas,
-            "uncorrected_area_m2": before.areas,
-            "coupled_area_m2": found.areas,
-            "coupled_std_m2": [scatter(one, errors) for one in found.solutions],
-            "n_contacts": [one.touching.size for one in found.solutions],
-        }
-    )
+    columns = {
+        "load_N": loads,
+        "wanted_area_m2": wanted,
+        "independent_area_m2": alone.areas,
+        "uncorrected_area_m2": before.areas,
+        "coupled_area_m2": found.areas,
+        "coupled_std_m2": [scatter(one, errors) for one in found.solutions],
+        "n_contacts": [one.touching.size for one in found.solutions],
+    }
     return DesignedSurface(
         table,
-        DESIGNED.conform(law_table),
+        DESIGNED.conform(pd.DataFrame(columns)),
         "; ".join([*remarks, *last.validity.messages()]) or "ok",
         found.residual,
         before.residual,
@@ -268,9 +262,8 @@ def square_grid(count: int, spacing: float) -> pd.DataFrame:
     """
     side = int(np.ceil(np.sqrt(count)))
     rows, columns = np.divmod(np.arange(count), side)
-    return pd.DataFrame(
-        {"x_m": spacing * (columns - (side - 1) / 2), "y_m": spacing * (rows - rows.max() / 2)}
-    )
+    x, y = columns - (side - 1) / 2, rows - rows.max() / 2
+    return pd.DataFrame({"x_m": spacing * x, "y_m": spacing * y})
 
 
 def _raised(table: pd.DataFrame, lowest: float) -> pd.DataFrame:

@@ -234,9 +234,8 @@ class Camera:
         measure, found = measuring(self.scene, full_scale), []
         x, y, a = (self.contacts[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
         for noise in self.noise:
-            disks = measure(
-                self.record(frame, shown, noise[:2]), self.record(reference, shown, noise[2:])
-            ).disks
+            pair = self.record(frame, shown, noise[:2]), self.record(reference, shown, noise[2:])
+            disks = measure(*pair).disks
             at_x, at_y, radius = (disks[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
             outside = np.hypot(at_x[:, None] - x, at_y[:, None] - y) - a
             found.append((outside.argmin(axis=1), radius))
@@ -244,10 +243,8 @@ class Camera:
 
     def amounts(self, shown: Shown, power: int) -> Values:
         """Measured ``a^power`` of each contact, one row a realisation; 0 if it was not detected."""
-        count = len(self.contacts)
-        return np.array(
-            [np.bincount(nearest, radius**power, minlength=count) for nearest, radius in self.measure(shown)]
-        )
+        n = len(self.contacts)
+        return np.array([np.bincount(nearest, radius**power, n) for nearest, radius in self.measure(shown)])
 
     def change(self, output: str, effect: str, base: Shown) -> float:
         """Relative change of an output if the effect is left out."""

@@ -125,11 +125,8 @@ def plot_slopes(
         label = f"slope 1 at threshold {found:.3f}"
         lines.append(ax.axvline(found, color=LAW, linewidth=1.2, label=label))
     top = 1.05 * float(np.nanmax(slopes + stds, initial=1.0))
-    ax.set(
-        xlabel="threshold (fraction of the contrast)",
-        ylabel="sum of the forces over load (slope)",
-        ylim=(0, min(top, LARGEST_SLOPE)),
-    )
+    ax.set(xlabel="threshold (fraction of the contrast)", ylabel="sum of the forces over load (slope)")
+    ax.set_ylim(0, min(top, LARGEST_SLOPE))
     add_legend(ax, above=alone, handles=lines)
     return ax
 

@@ -49,12 +49,8 @@ def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
             bars = {"yerr": bar_lengths(known["pressure_std_over_hertz"], 1.0), "markersize": MARKER_SIZE}
         ax.errorbar(r, p, capsize=2, **bars, **STYLES[str(model)])
     load = normalised["load_N"].iloc[0] if len(normalised) else np.nan
-    ax.set(
-        xlabel="distance from the apex over Hertz radius, $r/a_H$",
-        ylabel="pressure over largest\nHertz pressure, $p/p_0$",
-        xlim=(0, None),
-        ylim=(0, None),
-    )
+    ax.set(xlabel="distance from the apex over Hertz radius, $r/a_H$", xlim=(0, None), ylim=(0, None))
+    ax.set_ylabel("pressure over largest\nHertz pressure, $p/p_0$")
     ax.legend(fontsize="small", title=f"load P = {plain_number(load * 1e3)} mN", title_fontsize="small")
     return ax
 
@@ -83,7 +79,12 @@ def plot_pressure_law(
         own = {"markersize": 3.5} if model in RUN_MODELS else MODEL_MARKS
         style = STYLES[str(model)] | own | {"linestyle": "none", "elinewidth": 0.8}
         law = laws.get((quantity, str(model)))
-        style["label"] += "" if law is None else f", {_law_text(law)}"
+        if law is not None and law.supported:
+            pressure = plain_number(law.break_x.value * 1e-3, digits=3)
+            below, above = (f"$p^{{{one.value:.2f}}}$" for one in (law.low_exponent, law.high_exponent))
+            style["label"] += f", {below}, {above}, $p^*$ = {pressure} kPa"
+        elif law is not None:
+            style["label"] += f", $\\sim p^m$, $m$ = {number_with_interval(law.single.exponent)}"
         errors = bar_lengths(part[std], unit) if model in RUN_MODELS else None
         ax.errorbar(part["pressure_Pa"] * 1e-3, part[column] * unit, yerr=errors, **style)
         if law is not None:
@@ -96,9 +97,8 @@ def plot_pressure_law(
     title: dict[str, Any] = {}
     single = [law for (name, _), law in laws.items() if name == quantity and not law.supported]
     if single:
-        title = {
-            "title": f"power laws, exponent $m$ with its {100 * single[0].single.confidence:g} % interval:"
-        }
+        percent = 100 * single[0].single.confidence
+        title = {"title": f"power laws, exponent $m$ with its {percent:g} % interval:"}
     add_legend(ax, above=alone, **title)
     return ax
 
@@ -111,15 +111,6 @@ def _pressure_axis(points: pd.DataFrame, quantity: str) -> tuple[str, str, float
     if np.isfinite(density):
         return "density_per_m2", "density_std_per_m2", 1 / density, "contacts per asperity, $\\eta/\\eta_0$"
     return "density_per_m2", "density_std_per_m2", 1e-6, "contacts per mm²"
-
-
-def _law_text(law: BrokenLaw) -> str:
-    """The exponents with their intervals, for the legend."""
-    if not law.supported:
-        return f"$\\sim p^m$, $m$ = {number_with_interval(law.single.exponent)}"
-    low, high = law.low_exponent.value, law.high_exponent.value
-    pressure = plain_number(law.break_x.value * 1e-3, digits=3)
-    return f"$p^{{{low:.2f}}}$, $p^{{{high:.2f}}}$, $p^*$ = {pressure} kPa"
 
 
 def plot_topography(table: pd.DataFrame, topography: Topography, *, ax: Axes | None = None) -> Axes:

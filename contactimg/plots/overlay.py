@@ -212,9 +212,8 @@ def join_pictures(columns: Sequence[Sequence[Picture]]) -> Picture:
             parts.append(np.pad(indices, ((0, 0), (0, width - indices.shape[1]))))
         blocks.append(np.vstack(parts))
     height = max(len(block) for block in blocks)
-    return Picture(
-        np.hstack([np.pad(block, ((0, height - len(block)), (0, 0))) for block in blocks]), tuple(colours)
-    )
+    beside = [np.pad(block, ((0, height - len(block)), (0, 0))) for block in blocks]
+    return Picture(np.hstack(beside), tuple(colours))
 
 
 def grey_indices(image: NDArray, stretch: tuple[float, float]) -> Indices:
@@ -236,7 +235,18 @@ def _draw_layer(canvas: _Canvas, layer: Layer) -> None:
         if not np.abs(reach).max() <= LARGEST_DRAWN_PX:  # a table edited by hand may lack a number
             continue
         for line in _lines(outline, gap, canvas, square=layer.square):
-            _draw_line(canvas, line, layer.dashes, index, thickness)
+            parts = [line]
+            if layer.dashes:
+                steps = np.hypot(*np.diff(line / 2**SHIFT_BITS, axis=0).T)
+                along = np.concatenate([[0.0], np.cumsum(steps)])
+                count = max(3, round(along[-1] / sum(layer.dashes)))  # a whole number of dashes
+                period, share = max(along[-1], 1.0) / count, layer.dashes[0] / sum(layer.dashes)
+                first = np.arange(count) * period
+                ends = np.searchsorted(along, np.stack([first, first + share * period], axis=1))
+                parts = [line[i : j + 1] for i, j in ends]
+            cv2.polylines(
+                canvas.indices, parts, isClosed=False, color=index, thickness=thickness, shift=SHIFT_BITS
+            )
 
 
 def _lines(outline: Outline, gap: float, canvas: _Canvas, *, square: bool) -> list[NDArray[np.int32]]:
@@ -270,22 +280,6 @@ def _around(outline: Outline, gap: float, canvas: _Canvas) -> list[NDArray[np.in
     return [((line + low) * 2**SHIFT_BITS).astype(np.int32) for line in closed]
 
 
-def _draw_line(
-    canvas: _Canvas, points: NDArray[np.int32], dashes: tuple[float, ...], index: int, thickness: int
-) -> None:
-    if not dashes:
-        parts = [points]
-    else:
-        steps = np.hypot(*np.diff(points / 2**SHIFT_BITS, axis=0).T)
-        along = np.concatenate([[0.0], np.cumsum(steps)])
-        count = max(3, round(along[-1] / (dashes[0] + dashes[1])))  # a whole number of dashes
-        period = max(along[-1], 1.0) / count
-        on, share = np.arange(count) * period, dashes[0] / (dashes[0] + dashes[1])
-        first, last = np.searchsorted(along, on), np.searchsorted(along, on + share * period)
-        parts = [points[i : j + 1] for i, j in zip(first, last, strict=True)]
-    cv2.polylines(canvas.indices, parts, isClosed=False, color=index, thickness=thickness, shift=SHIFT_BITS)
-
-
 @lru_cache(maxsize=8)
 def _font(size: int) -> ImageFont.FreeTypeFont:
     """The font that comes with matplotlib, found without the half second that its import takes."""
@@ -309,26 +303,22 @@ def _strip(canvas: _Canvas, layers: Sequence[Layer], view: View) -> Indices:
         x += long
     strip = Image.new("L", (width, (max(row, 1) + 1) * line + size // 2))
     pen = ImageDraw.Draw(strip)
-    pen.text((size // 2, size // 4), _fitting(view.title, font, width - bar_width), GREYS - 1, font)
+    titles = chain([view.title], (f"{view.title[:n]}…" for n in range(len(view.title) - 1, -1, -1)))
+    title = next((one for one in titles if font.getlength(one) <= width - bar_width), "…")
+    pen.text((size // 2, size // 4), title, GREYS - 1, font)
     for layer, (x, row) in zip(layers, places, strict=True):
         pen.text((x + 1.6 * size, row * line + size // 4), layer.label, GREYS - 1, font)
     if bar is not None:
         middle = width - bar_width / 2
         pen.text((middle, size // 4), bar[1], GREYS - 1, font, anchor="ma")
-        pen.rectangle(
-            (middle - bar[0] / 2, 1.65 * line, middle + bar[0] / 2, 1.65 * line + size / 4), GREYS - 1
-        )
+        top, half = 1.65 * line, bar[0] / 2
+        pen.rectangle((middle - half, top, middle + half, top + size / 4), GREYS - 1)
     indices = np.array(strip)
     marks = _Canvas(indices, 1, (0, 0), canvas.colours)
     for layer, (x, row) in zip(layers, places, strict=True):
         disk = Outline(0, x + 0.8 * size, row * line + 0.85 * size, 0.5 * size, 0.5 * size)
         _draw_layer(marks, Layer([disk], layer.colour, "", layer.dashes, 0, layer.width, layer.square))
     return indices
-
-
-def _fitting(text: str, font: ImageFont.FreeTypeFont, width: float) -> str:
-    shorter = (f"{text[:length]}…" for length in range(len(text) - 1, -1, -1))
-    return next((one for one in chain([text], shorter) if font.getlength(one) <= width), "…")
 
 
 def _scale_bar(pixel_size: float | None, width: int, zoom: int) -> tuple[int, str] | None:

@@ -50,9 +50,8 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     for value, style, label in MARKS:
         ax.plot(x[mark == value], y[mark == value], linestyle="none", label=label, **style)  # type: ignore[arg-type]
     if relative is not None:
-        ax.axhline(
-            relative, color="tab:green", linestyle="--", linewidth=1, label=f"tolerance {100 * relative:g} %"
-        )
+        label = f"tolerance {100 * relative:g} %"
+        ax.axhline(relative, color="tab:green", linestyle="--", linewidth=1, label=label)
     chosen = None if relative is None else cheapest(front_of(table), relative)
     if chosen is not None:
         point = [chosen["time_s"]], y[x == chosen["time_s"]][:1]

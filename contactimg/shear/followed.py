@@ -159,11 +159,15 @@ def fit_shear_laws(
     total = fit_decrease(loads, shots["area_m2"], std=std, confidence=confidence)
     part = followed[followed["touches"] & followed["frame"].isin(shots.index)]
     counts = part.groupby("asperity")["frame"].transform("size")
-    rows = [
-        (asperity, *_law_of_contact(one, total.start.value))
-        for asperity, one in part[counts >= FEWEST_FRAMES].groupby("asperity")
-        if len(one["tangential_N"].abs().unique()) > 1
-    ]
+    rows = []
+    for asperity, one in part[counts >= FEWEST_FRAMES].groupby("asperity"):
+        if len(one["tangential_N"].abs().unique()) > 1:
+            own = (2 * np.pi * one["radius_m"] * one["radius_std_m"]).fillna(0.0)
+            scatter = 0.0 if (own > 0).all() else None
+            law = fit_decrease(one["tangential_N"], one["area_m2"], std=own, scatter=scatter)
+            start, rate, share = law.start, law.rate, (total.start.value / law.start.value) ** 2
+            shared = share * rate.value, share * rate.std
+            rows.append((asperity, start.value, start.std, *shared, law.correlation))
     contacts = pd.DataFrame(rows, columns=["asperity", "area", "area_std", "rate", "rate_std", "correlation"])
     # the half-axes of a disk say nothing of its shape
     axes = part["angle_rad"].notna().groupby(part["asperity"]).transform("all")
@@ -174,22 +178,8 @@ def fit_shear_laws(
         fit_decrease(loads, means[name].reindex(shots.index), confidence=confidence) if len(means) else None
         for name in "xy"
     )
-    return ShearLaws(
-        float(shots["load_N"].mean()),
-        total,
-        contacts[contacts["area"] > 0],
-        along,
-        across,
-        float(loads.abs().max()),
-    )
-
-
-def _law_of_contact(one: pd.DataFrame, total: float) -> tuple[float, ...]:
-    """``A0`` and ``alpha`` of a contact with errors and correlation, given the sum of all areas (m^2)."""
-    std = (2 * np.pi * one["radius_m"] * one["radius_std_m"]).fillna(0.0)
-    law = fit_decrease(one["tangential_N"], one["area_m2"], std=std, scatter=0.0 if (std > 0).all() else None)
-    share = (total / law.start.value) ** 2
-    return law.start.value, law.start.std, share * law.rate.value, share * law.rate.std, law.correlation
+    load, contacts, largest = float(shots["load_N"].mean()), contacts[contacts["area"] > 0], loads.abs().max()
+    return ShearLaws(load, total, contacts, along, across, float(largest))
 
 
 def fit_beta(laws: Sequence[ShearLaws], *, confidence: float = 0.95) -> RateLaw:

@@ -126,7 +126,13 @@ def fit_sphere(points: Values, start: Values, *, depth: float, noise: float) -> 
         chosen &= np.abs(residuals - np.median(residuals[chosen])) < RARE_SIGMAS * max(spread, noise, 1e-300)
         if chosen.sum() < MIN_PIXELS:
             return None
-        jacobian, scale = _jacobian(sphere, x[chosen], y[chosen])
+        dx, dy = x[chosen] - sphere[0], y[chosen] - sphere[1]
+        squared = dx**2 + dy**2
+        root = np.sqrt(np.clip(1 - sphere[3] ** 2 * squared, 0.01, None))
+        slope, one = sphere[3] / root, np.ones_like(dx)
+        jacobian = np.stack([slope * dx, slope * dy, one, -squared / (root * (1 + root))], axis=1)
+        scale = np.sqrt((jacobian**2).mean(axis=0)) + 1e-300
+        jacobian /= scale
         normal = jacobian.T @ jacobian
         if np.linalg.cond(normal) > 1e12:
             return None
@@ -139,17 +145,6 @@ def fit_sphere(points: Values, start: Values, *, depth: float, noise: float) -> 
     scatter = float(np.sqrt((residuals[chosen] ** 2).sum() / (chosen.sum() - 4)))
     covariance = np.linalg.inv(normal) / np.outer(scale, scale) * scatter**2
     return SphereFit(sphere, covariance, chosen, residuals, scatter)
-
-
-def _jacobian(sphere: Values, x: Values, y: Values) -> tuple[Values, Values]:
-    """Derivatives of the heights by x, y, z and curvature, each divided by its scale, and the scales."""
-    dx, dy, k = x - sphere[0], y - sphere[1], sphere[3]
-    squared = dx**2 + dy**2
-    root = np.sqrt(np.clip(1 - k**2 * squared, 0.01, None))
-    slope = k / root
-    columns = np.stack([slope * dx, slope * dy, np.ones_like(dx), -squared / (root * (1 + root))], axis=1)
-    scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
-    return columns / scale, scale
 
 
 def correlation_factor(residuals: Values) -> float:
@@ -249,7 +244,11 @@ def find_summits(
     feet = ndimage.binary_dilation(labels > 0, iterations=LAGS)
     base = refit_base(surface, form, base, feet)
     heights = surface.heights - base.heights
-    usable = np.isfinite(heights) & ~_near_neighbour(labels)
+    # pixels near the region of a neighbour are left out
+    outside, size = np.where(labels == 0, labels.max() + 1, labels), 2 * VALLEY_PX + 1
+    highest, lowest = ndimage.maximum_filter(labels, size), ndimage.minimum_filter(outside, size)
+    near = (labels > 0) & ((highest != labels) | (lowest != labels))
+    usable = np.isfinite(heights) & ~near
     y, x = np.meshgrid(surface.y, surface.x, indexing="ij")
     fits, left_out = [], Counter[str]()
     for number, window in enumerate(ndimage.find_objects(labels), start=1):
@@ -264,7 +263,12 @@ def find_summits(
             left_out[reason] += 1
         else:
             fits.append(fit)
-    kept = _once(fits, depth)
+    kept: list[_Fit] = []
+    for fit in sorted(fits, key=lambda fit: -int(fit.whole.pixels.sum())):
+        x0, y0, height, curvature = fit.whole.sphere
+        reach = TWICE * np.sqrt(2 * depth * height / curvature)
+        if all(np.hypot(x0 - o.whole.sphere[0], y0 - o.whole.sphere[1]) > reach for o in kept):
+            kept.append(fit)
     if len(kept) < len(fits):
         left_out["second summits of one asperity"] = len(fits) - len(kept)
     factor = float(np.median([fit.factor for fit in kept])) if kept else 1.0
@@ -294,16 +298,6 @@ def _divide(heights: Values, base: Base, least_height: float) -> tuple[Labels, V
     tops = local_maxima(flooded) & (flooded > max(0.0, least_height - rise))
     markers, _ = ndimage.label(tops, structure=np.ones((3, 3)))
     return watershed(-smoothed, markers, mask=smoothed > rise).astype(np.intp), smoothed
-
-
-def _near_neighbour(labels: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Pixels of a region with another region within `VALLEY_PX`."""
-    size = 2 * VALLEY_PX + 1
-    outside = labels.max() + 1
-    highest = ndimage.maximum_filter(labels, size)
-    lowest = ndimage.minimum_filter(np.where(labels == 0, outside, labels), size)
-    near: NDArray[np.bool_] = (labels > 0) & ((highest != labels) | (lowest != labels))
-    return near
 
 
 @dataclass(frozen=True)
@@ -345,26 +339,12 @@ def _why_not(fit: _Fit | None, surface: HeightMap, least_height: float) -> str:
     if fit is None:
         return "too few pixels for a sphere"
     x, y, height, curvature = fit.whole.sphere
-    beyond = [
-        abs(place) - abs(axis[0]) > step / 2
-        for place, axis, step in zip((x, y), (surface.x, surface.y), surface.pixel_size, strict=True)
-    ]
-    if any(beyond):
+    reach_x, reach_y = abs(surface.x[0]), abs(surface.y[0])
+    if np.any(np.abs([x, y]) - [reach_x, reach_y] > np.array(surface.pixel_size) / 2):
         return "summits beyond the edge of the map"
     if not curvature > RARE_SIGMAS * np.sqrt(fit.whole.covariance[3, 3] * fit.factor):
         return "no curvature beyond the noise"
     return "lower than the least height" if height < least_height else ""
-
-
-def _once(fits: list[_Fit], depth: float) -> list[_Fit]:
-    """One fit of each asperity: where two mean the same, that with more pixels."""
-    kept: list[_Fit] = []
-    for fit in sorted(fits, key=lambda fit: -int(fit.whole.pixels.sum())):
-        x, y, height, curvature = fit.whole.sphere
-        reach = TWICE * np.sqrt(2 * depth * height / curvature)
-        if all(np.hypot(x - o.whole.sphere[0], y - o.whole.sphere[1]) > reach for o in kept):
-            kept.append(fit)
-    return kept
 
 
 def _row(fit: _Fit, base: Base, factor: float) -> dict[str, object]:

@@ -240,26 +240,15 @@ def model_settings(case: Case) -> Iterator[Setting]:
         return max(errors[name] for name in (OUTPUTS if case.output == "all" else (case.output,)))
 
     models: dict[Literal["gw", "gt"], str] = {"gw": "Greenwood-Williamson", "gt": "Greenwood-Tripp"}
+    said = "an average over patterns; its error includes the scatter of this pattern"
     for model, name in models.items():
-        yield Setting(
-            name,
-            partial(solve_average, case.scene, case.asperities, load=case.load, model=model),
-            average_error,
-            compared,
-            message="an average over patterns; its error includes the scatter of this pattern",
-        )
-    for level in levels:
-        name = LEVELS[level]
-        if level == best:
-            yield Setting(
-                name,
-                partial(case.solve, level),
-                stated_error,
-                "solutions of the whole contact problem",
-                message="estimated from its own terms, as the plan of the effects states it",
-            )
-        else:
-            yield Setting(name, partial(case.solve, level), level_error, compared)
+        solve = partial(solve_average, case.scene, case.asperities, load=case.load, model=model)
+        yield Setting(name, solve, average_error, compared, message=said)
+    for level in levels[:-1]:
+        yield Setting(LEVELS[level], partial(case.solve, level), level_error, compared)
+    truth = "solutions of the whole contact problem"
+    said = "estimated from its own terms, as the plan of the effects states it"
+    yield Setting(LEVELS[best], partial(case.solve, best), stated_error, truth, message=said)
 
 
 def lacks(case: Case, kind: str) -> str:
