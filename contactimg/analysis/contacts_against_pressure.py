@@ -73,20 +73,19 @@ def pressure_points(
     a_variance = np.maximum(kept["aa"].to_numpy(float) / a**2 - 1 / n, 0.0)
     mixed = kept["ap"].to_numpy(float) / (a * p) - 1 / n
     product = np.sqrt(a_variance * p_variance)
-    return pd.DataFrame(
-        {
-            "r": (kept["inner"] + kept["outer"]).to_numpy(float) / 2,
-            "n": n,
-            "pressure": p / area,
-            "density": n / area,
-            "mean_radius": a / n,
-            "pressure_std": p / area * np.sqrt(p_variance),
-            "density_std": n / area / np.sqrt(n),
-            "mean_radius_std": a / n * np.sqrt(a_variance),
-            "density_correlation": np.clip(1 / np.sqrt(n * p_variance), -1.0, 1.0),
-            "mean_radius_correlation": np.clip(mixed / np.where(product > 0, product, np.inf), -1.0, 1.0),
-        }
-    )
+    columns = {
+        "r": (kept["inner"] + kept["outer"]).to_numpy(float) / 2,
+        "n": n,
+        "pressure": p / area,
+        "density": n / area,
+        "mean_radius": a / n,
+        "pressure_std": p / area * np.sqrt(p_variance),
+        "density_std": n / area / np.sqrt(n),
+        "mean_radius_std": a / n * np.sqrt(a_variance),
+        "density_correlation": np.clip(1 / np.sqrt(n * p_variance), -1.0, 1.0),
+        "mean_radius_correlation": np.clip(mixed / np.where(product > 0, product, np.inf), -1.0, 1.0),
+    }
+    return pd.DataFrame(columns)
 
 
 def fit_contact_law(

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS
 from contactimg.effects.output_change import OUTPUTS, POWER, EffectEstimate
 from contactimg.imaging.fit.film_choice import film_makes_contrast
 from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
@@ -20,26 +21,13 @@ from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.optics.render_settings import PARAMETER, lamp, read_render_settings
 from contactimg.optics.sensor import digitise
 from contactimg.render import render_contacts, render_reference
-from contactimg.scene import Scene, Simulate
+from contactimg.scene import Effects, Scene, Simulate
 from contactimg.tables import CONTACTS
 
 Values = NDArray[np.float64]
 Shown = frozenset[str]
 
-OPTICS = (
-    "blur",
-    "film",
-    "vignetting",
-    "light_drift",
-    "position_drift",
-    "shot_noise",
-    "read_noise",
-    "quantisation",
-    "saturation",
-    "dust",
-    "edge_roughness",
-    "supersampling",
-)
+OPTICS = tuple(name for name in Effects.model_fields if name not in {"model", *MECHANICAL_EFFECTS})
 
 NOISE = ("shot_noise", "read_noise", "quantisation")
 """Effects whose change is the root mean square over realisations; of all others it is the mean."""
@@ -185,11 +173,11 @@ class Camera:
         )
         middle = (shape - 1) / 2
         corners = np.maximum(np.abs(low - middle), np.abs(high - 1 - middle))
+        farther = corners @ corners / max(middle @ middle, 1.0)
         changed = {
             "shape": tuple(int(n) for n in high - low),
             "dust_count": round(simulate.dust_count * float(np.prod((high - low) / shape))),
-            "vignetting": simulate.vignetting
-            * min(float(corners @ corners / max(middle @ middle, 1.0)), 1.0),
+            "vignetting": simulate.vignetting * min(float(farther), 1.0),
         }
         smaller = scene.model_copy(update={"simulate": simulate.model_copy(update=changed)})
         return cls(smaller, CONTACTS.conform(table), _sphere_radii(scene, contacts)[chosen])
@@ -199,12 +187,8 @@ class Camera:
         key = shown - SENSOR
         if key not in self.lights:
             scene = self.scene.with_effects({name: "on" if name in key else "off" for name in OPTICS})
-            frame = render_contacts(
-                self.contacts,
-                scene,
-                rng=np.random.default_rng(SEED),
-                sphere_radius=self.sphere_radius if "film" in key else None,
-            ).frame.image
+            radii, rng = self.sphere_radius if "film" in key else None, np.random.default_rng(SEED)
+            frame = render_contacts(self.contacts, scene, rng=rng, sphere_radius=radii).frame.image
             self.lights[key] = frame, render_reference(scene, rng=np.random.default_rng(SEED)).image
         return self.lights[key]
 
@@ -217,13 +201,8 @@ class Camera:
         if "read_noise" in shown:
             noisy = noisy + simulate.read_noise_electrons / simulate.electrons_per_level * noise[1]
         self.clipped |= bool(noisy.min() < 0 or noisy.max() > 2**simulate.bit_depth - 1)
-        return digitise(
-            noisy,
-            bit_depth=simulate.bit_depth,
-            saturate="saturation" in shown,
-            quantise="quantisation" in shown,
-            name="part",
-        ).image
+        switches = {"saturate": "saturation" in shown, "quantise": "quantisation" in shown}
+        return digitise(noisy, bit_depth=simulate.bit_depth, **switches, name="part").image
 
     def measure(self, shown: Shown) -> list[tuple[NDArray[np.intp], Values]]:
         """The nearest contact of every measured disk and the disk's radius, px, for each realisation."""

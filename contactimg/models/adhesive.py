@@ -166,26 +166,15 @@ def solve_adhesive(
             poisson_ratio=poisson_ratio,
         )
     coupled, layer = coupling != "none", conditions.thickness / problem.length
-    path = AdhesivePath(
-        problem,
-        AdhesiveLaw(
-            w * problem.length / (contact_modulus * problem.depth**2),
-            problem.depth / problem.length if law == "sphere" else 0.0,
-            layer if coupled else np.inf,  # independent contacts have no neighbours to share the support with
-            poisson_ratio,
-        ),
-        Kernel.of_thickness(layer, poisson_ratio, between=True) if coupled else None,
-        tolerance,
-        max_iterations,
-    )
+    aspect = problem.depth / problem.length if law == "sphere" else 0.0
+    support = layer if coupled else np.inf  # independent contacts have no neighbours to share it with
+    adhesion = w * problem.length / (contact_modulus * problem.depth**2)
+    contact = AdhesiveLaw(adhesion, aspect, support, poisson_ratio)
+    kernel = Kernel.of_thickness(layer, poisson_ratio, between=True) if coupled else None
+    path = AdhesivePath(problem, contact, kernel, tolerance, max_iterations)
     state, steps = path.follow(start, first=first)
-    solution = problem.record(
-        *state.scattered(problem.order.size),
-        indentation=state.balance.indentation,
-        coupling=coupling,
-        iterations=steps,
-        residual=state.balance.residual,
-    )
+    how: dict[str, Any] = {"coupling": coupling, "iterations": steps, "residual": state.balance.residual}
+    solution = problem.record(*state.scattered(problem.order.size), state.balance.indentation, **how)
     check_layer(solution.radius, conditions.thickness)
     return replace(solution, status=path.prove(solution, state))
 
@@ -294,11 +283,9 @@ class AdhesivePath:
             if first:
                 guess[rows] = np.maximum(guess[rows], self.law.touch_radius(p.caps[rows]))
             equations = self._equations(rows)
-            balance, taken = equations.solve(
-                equations.at(guess[rows], p.indentation if p.load is None else depth),
-                tolerance=self.tolerance,
-                most_steps=self.max_iterations,
-            )
+            at = equations.at(guess[rows], p.indentation if p.load is None else depth)
+            most = self.max_iterations
+            balance, taken = equations.solve(at, tolerance=self.tolerance, most_steps=most)
             steps += taken
             if steps > MAX_TOTAL_STEPS:
                 raise ConvergenceError(

@@ -150,14 +150,11 @@ class GapField:
         low, high = self._box.T[:, :, None]
         middles, reach = self.discs[:2], self.discs[2]
         apex, lens = self.conditions.apex, 0.5 / self.conditions.indenter_radius
-        found = _follow(
-            places,
-            0.5 * step * 0.5 ** np.arange(STEP_HALVINGS),
-            np.array([*self._box.ravel(), *apex, *self.undeformed(np.array([apex]).T), lens]),
-            self.discs[:, ((middles + reach >= low) & (middles - reach <= high)).all(axis=0)],
-            np.stack([*self.contacts[:2], force / np.pi, self.contacts[3]]),
-            (k.thinness, k.value, k.slope),
-        )
+        steps = 0.5 * step * 0.5 ** np.arange(STEP_HALVINGS)
+        bare = np.array([*self._box.ravel(), *apex, *self.undeformed(np.array([apex]).T), lens])
+        caps = self.discs[:, ((middles + reach >= low) & (middles - reach <= high)).all(axis=0)]
+        contacts = np.stack([*self.contacts[:2], force / np.pi, self.contacts[3]])
+        found = _follow(places, steps, bare, caps, contacts, (k.thinness, k.value, k.slope))
         best = int(np.argmin(found[2]))
         x, y, least = (float(part[best]) for part in found)
         return BaseGap(least, x, y, self._share(free, near[gap < 0]) if least < 0 else 0.0)

@@ -287,20 +287,12 @@ class FastCoupling(Coupling):
             np.ascontiguousarray(turn * (v - 0.5 * (v.min() + v.max())), dtype=self._real)
             for v in (self._x, self._y)
         ]
-        plans = []
-        for kind, sign in ((1, -1), (2, 1)):
-            plan = finufft.Plan(
-                kind,
-                (self._modes, self._modes // 2 + self._rim),
-                isign=sign,
-                eps=self._accuracy,
-                upsampfac=1.25,
-                nthreads=1,
-                dtype=self._complex,
-            )
+        shape = self._modes, self._modes // 2 + self._rim
+        how = {"eps": self._accuracy, "upsampfac": 1.25, "nthreads": 1, "dtype": self._complex}
+        plans = finufft.Plan(1, shape, isign=-1, **how), finufft.Plan(2, shape, isign=1, **how)
+        for plan in plans:
             plan.setpts(*angles)
-            plans.append(plan)
-        return plans[0], plans[1]
+        return plans
 
     @cached_property
     def _shift(self) -> Complex:

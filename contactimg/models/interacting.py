@@ -145,29 +145,14 @@ def solve_interacting(
     if layered:
         flatness = aspect if law == "sphere" else 0.0
         profile = LayerLaw(AdhesiveLaw(0.0, flatness, thickness / problem.length, poisson_ratio))
-    solver = ContactSolver(
-        problem,
-        profile,
-        kernel,
-        coupling=coupling,
-        method=method,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-    )
+    solver = ContactSolver(problem, profile, kernel, coupling, method, tolerance, max_iterations)
     problem, system, iterate, steps = solver.solve(seed)
     radius, penetration = iterate.contact_radius, iterate.penetration(system)
     if isinstance(profile, LayerLaw):
         radius = profile.contact_radius(penetration, system.caps)
         check_layer(radius * problem.length, thickness)
-    solution = problem.record(
-        iterate.carried,
-        radius,
-        penetration,
-        indentation=iterate.indentation,
-        coupling=coupling,
-        iterations=steps,
-        residual=iterate.residual,
-    )
+    how = {"coupling": coupling, "iterations": steps, "residual": iterate.residual}
+    solution = problem.record(iterate.carried, radius, penetration, iterate.indentation, **how)
     return replace(solution, status=_prove(solution, problem, system, tolerance))
 
 
@@ -215,13 +200,6 @@ Measured: on SA+ and RA+ it saves a Newton step up to there; from a ratio of 1.6
 """
 
 
-def _is_similar(load: float, previous: InteractingSolution | None) -> bool:
-    """Whether a solution is a good start at a load."""
-    if previous is None or not previous.load > 0:
-        return False
-    return previous.load / SIMILAR_LOADS <= load <= previous.load * SIMILAR_LOADS
-
-
 def solve_loads(
     asperities: pd.DataFrame | CompositeSummits,
     *,
@@ -256,14 +234,9 @@ def solve_loads(
     """
     previous, apex = None, options.get("apex", (0.0, 0.0))
     summits = CompositeSummits.of(asperities, indenter_radius=indenter_radius, apex=apex)
+    options |= {"indenter_radius": indenter_radius, "contact_modulus": contact_modulus}
     for load in loads:
-        solution = solve_interacting(
-            summits,
-            indenter_radius=indenter_radius,
-            contact_modulus=contact_modulus,
-            load=load,
-            start=previous if _is_similar(load, previous) else None,
-            **options,
-        )
-        previous = solution
-        yield solution
+        before = 0.0 if previous is None else previous.load
+        similar = before > 0 and before / SIMILAR_LOADS <= load <= before * SIMILAR_LOADS
+        previous = solve_interacting(summits, load=load, start=previous if similar else None, **options)
+        yield previous

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -72,18 +73,13 @@ class ScaledProblem:
         """The solution without contacts."""
         nothing = np.zeros(self.order.size)
         gaps = self.indentation - self.gap
-        return self.record(nothing, nothing, gaps, indentation=self.indentation, coupling=coupling)
+        how = {"coupling": coupling, "iterations": 0, "residual": 0.0}
+        return self.record(nothing, nothing, gaps, self.indentation, **how)
 
     def part(self, rows: NDArray[np.bool_] | NDArray[np.intp] | slice) -> "ScaledProblem":
         """Select some asperities of the problem."""
-        return replace(
-            self,
-            x=self.x[rows],
-            y=self.y[rows],
-            gap=self.gap[rows],
-            radius=self.radius[rows],
-            order=self.order[rows],
-        )
+        names = ("x", "y", "gap", "radius", "order")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def refuse_duplicates(self) -> None:
         """Raise `ModelRangeError` if two asperities are at the same place."""
@@ -106,15 +102,7 @@ class ScaledProblem:
         return result
 
     def record(
-        self,
-        force: Values,
-        contact_radius: Values,
-        penetration: Values,
-        *,
-        indentation: float,
-        coupling: str,
-        iterations: int = 0,
-        residual: float = 0.0,
+        self, force: Values, contact_radius: Values, penetration: Values, indentation: float, **how: Any
     ) -> InteractingSolution:
         """The solution in SI units, from dimensionless numbers."""
         return InteractingSolution(
@@ -125,10 +113,8 @@ class ScaledProblem:
             penetration=self.scattered(penetration * self.depth, fill=-np.inf),
             load=float(np.sum(force)) * self.force_unit,
             indentation=indentation * self.depth,
-            coupling=coupling,
             status=CONVERGED,
-            iterations=iterations,
-            residual=residual,
+            **how,
         )
 
 

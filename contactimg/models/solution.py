@@ -94,15 +94,9 @@ class InteractingSolution:
         pressing = self.force if self.coupling != "none" else np.zeros_like(self.force)
         own = np.stack([self.x[rows], self.y[rows], pressing[rows], self.radius[rows]])
         outside = np.pad(self.outside, ((0, 1), (0, 0)))
-        gap = GapField(
-            self.conditions,
-            self.indentation,
-            float(self.summits.apexes["height_m"].max(initial=-np.inf)),
-            self.summits.discs,
-            rows,
-            np.concatenate([own, outside], axis=1),
-        )
-        return gap.smallest()
+        contacts, discs = np.concatenate([own, outside], axis=1), self.summits.discs
+        first_touch = float(self.summits.apexes["height_m"].max(initial=-np.inf))
+        return GapField(self.conditions, self.indentation, first_touch, discs, rows, contacts).smallest()
 
     @property
     def touching(self) -> NDArray[np.intp]:

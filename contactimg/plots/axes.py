@@ -27,9 +27,9 @@ LINEAR_DECADES = 0.25
 """Shorter ones have ticks at even distances. Chosen by eye."""
 
 
-def new_axes(*, size: tuple[float, float] = FIGURE_INCHES) -> Axes:
+def new_axes() -> Axes:
     """Axes on a new figure outside of pyplot, ``size`` in inches."""
-    return new_figure(size).add_subplot()
+    return new_figure(FIGURE_INCHES).add_subplot()
 
 
 def axes_with_panel(ax: Axes | None) -> tuple[Axes, Axes, Axes]:

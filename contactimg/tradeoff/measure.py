@@ -151,20 +151,17 @@ def measure_knob(knob: Knob, *, seconds: float, clock: Clock = perf_counter) -> 
                 timed(k)
                 left -= taken[-1]
     own = pd.Series([min(taken, default=math.nan) for taken in times])
-    table = pd.DataFrame(
-        {
-            "knob": knob.name,
-            "setting": [setting.name for setting in settings],
-            "error": errors,
-            "time_s": own,
-            "output": knob.output,
-            "reference": [setting.reference for setting in settings],
-            "load_N": knob.load,
-            "message": [why or s.message for s, why in zip(settings, reasons, strict=True)],
-        }
-    )
-    front = pd.Series(mark_front(table["error"], own), dtype="Int64").mask(own.isna())
-    return TRADEOFF.conform(table.assign(time_ratio=table["time_s"] / own.min(), pareto=front))
+    columns = {
+        "setting": [setting.name for setting in settings],
+        "error": errors,
+        "time_s": own,
+        "time_ratio": own / own.min(),
+        "reference": [setting.reference for setting in settings],
+        "message": [why or s.message for s, why in zip(settings, reasons, strict=True)],
+        "pareto": pd.Series(mark_front(pd.Series(errors), own), dtype="Int64").mask(own.isna()),
+    }
+    common: dict[str, Any] = {"knob": knob.name, "output": knob.output, "load_N": knob.load}
+    return TRADEOFF.conform(pd.DataFrame(columns).assign(**common))
 
 
 def mark_front(error: Sequence[float] | pd.Series, time: Sequence[float] | pd.Series) -> list[int]:

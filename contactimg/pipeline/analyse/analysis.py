@@ -167,23 +167,20 @@ def analyse_places(
             notes += left_out
         for place in places if own == "measured" else ():
             _doubt_match(place, *seen["coupled"], options.min_radius_px)
-    averages = [
-        _average_load(part, places, seen, options, notes) for _, part in seen[own][1].groupby("group")
-    ]
+    groups = seen[own][1].groupby("group")
+    averages = [_average_load(part, places, seen, options, notes) for _, part in groups]
     shearing = {"load_tolerance": options.load_tolerance, "confidence": options.confidence}
     sheared = analyse_shear(places, notes, **shearing, workers=workers)
     stress = None if friction.empty else _fit_or_note(notes, "friction", _shear_stress, friction, options)
-    ratio = None
-    if stress is not None and options.smooth_stress is not None:
-        ratio = compare_stress(stress, options.smooth_stress)
+    smooth = options.smooth_stress
+    ratio = None if stress is None or smooth is None else compare_stress(stress, smooth)
+    points = [_points(average, density, options.min_contacts) for average in averages]
     area, area_laws = _areas(places, seen, averages, options, notes)
     return Analysis(
         area=area,
         profile=joined([average.profile for average in averages], PROFILE),
         normalised=joined([average.normalised for average in averages], NORMALISED),
-        pressure_law=joined(
-            [_points(average, density, options.min_contacts) for average in averages], PRESSURE_LAW
-        ),
+        pressure_law=joined(points, PRESSURE_LAW),
         friction=friction,
         area_laws=area_laws,
         contact_laws=_contact_laws(averages, own, options, notes),
@@ -387,14 +384,10 @@ def _areas(
     density, tables, laws = _density(places[0]), list[pd.DataFrame](), dict[str, PowerLaw]()
     stated = {name: getattr(options, name) for name in ("load_relative_std", "load_std", "confidence")}
     for model, (contacts, frames) in seen.items():
-        parts = [
-            frame_areas(
-                *(table[table["place"] == place.name] for table in (frames, contacts)),
-                place=place.name,
-                centre=place.centre,
-            )
-            for place in places
-        ]
+        parts = []
+        for name, centre in ((place.name, place.centre) for place in places):
+            own = (table[table["place"] == name] for table in (frames, contacts))
+            parts.append(frame_areas(*own, place=name, centre=centre))
         areas = pd.concat([table for table in parts if len(table)] or parts, ignore_index=True)
         groups = frames["group"].to_numpy(np.intp)
         table = area_by_load(areas, groups, model=model, asperity_density=density)
@@ -417,9 +410,8 @@ def _contact_laws(
 
     def law(quantity: str, model: str) -> BrokenLaw:
         loads = [average.moments[model] for average in averages if average.moments[model]]
-        return fit_contact_law(
-            loads, quantity, min_contacts=options.min_contacts, confidence=options.confidence
-        )
+        chosen = {"min_contacts": options.min_contacts, "confidence": options.confidence}
+        return fit_contact_law(loads, quantity, **chosen)
 
     models = [model for model in averages[0].moments if model != "uncoupled"]
     if not any(place["n_forces"].any() for average in averages for place in average.moments[own].values()):
