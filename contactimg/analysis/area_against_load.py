@@ -10,7 +10,7 @@ from scipy import special
 
 from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, SECTORS, annulus_moments
 from contactimg.analysis.estimates import bootstrap_weights
-from contactimg.analysis.linear_fit import LinearFit, Points, fit_line
+from contactimg.analysis.linear_fit import Points, fit_line
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.analysis.power_laws import PowerLaw, line_estimates, logarithms, power_law
 from contactimg.errors import InputError
@@ -248,7 +248,11 @@ def fit_area_law(
     load = read - zero
     logs, reference = logarithms(load, area, *errors)
     fit = fit_line(logs)
-    measured = np.hypot(_measured_std(logs, fit, area_std / area), zero_stds[1])
+    x, weights = np.asarray(logs.x), fit.weights
+    lever = weights * (x - weights @ x / weights.sum())
+    relative = np.hypot(area_std / area, fit.parameters[1] * np.asarray(logs.x_std))
+    # the standard deviation of the exponent by the errors of the measured areas, loads and zero alone
+    measured = np.hypot(np.sqrt(np.sum((lever * relative) ** 2)) / (lever @ x), zero_stds[1])
     replicates, blocks = _replicates(good, logs)
     offset, exponent = line_estimates(
         fit, replicates, blocks=blocks, known_std=float(measured), confidence=confidence
@@ -278,14 +282,6 @@ def _replicates(areas: pd.DataFrame, logs: Points) -> tuple[Points | None, int]:
     if len(places) < 2:
         return None, 0
     return replace(logs, weight=bootstrap_weights(len(places))[:, owner]), len(places)
-
-
-def _measured_std(logs: Points, fit: LinearFit, area_relative_std: Values) -> float:
-    """Standard deviation of the exponent by the errors of the measured areas and loads alone."""
-    x, weights = np.asarray(logs.x), fit.weights
-    lever = weights * (x - weights @ x / weights.sum())
-    relative = np.hypot(area_relative_std, fit.parameters[1] * np.asarray(logs.x_std))
-    return float(np.sqrt(np.sum((lever * relative) ** 2)) / (lever @ x))
 
 
 def _zero(

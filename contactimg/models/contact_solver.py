@@ -164,8 +164,8 @@ class ContactSolver:
         if not dense:
             _refuse_crowd(candidates, iterate)
         elif self.coupling not in FIELD_COUPLINGS or candidates.gap.size < MIN_SCREENED_CANDIDATES:
-            return candidates, *self._converge(candidates, system, iterate)
-        system, iterate, steps = self._converge(candidates, system, iterate, rough_to=SCREENING_RESIDUAL)
+            return candidates, *self._converge(candidates, system, iterate, 0)
+        system, iterate, steps = self._converge(candidates, system, iterate, 0, rough=True)
         rough_sums, force, penetration = system.coupling, iterate.force, iterate.penetration(system)
         margin = SCREENING_GAP_FRACTION * float(penetration.max())
         margin += 4 * SCREENING_SUM_ACCURACY * float(iterate.displacement.max())
@@ -215,39 +215,33 @@ class ContactSolver:
 
     @stage("Newton")
     def _converge(
-        self,
-        problem: ScaledProblem,
-        system: ContactSystem,
-        iterate: Iterate,
-        taken: int = 0,
-        *,
-        rough_to: float | None = None,
+        self, problem: ScaledProblem, system: ContactSystem, at: Iterate, taken: int, *, rough: bool = False
     ) -> tuple[ContactSystem, Iterate, int]:
         """Iterate to the tolerance, updating the field corrections between Newton steps where they apply.
 
-        A rough solution has point forces only and the residual ``rough_to``.
+        A rough solution has point forces only and the residual `SCREENING_RESIDUAL`.
         """
-        refinement, tolerance = None, max(self.tolerance, rough_to or 0.0)
-        if self.coupling in FIELD_COUPLINGS and rough_to is None:
+        refinement, tolerance = None, max(self.tolerance, SCREENING_RESIDUAL if rough else 0.0)
+        if self.coupling in FIELD_COUPLINGS and not rough:
             refinement = FieldCorrection(system, problem.x, problem.y, full=self.coupling == "full")
         refined = False
         for steps in range(taken, self.max_iterations + 1):
-            if refinement is not None and (refined or iterate.residual < FIELD_GAIN):
+            if refinement is not None and (refined or at.residual < FIELD_GAIN):
                 if not refined:
-                    _refuse_ambiguous(problem, system, iterate)
-                system, iterate = refinement.apply(system, iterate)
+                    _refuse_ambiguous(problem, system, at)
+                system, at = refinement.apply(system, at)
                 refined = True
-            if iterate.residual <= tolerance and refined == (refinement is not None):
-                return system, iterate, steps
-            wanted = max(tolerance, FIELD_GAIN * iterate.residual) if refined else tolerance
-            following = take_step(system, iterate, wanted) if steps < self.max_iterations else None
+            if at.residual <= tolerance and refined == (refinement is not None):
+                return system, at, steps
+            wanted = max(tolerance, FIELD_GAIN * at.residual) if refined else tolerance
+            following = take_step(system, at, wanted) if steps < self.max_iterations else None
             if following is None:
                 break
-            iterate = following
-        _refuse_ambiguous(problem, system, iterate)
+            at = following
+        _refuse_ambiguous(problem, system, at)
         merged = int(np.sum(overlapping(self.problem.x, self.problem.y, self._uncoupled()[1].contact_radius)))
         raise ConvergenceError(
-            f"the contact forces did not converge: residual {iterate.residual:.3g} after {steps} "
+            f"the contact forces did not converge: residual {at.residual:.3g} after {steps} "
             f"Newton steps, tolerance {tolerance:.3g}; "
             + (
                 f"{merged} contacts would overlap without coupling, so that the load may lie beyond the model"

@@ -23,6 +23,9 @@ from contactimg.timings import stage
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
+NewtonStep = tuple[Values, float]
+"""Changes of the scaled forces, and of the indentation."""
+
 MAX_CONJUGATE_GRADIENT_STEPS = 200
 """Most steps of one conjugate-gradient solution. Chosen by hand: the matrix is close to the identity."""
 
@@ -227,12 +230,7 @@ class Coupling:
         """``C q``: displacement into the body at every candidate."""
         return np.zeros_like(force)
 
-    def solve_newton_system(
-        self,
-        active: Rows,  # noqa: ARG002
-        system: NewtonSystem,
-        tolerance: float,  # noqa: ARG002
-    ) -> tuple[Values, float]:
+    def solve_newton_system(self, active: Rows, system: NewtonSystem, tolerance: float) -> NewtonStep:  # noqa: ARG002
         """Solve ``(I + S C S) z = b + s rho`` on the active rows: ``z`` and the rise ``rho``."""
         return system.eliminate(system.side, system.scale)
 
@@ -300,9 +298,7 @@ class DenseCoupling(Coupling):
         loaded = np.flatnonzero(force)
         return _weighted_rows(self._with_rows(loaded), loaded, force)
 
-    def solve_newton_system(
-        self, active: Rows, system: NewtonSystem, tolerance: float
-    ) -> tuple[Values, float]:
+    def solve_newton_system(self, active: Rows, system: NewtonSystem, tolerance: float) -> NewtonStep:
         """Solve by conjugate gradients; if they are slow or the contacts few, by Cholesky, to rounding."""
         matrix = _newton_matrix(self._with_rows(active), active, system.scale)
         if active.size >= MIN_ITERATIVE_CONTACTS:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 Values = NDArray[np.float64]
 
-MIN_STEP_FRACTION = 2.0**-30
-"""Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
+STEP_FRACTIONS = 0.5 ** np.arange(31)
+"""Fractions of a Newton step that the line search tries. Chosen by hand; sensitivity not measured."""
 
 LOAD_TOLERANCE = 1e-8
 """Relative error of the load to which the iteration continues after the tolerance is met. Chosen: a hundredth
@@ -104,11 +104,16 @@ class BalanceEquations:
         for steps in range(most_steps + 1):
             rounding = 8 * np.finfo(float).eps * float(self.weights @ np.abs(state.force))
             allowed = np.inf if not self.load else max(LOAD_TOLERANCE * abs(self.load), rounding)
-            settled = state.residual <= tolerance and abs(state.missing) <= allowed
-            following = None if settled or steps == most_steps else self._step(state)
-            if following is None:
+            if steps == most_steps or (state.residual <= tolerance and abs(state.missing) <= allowed):
                 break
-            state = following
+            change, rise = self.direction(state)
+            for step in STEP_FRACTIONS:
+                trial = self.at(state.variable + step * change, state.indentation + step * rise)
+                if trial.merit < (1 - 1e-4 * step) * state.merit:
+                    break
+            else:
+                break
+            state = trial
         return state, steps
 
     def direction(self, state: Balance) -> tuple[Values, float]:
@@ -123,14 +128,3 @@ class BalanceEquations:
         loading = self.weights * stiffness
         rise = float((state.missing + loading @ back) / (loading @ sink))
         return rise * sink - back, rise
-
-    def _step(self, state: Balance) -> Balance | None:
-        """One Newton step, halved until the errors fall; None if they do not."""
-        change, rise = self.direction(state)
-        step = 1.0
-        while step >= MIN_STEP_FRACTION:
-            trial = self.at(state.variable + step * change, state.indentation + step * rise)
-            if trial.merit < (1 - 1e-4 * step) * state.merit:
-                return trial
-            step /= 2
-        return None

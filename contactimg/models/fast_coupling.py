@@ -22,7 +22,14 @@ from scipy.special import erf, erfc, erfcinv
 
 from contactimg.compiled import njit
 from contactimg.errors import InputError
-from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NewtonSystem, conjugate_gradients
+from contactimg.models.coupling import (
+    Coupling,
+    DenseCoupling,
+    Kernel,
+    NewtonStep,
+    NewtonSystem,
+    conjugate_gradients,
+)
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -237,9 +244,8 @@ class FastCoupling(Coupling):
         self._extent = max(float(np.ptp(x)), float(np.ptp(y)))
         area = max(float(np.ptp(x) * np.ptp(y)), 1e-3 * self._extent**2)
         reach = float(erfcinv(accuracy))
-        cutoff = min(
-            reach * np.sqrt(NEIGHBOURS_WITHIN_SHARPNESS * area / (np.pi * x.size)), 0.3 * self._extent
-        )
+        balanced = reach * np.sqrt(NEIGHBOURS_WITHIN_SHARPNESS * area / (np.pi * x.size))
+        cutoff = min(balanced, 0.3 * self._extent)
         if kernel.thinness:
             cutoff = min(cutoff, CUTOFF_PER_THICKNESS / kernel.thinness)
         self._sharpness = reach / cutoff
@@ -311,9 +317,7 @@ class FastCoupling(Coupling):
         far -= (self._sharpness * 2 / np.pi**1.5 - self._kernel.relief[0] / np.pi) * force
         return far + self._near.sum(force)
 
-    def solve_newton_system(
-        self, active: Rows, system: NewtonSystem, tolerance: float
-    ) -> tuple[Values, float]:
+    def solve_newton_system(self, active: Rows, system: NewtonSystem, tolerance: float) -> NewtonStep:
         """Solve for the contacts alone: with a stored matrix if they are few, else by conjugate gradients."""
         x, y, scale = self._x[active], self._y[active], system.scale
         if active.size <= MAX_CHOLESKY_CONTACTS:

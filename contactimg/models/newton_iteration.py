@@ -18,8 +18,8 @@ from contactimg.models.coupling import Coupling, NewtonSystem, NotPositiveDefini
 
 Values = NDArray[np.float64]
 
-MIN_STEP_FRACTION = 2.0**-12
-"""Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
+STEP_FRACTIONS = 0.5 ** np.arange(13)
+"""Fractions of a Newton step that the line search tries. Chosen by hand; sensitivity not measured."""
 
 MAX_DOUBLINGS = 2100
 """Most doublings of a depth. Theory: floating-point numbers span 2098 powers of two."""
@@ -187,13 +187,12 @@ def take_step(system: ContactSystem, at: Iterate, tolerance: float) -> Iterate |
             change, rise = _direction(system, at, softening, tolerance)
         except NotPositiveDefinite:
             continue
-        response, step = system.coupling.displacement(change), 1.0
-        while step >= MIN_STEP_FRACTION:
+        response = system.coupling.displacement(change)
+        for step in STEP_FRACTIONS:
             moved = at.force + step * change, at.indentation + step * rise, at.displacement + step * response
             trial = evaluate_iterate(system, *moved)
             if trial.mismatch < (1 - 1e-4 * step) * at.mismatch:
                 return trial
-            step /= 2
     return None
 
 

@@ -104,7 +104,7 @@ class ScaledProblem:
     def record(
         self, force: Values, contact_radius: Values, penetration: Values, indentation: float, **how: Any
     ) -> InteractingSolution:
-        """The solution in SI units, from dimensionless numbers."""
+        """The solution in SI units, from dimensionless numbers; ``how`` it was found goes into the record."""
         return InteractingSolution(
             force=self.scattered(force * self.force_unit),
             radius=self.scattered(contact_radius * self.length),

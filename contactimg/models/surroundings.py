@@ -85,10 +85,8 @@ class MeanField:
             reach = np.floor((at - low + np.array([-1, 1]) * self.rings.r[-1]) / size)
             centres.append(low + size * (np.arange(reach[0], reach[1] + 1) + 0.5))
         x, y = (v.ravel() for v in np.meshgrid(*centres))
-        inside = np.ones(x.size, dtype=bool)
-        for v, (low, high) in zip((x, y), self.rectangle, strict=True):
-            inside &= (v > low) & (v < high)
-        places = np.stack([x, y])[:, ~inside]
+        places, (low, high) = np.stack([x, y]), self.rectangle.T[:, :, None]
+        places = places[:, ~np.all((places > low) & (places < high), axis=0)]
         return places, np.hypot(*(places - np.array(self.conditions.apex)[:, None])), float(np.prod(step))
 
     def _over_cells(self, values: Values) -> Values:
@@ -142,7 +140,6 @@ def rim_share(x: Values, y: Values, force: Values, rectangle: Values, spacing: f
     total = float(force.sum())
     if not total > 0:
         return 0.0
-    depth = np.full(x.size, np.inf)
-    for v, (low, high) in zip((x, y), rectangle, strict=True):
-        depth = np.minimum(depth, np.minimum(v - low, high - v))
+    places, (low, high) = np.stack([x, y]), rectangle.T[:, :, None]
+    depth = np.minimum(places - low, high - places).min(axis=0)
     return float(force[depth < spacing].sum()) / total

@@ -82,16 +82,11 @@ def scale_by_decades(ax: Axes, *, axes: str = "xy") -> Axes:
         ax.set(**{f"{name}scale": "log"})
         low, high = getattr(ax, f"get_{name}lim")()
         axis = getattr(ax, f"{name}axis")
-        axis.set_major_locator(_decade_locator(float(np.log10(high / low))))
+        decades = float(np.log10(high / low))
+        subs: tuple[float, ...] = (1.0, 2.0, 5.0) if decades < SPARSE_DECADES else (1.0,)
+        if decades < DENSE_DECADES:
+            subs = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
+        axis.set_major_locator(MaxNLocator(5) if decades < LINEAR_DECADES else LogLocator(subs=subs))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter(NullFormatter())
     return ax
-
-
-def _decade_locator(decades: float) -> LogLocator | MaxNLocator:
-    """Places of the ticks of a logarithmic axis."""
-    if decades < LINEAR_DECADES:
-        return MaxNLocator(5)
-    if decades < DENSE_DECADES:
-        return LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0))
-    return LogLocator(subs=(1.0, 2.0, 5.0) if decades < SPARSE_DECADES else (1.0,))

@@ -132,24 +132,18 @@ def scene_from_dict(data: Mapping[str, Any], *, name: str = "scene", folder: str
 
 def _with_one_light(scene: Scene, name: str) -> Scene:
     """The scene with the same light in ``[light]`` and ``[simulate]``, whichever states a key."""
-    sections = {"light": scene.light, "simulate": scene.simulate}
-    stated: dict[str, Any] = {}
-    for key in FilmLight.model_fields:
-        values = {
-            section: getattr(keys, key)
-            for section, keys in sections.items()
-            if keys is not None and key in keys.model_fields_set
-        }
-        if len(set(values.values())) > 1:
+    keys = set(FilmLight.model_fields)
+    light = scene.light.model_dump(include=keys, exclude_unset=True)
+    simulate = {} if scene.simulate is None else scene.simulate.model_dump(include=keys, exclude_unset=True)
+    for key, value in light.items():
+        if simulate.get(key, value) != value:
             raise InputError(
-                f"{name}: [light] {key} ({values['light']}) and [simulate] {key} ({values['simulate']}) "
+                f"{name}: [light] {key} ({value}) and [simulate] {key} ({simulate[key]}) "
                 "differ; keep one of the two"
             )
-        if values:
-            stated[key] = next(iter(values.values()))
-    light = scene.light.model_copy(update=stated)
-    simulate = None if scene.simulate is None else scene.simulate.model_copy(update=stated)
-    return scene.model_copy(update={"light": light, "simulate": simulate})
+    parts = {"light": scene.light, "simulate": scene.simulate}
+    stated = {section: one and one.model_copy(update=light | simulate) for section, one in parts.items()}
+    return scene.model_copy(update=stated)
 
 
 def section_keys(section: str) -> dict[str, FieldInfo]:
@@ -178,7 +172,11 @@ def _broken_rule(detail: ErrorDetails, name: str) -> str:
     """One sentence for one validation error of the scene that is called ``name``."""
     section, *keys = detail["loc"]
     if detail["type"] == "extra_forbidden":
-        return _unknown_key(name, str(section), str(keys[0]) if keys else None)
+        allowed = list(section_keys(str(section)) if keys else Scene.model_fields)
+        what = f"[{section}] has no key {str(keys[0])!r}" if keys else f"unknown section [{section}]"
+        close = difflib.get_close_matches(str(keys[0] if keys else section), allowed, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else ""
+        return f"{name}: {what}{hint} (allowed {'keys' if keys else 'sections'}: {', '.join(allowed)})"
     places = (f"[{key}]" if isinstance(key, int) else f" {key}" for key in keys)
     where = f"{name}: [{section}]{''.join(places)}"
     if detail["type"] == "missing":
@@ -187,14 +185,3 @@ def _broken_rule(detail: ErrorDetails, name: str) -> str:
         return f"{where}{'' if keys else ':'} {detail['msg'].removeprefix('Value error, ')}"
     rule = RULES.get(detail["type"], "").format(**detail.get("ctx", {}))
     return f"{where} {rule or detail['msg'].replace('Input should', 'must', 1)}, got {detail['input']!r}"
-
-
-def _unknown_key(name: str, section: str, key: str | None) -> str:
-    """The sentence for a key or section that does not exist, with the allowed ones."""
-    if key is None:
-        allowed, what = list(Scene.model_fields), f"{name}: unknown section [{section}]"
-    else:
-        allowed, what = list(section_keys(section)), f"{name}: [{section}] has no key {key!r}"
-    close = difflib.get_close_matches(key or section, allowed, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"{what}{hint} (allowed {'keys' if key else 'sections'}: {', '.join(allowed)})"

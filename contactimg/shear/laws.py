@@ -488,13 +488,7 @@ class AdhesiveSphere:
         return np.cbrt(0.75 * self.sphere_radius / self.contact_modulus * hertz)
 
     def fit_mode_coupling(
-        self,
-        load: ArrayLike,
-        tangential: ArrayLike,
-        radius: ArrayLike,
-        *,
-        radius_std: ArrayLike = 0.0,
-        confidence: float = 0.95,
+        self, load: ArrayLike, tangential: ArrayLike, radius: ArrayLike, *, radius_std: ArrayLike = 0.0
     ) -> Estimate:
         """Fit lambda to measured radii: ``6 pi w R P_H - (P_H - P)^2 = lambda kappa T^2`` is linear in it.
 
@@ -503,13 +497,12 @@ class AdhesiveSphere:
         load, tangential, radius : array_like, N, N and m
             Of each frame, some with a tangential load.
         radius_std : array_like, m
-        confidence : float
 
         Returns
         -------
         Estimate
-            Given radius, modulus and work of adhesion of this sphere, whose errors it does not contain: take
-            them from contacts without tangential load (`contactimg.calibrate_jkr`).
+            With a 95 % interval, given radius, modulus and work of adhesion of this sphere, whose errors it
+            does not contain: take them from contacts without tangential load (`contactimg.calibrate_jkr`).
         """
         P, T, a, std = np.broadcast_arrays(
             *(np.atleast_1d(np.asarray(one, float)) for one in (load, tangential, radius, radius_std))
@@ -518,7 +511,7 @@ class AdhesiveSphere:
         slope = (2 * self._scale - 2 * (hertz - P)) * 3 * hertz / a
         released = 2 * self._scale * hertz - (hertz - P) ** 2
         fit = fit_proportional(Points(self.kappa * T**2, released, y_std=np.abs(slope) * std))
-        return fit.estimate(0, confidence=confidence)
+        return fit.estimate(0)
 
 
 def shear_contacts(contacts: pd.DataFrame, scene: Scene, *, tangential: float) -> pd.DataFrame:

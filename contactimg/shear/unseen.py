@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
+from scipy.integrate import cumulative_trapezoid
 
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
 
@@ -119,6 +120,4 @@ def _light_of_disks(radius: float, blur: float) -> tuple[Values, Values]:
     sizes = np.linspace(0.0, LARGEST_BLURS * blur + radius, TABLE_POINTS)
     # share of a point at distance r: Rice's distribution, a noncentral chi-square
     share = special.chndtr((radius / blur) ** 2, 2.0, (sizes / blur) ** 2)
-    rings = 2 * np.pi * sizes * share
-    light = np.concatenate([[0.0], np.cumsum((rings[1:] + rings[:-1]) / 2 * np.diff(sizes))])
-    return sizes, light
+    return sizes, cumulative_trapezoid(2 * np.pi * sizes * share, sizes, initial=0)

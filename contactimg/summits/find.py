@@ -393,10 +393,8 @@ def _doubts(surface: HeightMap, base: Base, table: pd.DataFrame) -> list[str]:
             "no base is seen between the asperities: heights are above the mean surface, whose place depends "
             "on how much of the asperities is on the map"
         )
-    slope = max(
-        abs(float(base.heights[0, -1] - base.heights[0, 0])) / float(np.ptp(surface.x)),
-        abs(float(base.heights[-1, 0] - base.heights[0, 0])) / float(np.ptp(surface.y)),
-    )
+    rises = np.abs(base.heights[[0, -1], [-1, 0]] - base.heights[0, 0])
+    slope = float(np.max(rises / [np.ptp(surface.x), np.ptp(surface.y)]))
     if slope > STEEP:
         warnings.append(
             f"the base is inclined by {np.degrees(np.arctan(slope)):.1f} degrees: level the map, or take "

@@ -228,9 +228,8 @@ def model_settings(case: Case) -> Iterator[Setting]:
     def average_error(rings: RingSolution) -> float:
         solution, centre = reference(), case.scene.need("indenter", "averages").apex
         rows = solution.touching
-        if not rows.size:
-            raise InputError("there is no contact to average; increase the load")
-        farthest = float(np.hypot(solution.x[rows] - centre[0], solution.y[rows] - centre[1]).max())
+        distance = np.hypot(solution.x[rows] - centre[0], solution.y[rows] - centre[1])
+        farthest = float(distance.max(initial=0.0))
         edges = np.linspace(0.0, farthest, COMPARED_RINGS + 1)
         expected = average_contacts(solution, centre=centre, edges=edges)
         return average_rings(rings, edges=edges).change(case.output, expected)
