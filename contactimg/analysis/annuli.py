@@ -197,9 +197,8 @@ def annulus_moments(
     cells = [edges, np.linspace(0.0, 1.0, sectors + 1)]
     place = distance, angle / (2 * np.pi) % 1.0
     sums = {name: np.histogram2d(*place, bins=cells, weights=part)[0].ravel() for name, part in parts.items()}
-    if field is None:
-        area = np.repeat(np.pi * np.diff(edges**2) / sectors, sectors)
-    else:
+    area = np.repeat(np.pi * np.diff(edges**2) / sectors, sectors)
+    if field is not None:
         area = field.sector_areas(centre, edges, sectors).ravel()
     ends = {"inner": np.repeat(edges[:-1], sectors), "outer": np.repeat(edges[1:], sectors)}
     number = np.tile(np.arange(sectors), len(edges) - 1)

@@ -187,7 +187,14 @@ class JkrSeries:
             spread=np.append(noise, none),
         )
         found = fit_linear(basis, points, scatter=scatter)
-        covariance = _robust_covariance(basis(np.append(self.radius, none), 0), found) / np.outer(size, size)
+        # no variance less than what the residuals themselves say: HC3 (MacKinnon and White, J. Econometrics
+        # 29 (1985) 305, doi:10.1016/0304-4076(85)90158-7) holds whatever the noise of each load is
+        terms, stated = basis(np.append(self.radius, none), 0), found.covariance
+        lever = stated @ (terms * found.weights[:, None]).T
+        leverage = np.clip(np.einsum("nk,kn->n", terms, lever), 0.0, MOST_LEVERAGE)
+        own = np.sum((lever * found.residuals / (1 - leverage)) ** 2, axis=1)
+        wider = np.sqrt(np.maximum(own / np.maximum(np.diag(stated), np.finfo(float).tiny), 1.0)) / size
+        covariance = stated * np.outer(wider, wider)
         freedom = float(found.freedom)
         if datum:  # a zero counts as fitted as far as the loads narrow what is stated of it
             told = 1 - found.covariance[-1, -1] * (scale / self.zero_std) ** 2
@@ -209,19 +216,6 @@ class JkrSeries:
     def misfit(self) -> float:
         """Mean square of the residuals over the rms load and the shape of the noise."""
         return float(self.fit(scatter=1.0, prior=False).chi_square) / max(len(self.load), 1)
-
-
-def _robust_covariance(terms: Values, fit: LinearFit) -> Values:
-    """The covariance, each variance no less than what the residuals themselves say.
-
-    HC3 (MacKinnon and White, J. Econometrics 29 (1985) 305, doi:10.1016/0304-4076(85)90158-7) holds whatever
-    the noise of each load is.
-    """
-    lever = fit.covariance @ (terms * fit.weights[:, None]).T
-    leverage = np.clip(np.einsum("nk,kn->n", terms, lever), 0.0, MOST_LEVERAGE)
-    own = np.sum((lever * fit.residuals / (1 - leverage)) ** 2, axis=1)
-    wider = np.sqrt(np.maximum(own / np.maximum(np.diag(fit.covariance), np.finfo(float).tiny), 1.0))
-    return np.asarray(fit.covariance * np.outer(wider, wider))
 
 
 @dataclass(frozen=True)

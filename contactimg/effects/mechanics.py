@@ -461,7 +461,15 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
         estimates.append(EffectEstimate(name, change, reasons[name], changes))
         if reasons[name].startswith(UNSOLVED):
             limits.append(f"{name} is not compared: {reasons[name]}")
-    return MechanicalEstimates(tuple(estimates), whole.base, tuple(limits), compared, _model_error(near))
+    force = np.abs(near.base.force[near.base.touching])
+    square = float(force @ near.curvature_changes) / (float(force.sum()) or 1.0)
+    errors = {name: factor * square for name, factor in SECOND_ORDER.items()}
+    source = "estimated from the square of what the neighbours change of the curvatures"
+    if {"adhesion", "coupling"} <= near.on:
+        errors = {name: errors.get(name, 0.0) + change for name, change in near.change_by_fields().items()}
+        source += ", and from full coupling without adhesion"
+    error = ModelError(errors, source)
+    return MechanicalEstimates(tuple(estimates), whole.base, tuple(limits), compared, error)
 
 
 def refuse_engulfed(alone: InteractingSolution) -> None:
@@ -474,16 +482,3 @@ def refuse_engulfed(alone: InteractingSolution) -> None:
             f"asperities: rows {first} and {second} would overlap so far that several solutions exist; "
             "lower the load or merge them"
         )
-
-
-def _model_error(near: Comparison) -> ModelError:
-    """The error of the complete model, from the square of what the neighbours change of the curvatures."""
-    force = near.base.force[near.base.touching]
-    total = float(np.abs(force).sum())
-    square = float(np.abs(force) @ near.curvature_changes) / total if total > 0 else 0.0
-    errors = {name: factor * square for name, factor in SECOND_ORDER.items()}
-    source = "estimated from the square of what the neighbours change of the curvatures"
-    if {"adhesion", "coupling"} <= near.on:
-        errors = {name: errors.get(name, 0.0) + change for name, change in near.change_by_fields().items()}
-        source += ", and from full coupling without adhesion"
-    return ModelError(errors, source)

@@ -102,15 +102,13 @@ def output_changes(
     deepest = max(abs(complete.indentation), float(np.max(complete.radius**2 / R, initial=0.0)))
     found["hertz"] = _ratio(float(np.abs(full_hertz - hertz).sum()), float(full_hertz.sum()))
     found["contacts"] = _ratio(flips, float(np.count_nonzero(complete_touching)))
-    found["profile"] = _profile_change(annulus, without, complete)
+    found["profile"] = _profile_change(annulus, without, complete) if annulus.size else 0.0
     found["indentation"] = _ratio(abs(complete.indentation - without.indentation), deepest)
     return found
 
 
 def _profile_change(annulus: NDArray[np.intp], without: Answer, complete: Answer) -> float:
     """The larger change of the pressure's and of the density's profile."""
-    if not annulus.size:
-        return 0.0
     area = 2.0 * np.arange(int(annulus.max()) + 1) + 1  # in units of that of the innermost
     (p, n), (other_p, other_n) = (
         (np.bincount(annulus, answer.force) / area, np.bincount(annulus, answer.radius > 0))

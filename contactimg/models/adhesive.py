@@ -174,7 +174,9 @@ def solve_adhesive(
     path = AdhesivePath(problem, contact, kernel, tolerance, max_iterations)
     state, steps = path.follow(start, first=first)
     how: dict[str, Any] = {"coupling": coupling, "iterations": steps, "residual": state.balance.residual}
-    solution = problem.record(*state.scattered(problem.order.size), state.balance.indentation, **how)
+    force, contact_radius = np.zeros((2, problem.order.size))
+    force[state.rows], contact_radius[state.rows] = state.balance.force, state.balance.variable
+    solution = problem.record(force, contact_radius, state.penetration, state.balance.indentation, **how)
     check_layer(solution.radius, conditions.thickness)
     return replace(solution, status=path.prove(solution, state))
 
@@ -249,12 +251,6 @@ class AdhesiveState:
     equations: BalanceEquations
     balance: Balance
     penetration: Values
-
-    def scattered(self, size: int) -> tuple[Values, Values, Values]:
-        """Force, contact radius and penetration of all asperities."""
-        force, contact_radius = np.zeros(size), np.zeros(size)
-        force[self.rows], contact_radius[self.rows] = self.balance.force, self.balance.variable
-        return force, contact_radius, self.penetration
 
 
 @dataclass(frozen=True, eq=False)

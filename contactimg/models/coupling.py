@@ -149,8 +149,8 @@ class Kernel:
 
     def displacement(self, x: Values, y: Values, sources: Values, force: Values) -> Values:
         """Displacement at places ``x, y`` by point forces at other places (2, n), summed pair by pair."""
-        unit = float(np.ptp(sources)) if force.size else 1.0
-        unit = unit or 1.0  # squared distances are to be of the order of one
+        # squared distances are to be of the order of one
+        unit = (float(np.ptp(sources)) if force.size else 0.0) or 1.0
         table = self.thinness * unit, self.value, self.slope
         return np.asarray(direct_sum(x / unit, y / unit, sources / unit, force / unit, *table))
 

@@ -182,17 +182,11 @@ class FieldCorrection:
         if self._tried:
             self._history.append((self._tried.pop(), computed))
             del self._history[: -MAX_PREVIOUS_CORRECTIONS - 1]
-            computed = _anderson_mixing(self._history)
+            before, after = (np.stack(part) for part in zip(*self._history, strict=True))
+            errors, computed = after - before, after[-1]
+            if len(after) > 1:  # Anderson mixing: the combination whose error is least
+                changes = np.diff(errors, axis=0)
+                weights = np.linalg.lstsq(changes @ changes.T, changes @ errors[-1], rcond=1e-16)[0]
+                computed = after[-1] - weights @ np.diff(after, axis=0)
         self._tried.append(computed)
         return computed
-
-
-def _anderson_mixing(history: list[tuple[Values, Values]]) -> Values:
-    """The combination of the computed corrections whose error, computed minus tried, is least."""
-    computed = np.stack([after for _, after in history])
-    if len(history) < 2:
-        return computed[-1]
-    errors = computed - np.stack([before for before, _ in history])
-    changes = errors[1:] - errors[:-1]
-    weights = np.linalg.lstsq(changes @ changes.T, changes @ errors[-1], rcond=1e-16)[0]
-    return computed[-1] - weights @ (computed[1:] - computed[:-1])

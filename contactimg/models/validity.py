@@ -108,8 +108,6 @@ def unstable_pair(
     Dimensionless (``E* = 1``); ``pairs`` are those no further apart than the diameter of the larger contact.
     """
     i, j, distance = pairs
-    if not i.size:
-        return None
     both = 4 * contact_radius[i] * contact_radius[j] >= (np.pi * distance) ** 2
     freed = np.maximum(penetration[j] + force[i] / (np.pi * distance), 0.0)
     # the force grows with the penetration at least as a paraboloid's of the neighbour's curvature

@@ -292,7 +292,13 @@ def _strip(canvas: _Canvas, layers: Sequence[Layer], view: View) -> Indices:
     width = canvas.indices.shape[1]
     size = max(12, round(FONT_FRACTION * width))
     font, line = _font(size), round(1.5 * size)
-    bar = _scale_bar(view.pixel_size, width, canvas.zoom)
+    bar = None  # 1, 2 or 5 units long, at most a sixth of the picture
+    if view.pixel_size is not None:
+        target = width / canvas.zoom * view.pixel_size / 6
+        decade = 10.0 ** np.floor(np.log10(target))
+        length = max(step * decade for step in (1, 2, 5) if step * decade <= target)
+        text = f"{length * 1e3:g} mm" if length >= 1e-3 else f"{length * 1e6:g} µm"
+        bar = round(length / view.pixel_size * canvas.zoom), text
     bar_width = 0 if bar is None else max(bar[0], round(font.getlength(bar[1]))) + 2 * size
     places, x, row = [], size // 2, 1
     for layer in layers:
@@ -319,14 +325,3 @@ def _strip(canvas: _Canvas, layers: Sequence[Layer], view: View) -> Indices:
         disk = Outline(0, x + 0.8 * size, row * line + 0.85 * size, 0.5 * size, 0.5 * size)
         _draw_layer(marks, Layer([disk], layer.colour, "", layer.dashes, 0, layer.width, layer.square))
     return indices
-
-
-def _scale_bar(pixel_size: float | None, width: int, zoom: int) -> tuple[int, str] | None:
-    """Width (px of the picture) and text of a bar 1, 2 or 5 units long, at most a sixth of the picture."""
-    if pixel_size is None:
-        return None
-    target = width / zoom * pixel_size / 6
-    decade = 10.0 ** np.floor(np.log10(target))
-    length = max(step * decade for step in (1, 2, 5) if step * decade <= target)
-    text = f"{length * 1e3:g} mm" if length >= 1e-3 else f"{length * 1e6:g} µm"
-    return round(length / pixel_size * zoom), text

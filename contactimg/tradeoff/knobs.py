@@ -127,22 +127,6 @@ class Case:
         """The contacts at a level of coupling."""
         return solve_scene(self.scene, self.table(), load=self.load, coupling=coupling)
 
-    def converged(self, coupling: str) -> InteractingSolution:
-        """A solution to compare with; raise if most of the planes between the asperities touch."""
-        solution = self.solve(coupling)
-        if solution.base_gap.beyond_models:
-            raise ModelRangeError(f"{solution.base_gap.sentence}; lower the load")
-        return solution
-
-    def contacts(self) -> InteractingSolution:
-        """The contacts that are rendered."""
-        return self.solve("none" if self.scene.effects.coupling == "off" else "asymptotic")
-
-    def change(self, answer: InteractingSolution, reference: InteractingSolution) -> float:
-        """Relative error of the output of a solution."""
-        pairs = [(solution.force, solution.radius) for solution in (answer, reference)]
-        return relative_change(self.output, without=pairs[0], complete=pairs[1])
-
 
 def image_settings(case: Case) -> Iterator[Setting]:
     """The methods that measure contacts, on a frame rendered from the scene, else on one of its frames."""
@@ -155,7 +139,8 @@ def image_settings(case: Case) -> Iterator[Setting]:
         rng = np.random.default_rng([case.scene.need("simulate", "rendering a frame").seed, 1])
         return rendered().frame, render_reference(case.scene, rng=rng).image
 
-    solution = cache(case.contacts)
+    coupling = "none" if case.scene.effects.coupling == "off" else "asymptotic"
+    solution = cache(partial(case.solve, coupling))
     rendered = cache(lambda: _render(case.scene, solution()))
 
     def run(method: str) -> pd.DataFrame:
@@ -219,11 +204,19 @@ def model_settings(case: Case) -> Iterator[Setting]:
     """The contact models: statistical models and levels of coupling."""
     levels = ADHESIVE_COUPLINGS if case.scene.effects.adhesion == "on" else tuple(LEVELS)
     best = levels[-1]
-    reference = cache(lambda: case.converged(best))
+
+    @cache
+    def reference() -> InteractingSolution:
+        solution = case.solve(best)
+        if solution.base_gap.beyond_models:
+            raise ModelRangeError(f"{solution.base_gap.sentence}; lower the load")
+        return solution
+
     compared = f"the same asperities {LEVELS[best]}"
 
     def level_error(answer: InteractingSolution) -> float:
-        return case.change(answer, reference())
+        pairs = [(solution.force, solution.radius) for solution in (answer, reference())]
+        return relative_change(case.output, without=pairs[0], complete=pairs[1])
 
     def average_error(rings: RingSolution) -> float:
         solution, centre = reference(), case.scene.need("indenter", "averages").apex

@@ -213,8 +213,7 @@ def run_knobs(
     InputError
         If no setting can be run.
     """
-    each = seconds / len(knobs)
-    tables = [measure_knob(knob, seconds=each, clock=clock) for knob in knobs]
+    tables = [measure_knob(knob, seconds=seconds / len(knobs), clock=clock) for knob in knobs]
     rows = TRADEOFF.conform(pd.concat(tables, ignore_index=True))
     if rows["time_s"].isna().all():
         names = ", ".join(dict.fromkeys(rows["knob"]))

@@ -116,9 +116,8 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
     used = run.provenance["configuration"].get("options", {}).get("calibration") or {}
     centre = _centre(run, pose, centre_px or _centre_in(used.get("record", {})))
     asperities = _optional(lambda: scene_asperities(scene), run.folder, "no asperities")
-    experiment = _optional(
-        lambda: open_experiment(scene), run.folder, "no friction forces, no limits of unseen contacts"
-    )
+    without = "no friction forces, no limits of unseen contacts"
+    experiment = _optional(lambda: open_experiment(scene), run.folder, without)
     return Place(
         name=str(run.folder),
         contacts=run.contacts.assign(radius_ratio=radius_ratios(run.contacts, scene, asperities)),
@@ -218,10 +217,8 @@ def differences(places: Sequence[Place]) -> Iterator[str]:
             values = [table[column].dropna().to_numpy(float) for table in caps]
             if column == "height_m":
                 values = [one - np.median(one) for one in values if len(one)]
-            if (
-                sum(len(one) > 0 for one in values) == 2
-                and scipy.stats.ks_2samp(values[0], values[1]).pvalue < CHANCE
-            ):
+            both = sum(len(one) > 0 for one in values) == 2
+            if both and scipy.stats.ks_2samp(values[0], values[1]).pvalue < CHANCE:
                 stds = " and ".join(f"{np.std(one):.3g}" for one in values)
                 yield (
                     f"the asperities of {place.name} are not of the surface of {first.name}: their {name} "

@@ -318,10 +318,8 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None) -> Calibr
     table = series.frames.assign(area_m2=found.area, area_std_m2=found.area_std)
     rate = np.interp(series.thresholds, found.thresholds, found.fall_rates, left=np.nan, right=np.nan)
     curve = {"threshold": series.thresholds, "area_m2": series.areas.sum(axis=1), "fall_rate": rate}
-    names = [
-        str(frame) if np.isnan(load) else f"P = {plain_number(1e3 * load)} mN"
-        for frame, load in zip(table["frame"], table["load_N"], strict=True)
-    ]
+    loads = table["load_N"].map(lambda load: f"P = {plain_number(1e3 * load)} mN")
+    names = loads.where(table["load_N"].notna(), table["frame"].astype(str)).tolist()
     ends: dict[str, Any] = {"low": found.threshold_low, "high": found.threshold_high}
     figure = plot_plateau(series.thresholds, series.areas, **ends, names=names)
     columns = [name for name in FORCE_SUMS.columns if name in table]
