@@ -21,7 +21,8 @@ def friction_table(tmp_path):
     return path
 
 
-def test_predict_finds_the_law_on_the_designed_surface(tmp_path, friction_table):
+def test_predict_finds_the_law_on_the_designed_surface(tmp_path, friction_table, monkeypatch):
+    monkeypatch.setattr("contactimg.design.surface.LOADS", 9)  # `test_design.py` takes all
     out, predicted = tmp_path / "designed", tmp_path / "predicted"
     strength = ["--shear-strength-MPa", "0.3", "--tolerance", "0.02"]
     assert main(["design", "--law", str(friction_table), *strength, *SURFACE, "-o", str(out)]) == 0

@@ -13,33 +13,34 @@ ROWS, COLUMNS, FINER = 480, 640, 4
 LEVEL, CONTRAST, NOISE, BLUR_PX = 80.0, 60.0, 1.5, 1.4
 
 
-def disks(*places: tuple[float, float, float]) -> np.ndarray:
+def disks(*places: tuple[float, float, float], rows: int = ROWS) -> np.ndarray:
     """Mask of disks (x, y, radius), px, on a grid finer than the pixels."""
-    mask = np.zeros((ROWS * FINER, COLUMNS * FINER), np.uint8)
+    mask = np.zeros((rows * FINER, COLUMNS * FINER), np.uint8)
     for place in places:
         x, y, radius = (round(FINER * value) for value in place)
         cv2.circle(mask, (x, y), radius, 1, cv2.FILLED)
     return mask
 
 
-def random_field(rng: np.random.Generator, length: float) -> np.ndarray:
+def random_field(rng: np.random.Generator, length: float, rows: int) -> np.ndarray:
     """A normal random surface with a correlation length, px."""
-    field = ndimage.gaussian_filter(rng.standard_normal((ROWS, COLUMNS)), length, mode="wrap")
+    field = ndimage.gaussian_filter(rng.standard_normal((rows, COLUMNS)), length, mode="wrap")
     return field / field.std()
 
 
 def islands(rng: np.random.Generator, length: float, height: float) -> np.ndarray:
     """Mask of the parts of a random surface above a height."""
-    field = random_field(rng, length).astype(np.float32)
+    field = random_field(rng, length, ROWS).astype(np.float32)
     finer = cv2.resize(field, (COLUMNS * FINER, ROWS * FINER), interpolation=cv2.INTER_CUBIC)
     return (finer > height).astype(np.uint8)
 
 
 def photograph(mask: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float, int]:
     """Frame and reference of contacts on a textured, vignetted surface, their area (px^2) and number."""
-    covered = cv2.resize(mask.astype(np.float32), (COLUMNS, ROWS), interpolation=cv2.INTER_AREA)
+    rows = len(mask) // FINER
+    covered = cv2.resize(mask.astype(np.float32), (COLUMNS, rows), interpolation=cv2.INTER_AREA)
     covered = cv2.GaussianBlur(covered, (0, 0), BLUR_PX)
-    light = LEVEL * (1.0 + 0.03 * random_field(rng, 3.0) - 0.05 * np.linspace(-1, 1, COLUMNS) ** 2)
+    light = LEVEL * (1.0 + 0.03 * random_field(rng, 3.0, rows) - 0.05 * np.linspace(-1, 1, COLUMNS) ** 2)
     images = [light * (1.0 + CONTRAST / LEVEL * covered), light]
     frame, reference = (
         np.clip(np.rint(image + rng.normal(0.0, NOISE, image.shape)), 0, 255).astype(np.uint8)
@@ -123,15 +124,15 @@ def test_islands_of_a_random_surface_are_counted_as_a_whole(length, height, most
     assert result.status != "ok"
 
 
-def lattice(radius: float, pitch: float, hexagonal: bool) -> np.ndarray:
-    """Mask of equal disks in a square or hexagonal lattice that fills the frame."""
-    rows = np.arange(0.6 * pitch, ROWS - 0.4 * pitch, pitch * (np.sqrt(0.75) if hexagonal else 1.0))
+def lattice(radius: float, pitch: float, hexagonal: bool, rows: int = ROWS // 2) -> np.ndarray:
+    """Mask of equal disks in a square or hexagonal lattice that fills a frame of so many rows."""
+    lines = np.arange(0.6 * pitch, rows - 0.4 * pitch, pitch * (np.sqrt(0.75) if hexagonal else 1.0))
     places = [
         (x, y, radius)
-        for j, y in enumerate(rows)
+        for j, y in enumerate(lines)
         for x in np.arange((0.6 + 0.5 * hexagonal * (j % 2)) * pitch, COLUMNS - 0.4 * pitch, pitch)
     ]
-    return disks(*places)
+    return disks(*places, rows=rows)
 
 
 @pytest.mark.parametrize("with_reference", [True, False])
@@ -157,7 +158,7 @@ def test_small_pillars_in_a_lattice_are_blocks_as_even_as_a_background():
 
 
 def test_the_threshold_says_that_no_background_is_seen_between_pillars():
-    frame, _, _, number = photograph(lattice(4.0, 12.0, True), np.random.default_rng(4))
+    frame, _, _, number = photograph(lattice(4.0, 12.0, True, ROWS), np.random.default_rng(4))
     result = measure_image(frame, method="threshold")
     assert len(result.disks) == number
     assert result.status == "little background"

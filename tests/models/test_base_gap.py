@@ -83,7 +83,7 @@ def test_gap_between_caps_agrees_with_brute_force():
 def test_planes_of_the_dense_lens_touch_where_the_paper_stops():
     """The paper predicts RA- up to 0.2 N only; patterns scatter by the height of their highest caps."""
     scene, loads = scene_of(RA_LENS), []
-    for seed in range(100, 109):
+    for seed in range(100, 105):
         table = pattern("RA-", seed)
         loads.append(find_touching_load(scene, table, coupling="asymptotic"))
     assert 0.15 < np.median(loads) < 0.25
