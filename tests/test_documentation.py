@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from smaller_frames import crop, widen_pixels
 
 ROOT = Path(__file__).parents[1]
 GENERATED = {ROOT / "docs" / name for name in ("_build", "gallery", "reference/generated")}
@@ -41,9 +42,21 @@ def test_the_readme_is_short_and_has_two_set_up_commands():
 @pytest.mark.slow
 def test_the_commands_that_pages_show_run_and_print_what_is_shown(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    from documented_commands import run_pages
+    import documented_commands
 
-    wrong, done = run_pages()
+    prepare = documented_commands.prepare
+
+    def prepare_less(folder):
+        """Of frames from which no page shows numbers, a quarter of the pixels."""
+        prepare(folder)
+        widen_pixels(folder / "sample_data" / "smooth_jkr")
+        for name in ("my_frames", "sample_data/ra_plus", "sample_data/sa_plus_places"):
+            crop(folder / name)
+
+    monkeypatch.setattr(documented_commands, "prepare", prepare_less)
+    less = {"contactimg calibrate threshold": " --frames frame_2.tif"}
+    monkeypatch.setattr(documented_commands, "SHORTENED", documented_commands.SHORTENED | less)
+    wrong, done = documented_commands.run_pages()
     assert not wrong, "\n".join(wrong)
     assert len(done) > 30
 
