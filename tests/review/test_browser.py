@@ -126,10 +126,10 @@ def test_tables_after_random_edits_are_those_of_process(review, browser, tmp_pat
     series, top, _ = review
     rng = np.random.default_rng(100)
     hand = Hand(browser, rng)
-    for k in range(36):
-        if k in (12, 24):
+    for k in range(24):
+        if k in (8, 16):
             browser.key("n")
-            browser.wait_for(f"review.state.number === {k // 12} && {READY}")
+            browser.wait_for(f"review.state.number === {k // 8} && {READY}")
         getattr(hand, str(rng.choice(list(ACTIONS), p=list(ACTIONS.values()))))()
         browser.wait_for("review.state.unsaved === 0")
         if k % 5:
@@ -137,7 +137,7 @@ def test_tables_after_random_edits_are_those_of_process(review, browser, tmp_pat
         # what the page calls saved is on the disk
         assert browser.evaluate("review.state.run.edits.length") == len(read_edits(series / "edits.csv"))
     edits = read_edits(series / "edits.csv")
-    assert len(edits) > 20
+    assert len(edits) > 12
     assert set(edits["action"]) == {"exclude", "add", "split", "merge", "mask"}
     browser.key("m")
     browser.wait_for("review.state.run.job.number > 0 && !review.state.run.job.running")

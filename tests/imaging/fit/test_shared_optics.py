@@ -181,7 +181,8 @@ def test_stated_errors_of_the_sums_cover_the_errors(load, side, shape):
     # the standard deviation of 20 normal deviates lies within 0.51 and 1.56 in 99.9 of 100 cases
     low, high = np.sqrt(stats.chi2.ppf([0.0005, 0.9995], 19) / 19)
     assert ((std > low) & (std < high)).all()
-    # their mean within 2.7/sqrt(20) = 0.6 in 99.3; what is asked for is less than half a standard deviation of bias
+    # their mean within 2.7/sqrt(20) = 0.6 in 99.3; what is asked for is less than half a standard deviation
+    # of bias
     assert (np.abs(mean) < 0.6).all()
     # without what all contacts share the sums would claim too much
     assert np.mean(claims) < 0.8
