@@ -19,6 +19,8 @@ from contactimg.imaging.profile.optics import SharedOptics
 HOLE_REACH_PX, LEAST_WEIGHT = 2, 0.3
 """Distance from which a hole is filled, and share of pixels seen there that it takes. By hand: dead
 pixels, not masks."""
+BRIGHT_STEP = 4
+"""Step of the rows and columns that are looked at for bright pixels. Accuracy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +70,12 @@ class Foreground:
     def noise(self) -> float:
         """Standard deviation of a background pixel."""
         return self.seen.noise
+
+    @property
+    def bright(self) -> NDArray[np.bool_]:
+        """Which pixels of every `BRIGHT_STEP`-th row and column stand out as contacts do."""
+        level = max(0.5 * self.contrast.plateau, 5.0 * self.noise)
+        return np.asarray(self.image[::BRIGHT_STEP, ::BRIGHT_STEP] > level)
 
     @property
     def largest_contrast(self) -> float:

@@ -7,7 +7,6 @@ and measure the contacts by one of the two methods, decide on each and on the fr
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,22 +21,11 @@ from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.count.method import choose_threshold, measure_by_count
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
-from contactimg.imaging.evidence.background_left import inspect_background
-from contactimg.imaging.evidence.rules import OWN_RISE, Columns, judge_contacts, own_rise
-from contactimg.imaging.evidence.status import (
-    LIGHT_CHANGE,
-    RESOLVED,
-    FrameEvidence,
-    Verdict,
-    judge_frame,
-    unexplained_share,
-)
-from contactimg.imaging.fit.disks import erase_disks
+from contactimg.imaging.evidence.rules import OWN_RISE, PLACE, Columns, Judged, judge_contacts, own_rise
+from contactimg.imaging.evidence.status import LIGHT_CHANGE, RESOLVED, judge_frame
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
-from contactimg.imaging.fit.shapes import made_round
 from contactimg.imaging.foreground import Foreground, find_foreground
-from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
@@ -49,7 +37,7 @@ from contactimg.imaging.pixels.field_of_view import (
 from contactimg.imaging.pixels.frame_pair import FramePair, keep_freed_memory
 from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
-from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.imaging.profile.optics import KnownEdge, SharedOptics
 from contactimg.tables import Flag, Reason
 
 SHAPES = ("auto", "disk", "ellipse", "free")
@@ -141,22 +129,20 @@ class ImageMeasurement:
         """Row of each contact of free shape, and its level lines (x, y) at half height, the outer first."""
         found = []
         image, rows = self.foreground.image, np.flatnonzero(self.disks["shape"] == "free")
+        places = self.disks[list(PLACE)].to_numpy(float)
         if len(rows):
             from skimage.measure import find_contours  # noqa: PLC0415 - slow to import, seldom needed
-        for row in rows:
-            x, y, a = (float(self.disks[name].iloc[row]) for name in ("x_px", "y_px", "radius_px"))
+        for row in rows.tolist():
+            x, y, a = places[row]
             reach = 1.6 * a + OUTLINE_MARGIN_PX
             left, top = max(int(x - reach), 0), max(int(y - reach), 0)
             window = image[top : max(int(y + reach) + 2, 0), left : max(int(x + reach) + 2, 0)]
             if min(window.shape, default=0) < 2:
                 continue
-            plateau = float(np.quantile(window, 0.9))
-            lines = find_contours(np.pad(window, 1), 0.5 * plateau)
-            lines = [
-                line[:, ::-1] - 1.0 + np.array([left, top]) for line in lines if len(line) > SHORTEST_OUTLINE
-            ]
-            if lines:
-                found.append((int(row), sorted(lines, key=len, reverse=True)))
+            lines = find_contours(np.pad(window, 1), 0.5 * float(np.quantile(window, 0.9)))
+            long = sorted((line for line in lines if len(line) > SHORTEST_OUTLINE), key=len, reverse=True)
+            if long:
+                found.append((row, [line[:, ::-1] - 1.0 + np.array([left, top]) for line in long]))
         return found
 
 
@@ -259,107 +245,55 @@ def measure_image(
         return counted if method == "threshold" else replace(counted, threshold=float("nan"))
     setting = film if film is None or isinstance(film, FilmSetting) else FilmSetting(film)
     result = measure_by_fit(foreground, film=setting, edits=edits, shape=shape, linear=linearity == 0.0)
-    film_unknown = film is None and "film" not in absent
-    judged = judge_contacts(foreground, result, shape=shape, linearity=linearity, film_unknown=film_unknown)
-    problem, joint, binning = result.problem, result.joint, result.problem.binning
-    if joint is None:
-        known = SharedOptics(foreground.contrast.plateau, np.nan, np.nan, result.fit.blur * binning, np.nan)
-        shared = own = known
-    else:
-        shared, own = (
-            replace(joint.optics(covariance, binning=binning), halo=result.halo)
-            for covariance in (joint.covariance, joint.own_covariance)
-        )
-        own = replace(own, edge=None if result.edge is None else result.edge.knowledge)
-    erase_disks(problem, result.fit, ~np.isin(np.arange(len(result.fit.disks)), judged.explained))
-    model = made_round(replace(problem, image=result.fit.model), result.fit, result.ellipses, -1.0)[0].image
-    seen = FrameEvidence(
-        foreground, judged.contacts, judged.rejected, judged.evidence, own.contrast_relative_std, result,
-        _background(foreground, judged.contacts, result.fit.blur * binning),
-        unexplained_share(foreground, model) if binning == 1 else 0.0,
-    )  # fmt: skip
-    verdict = judge_frame(seen)
-    return _tabulate(
-        foreground, judged.contacts, judged.rejected, (shared, own), verdict, judged.unmatched,
-        smallest=result.smallest * binning, film=None if result.film is None else result.film.verdict,
-    )  # fmt: skip
+    unknown = film is None and "film" not in absent
+    judged = judge_contacts(foreground, result, shape=shape, linearity=linearity, film_unknown=unknown)
+    return _tabulate(judged)
 
 
 def count_again(
     foreground: Foreground, fraction: float, *, fraction_std: float = 0.0, edits: Sequence[HandEdit] = ()
 ) -> ImageMeasurement:
     """The measurement of `measure_image` with the method "threshold" at this fraction of the contrast."""
-    nothing = np.empty(0)
-    contacts: Columns = dict.fromkeys((*NUMBERS, "flags"), nothing)
-    rejected: Columns = dict.fromkeys(("x_px", "y_px", "radius_px", "reason"), nothing)
-    shared = own = foreground.prior_optics
-    smallest, unmatched, remark, rim_height = float("nan"), list(edits), "", 1.0
-    if foreground.contrast.plateau > 0:
-        counted = measure_by_count(foreground, fraction=fraction, fraction_std=fraction_std, edits=edits)
-        contacts, rejected, smallest = counted.contacts, counted.rejected, counted.smallest_px
-        shared, own, unmatched = counted.optics, counted.own_optics, counted.unmatched
-        remark, rim_height = counted.remark, counted.rim_height
-    seen = FrameEvidence(
-        foreground, contacts, rejected, {}, own.contrast_relative_std, None,
-        _background(foreground, contacts, DEFAULT_BLUR_PX), 0.0, remark, rim_height,
-    )  # fmt: skip
-    return _tabulate(
-        foreground, contacts, rejected, (shared, own), judge_frame(seen), unmatched,
-        smallest=smallest, threshold=fraction,
-    )  # fmt: skip
+    counted = measure_by_count(foreground, fraction=fraction, fraction_std=fraction_std, edits=edits)
+    return _tabulate(counted, threshold=fraction)
 
 
-def _background(foreground: Foreground, contacts: Columns, blur: float) -> Any:
-    """The background that is left outside the contacts and what a blur (px) spreads of them."""
-    places = np.column_stack([np.asarray(contacts[name], float) for name in ("x_px", "y_px", "radius_px")])
-    return inspect_background(
-        foreground.image, foreground.frame_pair.valid, foreground.difference.illumination.background, places,
-        reach_px=EDGE_BLUR_WIDTHS * blur, contrast=foreground.contrast.plateau,
-    )  # fmt: skip
-
-
-def _tabulate(
-    foreground: Foreground,
-    contacts: Columns,
-    rejected: Columns,
-    optics: tuple[SharedOptics, SharedOptics],
-    verdict: Verdict,
-    unmatched: Sequence[HandEdit],
-    *,
-    smallest: float,
-    threshold: float = float("nan"),
-    film: FilmVerdict | None = None,
-) -> ImageMeasurement:
+def _tabulate(judged: Judged, threshold: float = float("nan")) -> ImageMeasurement:
     """The result, in the grey levels of the frame."""
-    unit, difference, (shared, own) = foreground.frame_pair.unit, foreground.difference, optics
+    foreground, contacts, fit = judged.foreground, judged.contacts, judged.fit
+    unit, difference = foreground.frame_pair.unit, foreground.difference
+    status, message, measurable = judge_frame(judged)
     known = foreground.prior_optics.known_edge
-    contacts = contacts if known is None or not np.isnan(threshold) else _without_shift(contacts, known)
-    contrast = shared.contrast if len(contacts["x_px"]) else min(shared.contrast, foreground.shown_contrast)
+    if known is not None and fit is not None:
+        contacts = _without_shift(contacts, known)
+    contrast = judged.optics.contrast
+    if not judged.count:
+        contrast = min(contrast, foreground.shown_contrast)
     alignment = difference.alignment
     foreign = _foreign(foreground)
-    rejected = {name: np.concatenate([foreign[name], rejected[name]]) for name in foreign}
+    rejected = {name: np.concatenate([foreign[name], judged.rejected[name]]) for name in foreign}
     return ImageMeasurement(
-        disks=_contacts_table(contacts, own),
+        disks=_contacts_table(contacts, judged.own_optics),
         rejected=pd.DataFrame(
-            {name: np.asarray(rejected[name], float) for name in ("x_px", "y_px", "radius_px")}
-            | {"reason": pd.array(np.asarray(rejected["reason"], object), dtype="str")}
+            {name: rejected[name].astype(float) for name in PLACE}
+            | {"reason": pd.array(rejected["reason"].astype(object), dtype="str")}
         ),
         contrast=foreground.sign * contrast * unit if foreground.contrast.plateau > 0 else 0.0,
         noise=foreground.noise * unit,
         threshold=threshold,
-        blur_px=shared.blur_px,
+        blur_px=judged.optics.blur_px,
         shift_x_px=alignment.x_px if alignment else float("nan"),
         shift_y_px=alignment.y_px if alignment else float("nan"),
         polarity="bright" if foreground.sign > 0 else "dark",
-        status=verdict.status,
-        message="; ".join(filter(None, (verdict.message, remark_on(unmatched)))),
+        status=status,
+        message="; ".join(filter(None, (message, remark_on(judged.unmatched)))),
         difference=difference.image if unit == 1.0 else difference.image * np.float32(unit),
-        optics=shared.scaled(unit),
-        own_optics=own.scaled(unit),
+        optics=judged.optics.scaled(unit),
+        own_optics=judged.own_optics.scaled(unit),
         level=difference.level * unit,
-        smallest_px=smallest,
-        measurable=verdict.measurable,
-        film=film,
+        smallest_px=judged.smallest_px,
+        measurable=measurable,
+        film=None if fit is None or fit.film is None else fit.film.verdict,
         foreground=foreground,
     )
 
@@ -367,64 +301,58 @@ def _tabulate(
 def _foreign(foreground: Foreground) -> Columns:
     """The foreign objects; those that the frame itself does not show are dust in the reference."""
     foreign = foreground.foreign.rejected
-    places = np.column_stack([np.asarray(foreign[name], float) for name in ("x_px", "y_px")])
-    rise = own_rise(foreground, places, np.asarray(foreign["radius_px"], float), DEFAULT_BLUR_PX)
+    places = np.column_stack([foreign["x_px"], foreign["y_px"]])
+    rise = own_rise(foreground, places, foreign["radius_px"], DEFAULT_BLUR_PX)
     return foreign | {"reason": np.where(rise < OWN_RISE, Reason.REFERENCE_DUST.value, foreign["reason"])}
 
 
 def _contacts_table(contacts: Columns, own: SharedOptics) -> pd.DataFrame:
     """The contacts, numbered from 1, flagged if their frame does not show its contrast."""
-    n = len(contacts["x_px"])
-    radius, std = np.asarray(contacts["radius_px"], float), np.asarray(contacts["radius_std_px"], float)
-    disks = {
+    radius, std, n = contacts["radius_px"], contacts["radius_std_px"], len(contacts["x_px"])
+    columns = {
         "shape": np.full(n, "disk", object),
         "area_px2": np.pi * radius**2,
         "area_std_px2": 2.0 * np.pi * radius * std,
         "semi_major_px": radius,
         "semi_minor_px": radius,
         "perimeter_px": 2.0 * np.pi * radius,
-    }
-    no_plateau = 0 if own.contrast_relative_std < RESOLVED else int(Flag.NO_PLATEAU)
-    columns = disks | contacts
+    } | contacts
     # one block of numbers: a table of single columns takes three times as long
-    numbers = np.column_stack([np.asarray(columns.get(name, np.full(n, np.nan)), float) for name in NUMBERS])
+    numbers = np.column_stack([columns.get(name, np.full(n, np.nan)) for name in NUMBERS])
     table = pd.DataFrame(numbers, columns=list(NUMBERS))
     table.insert(0, "label", np.arange(1, n + 1, dtype=np.int64))
     table["shape"] = pd.array(columns["shape"], dtype="str")
-    table["flags"] = np.asarray(columns["flags"], np.int64) | no_plateau
+    no_plateau = 0 if own.contrast_relative_std < RESOLVED else int(Flag.NO_PLATEAU)
+    table["flags"] = columns["flags"] | no_plateau
     return table
 
 
-def _without_shift(contacts: Columns, known: Any) -> Columns:
+def _without_shift(contacts: Columns, known: KnownEdge) -> Columns:
     """The contacts with the shift that a reference contact has told taken off their radii."""
-    moved = dict(contacts)
-    for name in ("radius_px", "semi_major_px", "semi_minor_px"):
-        moved[name] = np.maximum(contacts[name] - known.shift_px, 0.1 * contacts[name])
+    moved = {
+        name: np.maximum(contacts[name] - known.shift_px, 0.1 * contacts[name])
+        for name in ("radius_px", "semi_major_px", "semi_minor_px")
+    }
     ratio = (moved["radius_px"] / np.maximum(contacts["radius_px"], 1e-9)) ** 2
-    for name in ("area_px2", "visible_area_px2"):
-        moved[name] = contacts[name] * ratio
-    return moved
+    return contacts | moved | {name: contacts[name] * ratio for name in ("area_px2", "visible_area_px2")}
 
 
 def _without_sensor(pair: FramePair) -> FramePair:
     """The pair without regions that no light reaches, gains of a colour mosaic and defective pixels."""
     if pair.trivial:
         return pair
-    frame, reference, valid, saturated = pair.frame, pair.reference, pair.valid, pair.saturated
-    gains = mosaic_gains(frame if reference is None else reference)
+    images = [image for image in (pair.frame, pair.reference) if image is not None]
+    gains = mosaic_gains(images[-1])
     if gains is not None:
-        frame = divide_by_mosaic(frame, gains)
-        reference = None if reference is None else divide_by_mosaic(reference, gains)
-    frame, defects = repair_defects(frame, valid)
-    if defects is not None:
-        saturated = None if saturated is None else exclude(saturated, defects)
-    if reference is not None:
-        reference, _ = repair_defects(reference, pair.valid)
-    for image in (frame, reference):
-        if image is not None:
-            valid = exclude(exclude(valid, find_unlit(image, valid)), find_margin(image, pair.full_scale))
+        images = [divide_by_mosaic(image, gains) for image in images]
+    repaired, defects = zip(*(repair_defects(image, pair.valid) for image in images), strict=True)
+    saturated = None if pair.saturated is None else exclude(pair.saturated, defects[0])
+    valid = pair.valid
+    for image in repaired:
+        valid = exclude(exclude(valid, find_unlit(image, valid)), find_margin(image, pair.full_scale))
     if valid is not None and not valid.any():
         return pair
+    frame, reference = (*repaired, None)[:2]
     return replace(pair, frame=frame, reference=reference, valid=valid, saturated=saturated)
 
 
@@ -461,7 +389,7 @@ def _check(
 
 
 def _subtract_background(
-    frame_pair: FramePair, polarity: str, *, registered: bool, whole: bool
+    frame_pair: FramePair, polarity: str, **registration: bool
 ) -> tuple[DifferenceImage, int]:
     """Difference image and the sign that makes contacts positive."""
     frame, reference = frame_pair.frame, frame_pair.reference
@@ -470,12 +398,7 @@ def _subtract_background(
         return plain_difference(plain), -1 if polarity == "dark" else 1
     if reference is not None:
         difference = subtract_reference(
-            frame,
-            reference,
-            valid=frame_pair.valid,
-            background_is=BACKGROUND_IS[polarity],
-            registered=registered,
-            whole=whole,
+            frame, reference, valid=frame_pair.valid, background_is=BACKGROUND_IS[polarity], **registration
         )
         if polarity == "auto":
             valid = frame_pair.valid if difference.valid is None else difference.valid

@@ -9,7 +9,7 @@ contacts.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.detect.candidates import Contrast
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX, estimate_blur
-from contactimg.imaging.evidence.rules import OWN_RISE, Columns, own_rise
+from contactimg.imaging.evidence.rules import OWN_RISE, PLACE, Columns, Judged, own_rise
 from contactimg.imaging.fit.unseen_contrast import LARGEST_CONTRAST_RATIO, PLATEAU_STD_FRACTION
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
@@ -57,37 +57,9 @@ LONGEST_PART = 1.4
 a hundred parts of contacts that touch, one to four are longer."""
 
 
-@dataclass(frozen=True, eq=False)
-class Counted:
-    """Contacts and rejected candidates of a frame by counting.
-
-    Parameters
-    ----------
-    contacts, rejected : dict of arrays
-    optics, own_optics : SharedOptics
-        Contrast used, and that of the frame alone.
-    smallest_px : float
-        Radius of the smallest contact that reaches the threshold.
-    unmatched : list of HandEdit
-    remark : str
-        What to say of the threshold; empty where it is near the rims.
-    rim_height : float
-        Height of wide contacts at their rims over the contrast.
-    """
-
-    contacts: Columns
-    rejected: Columns
-    optics: SharedOptics
-    own_optics: SharedOptics
-    smallest_px: float
-    unmatched: list[HandEdit] = field(default_factory=list)
-    remark: str = ""
-    rim_height: float = 1.0
-
-
 def measure_by_count(
     foreground: Foreground, *, fraction: float, fraction_std: float = 0.0, edits: Sequence[HandEdit] = ()
-) -> Counted:
+) -> Judged:
     """Count the pixels of the contacts of a frame.
 
     Parameters
@@ -106,38 +78,43 @@ def measure_by_count(
     the rim.
     """
     contrast, pair, image = foreground.contrast, foreground.frame_pair, foreground.image
+    if not contrast.plateau > 0:
+        nothing: Columns = dict.fromkeys((*PLACE, "radius_std_px", "visible_area_px2", "reason"), np.empty(0))
+        nothing["flags"] = np.empty(0, np.int64)
+        prior = foreground.prior_optics
+        return Judged(foreground, nothing, nothing, prior, prior, unmatched=edits)
     contacts, rejected = count_contacts(
         image, fraction=fraction, plateau=contrast.plateau, noise=foreground.noise, saturated=pair.saturated
     )
     blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
-    reach = contacts["radius_px"] + 2.0 * DEFAULT_BLUR_PX  # a hole so near spoils the rim
-    parts = contacts["flags"] & int(Flag.MERGED) > 0
-    long = parts & (contacts["semi_major_px"] > LONGEST_PART * contacts["semi_minor_px"])
-    contacts["flags"] = contacts["flags"] | np.where(long, int(Flag.POOR_FIT), 0)
-    cut = pair.near_hole(contacts["x_px"], contacts["y_px"], reach)
-    contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
-    places = np.column_stack([contacts["x_px"], contacts["y_px"]])
-    dust = own_rise(foreground, places, contacts["radius_px"], blur) < OWN_RISE
-    dust &= (contacts["flags"] & int(Flag.MANUAL)) == 0
-    gone = {name: contacts[name][dust] for name in ("x_px", "y_px", "radius_px")}
+    x, y, radius, flags = (contacts[name] for name in (*PLACE, "flags"))
+    long = contacts["semi_major_px"] > LONGEST_PART * contacts["semi_minor_px"]
+    long &= flags & int(Flag.MERGED) > 0
+    cut = pair.near_hole(x, y, radius + 2.0 * DEFAULT_BLUR_PX)  # a hole so near spoils the rim
+    contacts["flags"] = flags | np.where(long, int(Flag.POOR_FIT), 0) | np.where(cut, int(Flag.EDGE), 0)
+    dust = own_rise(foreground, np.column_stack([x, y]), radius, blur) < OWN_RISE
+    dust &= flags & int(Flag.MANUAL) == 0
+    gone = {name: contacts[name][dust] for name in PLACE}
     gone["reason"] = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
     rejected = {name: np.concatenate([part[name] for part in (rejected, gone, by_hand)]) for name in gone}
     contacts = {name: values[~dust] for name, values in contacts.items()}
+    radius, height = contacts["radius_px"], contacts["height"]
     crossing = Crossing(fraction, contrast.plateau, contrast.std, blur, foreground.noise, fraction_std)
-    crossing, own_std = _with_unseen_contrast(foreground, contacts["radius_px"], crossing)
+    crossing, own_std = _with_unseen_contrast(foreground, radius, crossing)
     rim_height = height_at_rims(image, contacts, crossing)
-    contacts |= rim_errors(contacts["radius_px"], contacts["height"], crossing, rim_height=rim_height)
+    contacts |= rim_errors(radius, height, crossing, rim_height=rim_height)
     # of a contact cut by the border the pixels counted are those that are seen
-    contacts["visible_area_px2"] = np.pi * contacts["radius_px"] ** 2
-    return Counted(
+    contacts["visible_area_px2"] = np.pi * radius**2
+    return Judged(
+        foreground,
         contacts,
         rejected,
         optics=SharedOptics(contrast.plateau, crossing.contrast_std, blur_std_px=np.nan),
         own_optics=SharedOptics(max(foreground.shown.plateau, 1e-9), own_std, blur_std_px=np.nan),
+        unmatched=unmatched,
         # the centre of a disk of radius a behind a blur s reaches 1 - exp(-a^2/(2 s^2)) of the contrast
         smallest_px=float(TYPICAL_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
-        unmatched=unmatched,
         remark=_remark_on_threshold(contacts, crossing),
         rim_height=rim_height,
     )

@@ -6,8 +6,8 @@ flags are independent. Unusual brightness is a flag, never a reason. Where no mo
 counted area is reported: a contact that is seen does not disappear.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -25,15 +25,16 @@ from contactimg.imaging.detect.inscribed_disks import (
     share_of_hull,
 )
 from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
-from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, FittedDisks
+from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, erase_disks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
-from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.fit.shapes import made_round
+from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import count_touching
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
-from contactimg.imaging.profile.optics import combine_errors
+from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.tables import Flag, Reason
 
 WIDE_BLUR_WIDTHS = 4.0
@@ -97,27 +98,54 @@ edges."""
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Contacts and rejected candidates of a frame, and what the rules were decided on.
+    """Contacts and rejected candidates of a frame, and what is known of them.
 
     Parameters
     ----------
+    foreground : Foreground
     contacts, rejected : dict of arrays
-    rows : ndarray of int
-        Row of each contact among the disks of the fit.
-    explained : ndarray of int
-        Rows of all disks whose light belongs to a contact; several may be parts of one.
-    evidence : dict of arrays
-        One row for each contact.
-    unmatched : list of HandEdit
+    optics, own_optics : SharedOptics
+        Contrast and blur on which the radii are based, and what the frame alone gives.
+    unmatched : sequence of HandEdit
         Corrections by hand that meet no contact.
+    smallest_px : float
+        Radius of the smallest contact that the method detects.
+    remark : str
+        What the method says of itself.
+    rim_height : float
+        Height of counted contacts at their rims over the contrast.
+    fit : FrameFit or None
+    evidence : dict of arrays
+        One row for each contact; empty for counted ones.
+    unexplained : float
+        Share of the bright pixels that belong to no contact.
     """
 
+    foreground: Foreground
     contacts: Columns
     rejected: Columns
-    rows: NDArray[np.intp]
-    explained: NDArray[np.intp]
+    optics: SharedOptics
+    own_optics: SharedOptics
+    unmatched: Sequence[HandEdit] = ()
+    smallest_px: float = np.nan
+    remark: str = ""
+    rim_height: float = 1.0
+    fit: FrameFit | None = None
     evidence: Columns = field(default_factory=dict)
-    unmatched: list[HandEdit] = field(default_factory=list)
+    unexplained: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """Number of contacts."""
+        return len(self.contacts["x_px"])
+
+    def having(self, flag: Flag) -> NDArray[np.bool_]:
+        """Which contacts have a flag, or all of several."""
+        return np.asarray(self.contacts["flags"] & int(flag) == int(flag))
+
+    def flagged(self, flag: Flag) -> int:
+        """Number of such contacts."""
+        return int(np.count_nonzero(self.having(flag)))
 
 
 Rule = tuple[Reason, Callable[[Columns], NDArray[np.bool_]]]
@@ -160,37 +188,56 @@ def judge_contacts(
     moves every edge by ``linearity s sqrt(2 pi)``. Where nothing is known of an air film either, one that is
     too narrow to be seen may move it by `UNSEEN_FILM_BLUR_WIDTHS`.
     """
-    problem, binning = result.problem, result.problem.binning
+    problem, joint, binning = result.problem, result.joint, result.problem.binning
     e = _evidence(foreground, result, free=shape == "free")
     shift = np.hypot(linearity * np.sqrt(2.0 * np.pi), UNSEEN_FILM_BLUR_WIDTHS if film_unknown else 0.0)
     table = _columns(result, e, float(shift) * result.fit.blur)
     e["total_std"] = table["radius_std_px"] / binning
-    finite = np.isfinite(np.stack([table[name] for name in PLACE])).all(axis=0)
-    reason = np.full(len(finite), "", object)
-    reason[~finite] = Reason.NOISE
+    places = np.column_stack([table[name] for name in PLACE])
+    reason = np.where(np.isfinite(places).all(axis=1), "", Reason.NOISE).astype(object)
     for name, holds in RULES:
         now = holds(e) & (reason == "")
         reason[now & (~e["manual"] | (name == Reason.BY_HAND))] = name
-    flags = np.zeros(len(finite), np.int64)
-    for flag, shown in FLAGS:
-        flags |= np.where(shown(e), int(flag), 0)
-    table["flags"] = flags
+    table["flags"] = np.sum([np.where(shown(e), int(flag), 0) for flag, shown in FLAGS], axis=0)
     found, kept = _join_parts(foreground, result, e, table, reason)
     kept = kept[np.lexsort([table["x_px"][kept], table["y_px"][kept]])]
-    bad = reason != ""
-    dropped = np.column_stack(
-        [problem.in_frame(result.dropped[:, [X, Y]]), result.dropped[:, RADIUS] * binning]
-    )
-    places = np.column_stack([table[name] for name in PLACE])
-    every = np.vstack([dropped, places[bad]])
+    dropped = problem.in_frame(result.dropped[:, [X, Y]]), result.dropped[:, RADIUS] * binning
+    every = np.vstack([np.column_stack(dropped), places[reason != ""]])
+    why = np.append(np.full(len(result.dropped), Reason.UNNECESSARY, object), reason[reason != ""])
     placed = np.isfinite(every).all(axis=1)
-    why = np.append(np.full(len(dropped), Reason.UNNECESSARY, object), reason[bad])
-    rejected = dict(zip(PLACE, every[placed].T, strict=True)) | {"reason": why[placed]}
-    unmatched = [] if result.edited is None else result.edited.unmatched + result.edited.vanished(kept)
+    if joint is None:
+        known = SharedOptics(foreground.contrast.plateau, np.nan, np.nan, result.fit.blur * binning, np.nan)
+        shared = own = known
+    else:
+        shared, own = (
+            replace(joint.optics(covariance, binning=binning), halo=result.halo)
+            for covariance in (joint.covariance, joint.own_covariance)
+        )
+        own = replace(own, edge=None if result.edge is None else result.edge.knowledge)
     return Judged(
-        {name: values[kept] for name, values in table.items()}, rejected, kept, found,
-        {name: values[kept] for name, values in e.items() if np.ndim(values)}, unmatched,
-    )  # fmt: skip
+        foreground,
+        contacts={name: values[kept] for name, values in table.items()},
+        rejected=dict(zip(PLACE, every[placed].T, strict=True)) | {"reason": why[placed]},
+        optics=shared,
+        own_optics=own,
+        unmatched=[] if result.edited is None else result.edited.unmatched + result.edited.vanished(kept),
+        smallest_px=result.smallest * binning,
+        fit=result,
+        evidence={name: values[kept] for name, values in e.items()},
+        unexplained=_unexplained_share(foreground, result, found) if binning == 1 else 0.0,
+    )
+
+
+def _unexplained_share(foreground: Foreground, result: FrameFit, found: NDArray[np.intp]) -> float:
+    """Share of the bright pixels, of every fourth row and column, that no contact explains.
+
+    ``found`` are the rows of all disks whose light belongs to a contact; several may be parts of one.
+    """
+    problem, fit, bright = result.problem, result.fit, foreground.bright
+    erase_disks(problem, fit, ~np.isin(np.arange(len(fit.disks)), found))
+    model = made_round(replace(problem, image=fit.model), fit, result.ellipses, -1.0)[0].image
+    dark = model[::BRIGHT_STEP, ::BRIGHT_STEP] < 0.2 * foreground.image[::BRIGHT_STEP, ::BRIGHT_STEP]
+    return float(np.count_nonzero(bright & dark) / max(int(np.count_nonzero(bright)), 1))
 
 
 def _join_parts(
@@ -268,50 +315,51 @@ def _count_region(
 
 def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Columns:
     """The table: one row for each disk of the fit; lengths in px of the fit."""
-    problem, fit, joint = result.problem, result.fit, result.joint
-    disks, n, blur = fit.disks, len(fit.disks), fit.blur
-    looked = look_at_pixels(problem, fit)
+    problem, fit, joint, edited = result.problem, result.fit, result.joint, result.edited
+    disks, blur, nothing = fit.disks, fit.blur, np.zeros(len(fit.disks), np.bool_)
     radius, contrast = disks[:, RADIUS], disks[:, CONTRAST]
     std = np.where(fit.std[:, RADIUS] > 0, fit.std[:, RADIUS], np.inf)
-    poor = (fit.chi_square > POOR_CHI_SQUARE) & (looked.rim_chi_square > POOR_CHI_SQUARE)
-    undescribed = poor & (np.minimum(fit.chi_square, looked.rim_chi_square) > WELL_FITTED_CHI_SQUARE)
+    looked = look_at_pixels(problem, fit)
+    misfit = np.minimum(fit.chi_square, looked.rim_chi_square)
+    poor, undescribed = misfit > POOR_CHI_SQUARE, misfit > WELL_FITTED_CHI_SQUARE
     plateau = np.where(np.isfinite(looked.plateau), looked.plateau, contrast)
     again = np.flatnonzero(undescribed | free)
     if len(again):  # at half of their own plateau
         looked = looked.updated(again, look_at_pixels(problem, fit, half=0.5 * plateau, rows=again))
-    slope = np.maximum(contrast, 1e-9) / (blur * np.sqrt(2.0 * np.pi))
+    height = np.maximum(contrast, 1e-9)
+    slope = height / (blur * np.sqrt(2.0 * np.pi))
     place = PIXEL_VARIANCE + fit.brightness**-1 * problem.noise.variance / slope**2
     count_std = np.sqrt(2.0 * np.pi * np.maximum(radius, 1.0) * place)
-    ring = np.where(np.isfinite(looked.ring), looked.ring, 0.0)
+    surrounded = np.isfinite(looked.ring)
+    ring = np.where(surrounded, looked.ring, 0.0)
     mean = looked.light / np.maximum(np.pi * radius**2, 1.0)
-    ellipse = np.zeros(n, np.bool_)
-    ellipse[result.ellipses.rows] = True
-    edited = result.edited
+    ellipse = np.isin(np.arange(len(disks)), result.ellipses.rows)
     # counted pixels of small contacts say little about their area
     resolved = radius > 1.5 * blur
     count_z = np.where(resolved, (looked.area - looked.expected) / count_std, 0.0)
     hollow = (looked.core_chi_square > WELL_FITTED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
     # a misfit that most contacts do not share is that of its own shape; compression makes one that they share
-    misfit = np.minimum(fit.chi_square, looked.rim_chi_square)
-    shaped = misfit > WELL_FITTED_CHI_SQUARE * max(float(np.median(misfit)) if n else 1.0, 1.0)
+    shaped = misfit > WELL_FITTED_CHI_SQUARE * max(float(np.median(misfit)) if len(disks) else 1.0, 1.0)
     differs = shaped | (np.abs(count_z) > AGREEMENT_SIGMA)
     use_count = ((undescribed & ~ellipse & differs) | hollow) & resolved
-    use_count = (use_count | free) & (looked.area > 0)
     places = np.column_stack([problem.in_frame(disks[:, [X, Y]]), radius * problem.binning])
-    rows = np.full(n, -1) if joint is None else joint.prior.is_odd(disks)
+    x, y, (rows, columns) = disks[:, X], disks[:, Y], problem.image.shape
+    gap = np.minimum.reduce([x + 0.5, columns - 0.5 - x, y + 0.5, rows - 0.5 - y])  # to the border
     reach = radius + NEAR_BLUR_WIDTHS * blur
-    gap = _gap_to_border(disks, problem.image.shape)
     cut = (gap < reach) | touches(problem.valid, 0, disks, reach)
+    # the uncertainty of a radius at a known contrast over that at the contrast of the fit
+    covariance = np.linalg.pinv(fit.information[:, :4, :4], hermitian=True)
+    variance = covariance[:, RADIUS, RADIUS] * covariance[:, CONTRAST, CONTRAST]
+    known = 1.0 - covariance[:, RADIUS, CONTRAST] ** 2 / np.maximum(variance, 1e-300)
     return {
         "radius": radius,
-        "blur": np.full(n, blur),
+        "std": std,
+        "blur": np.full(len(disks), blur),
         "signal": radius / (2.0 * std),
-        "light": radius / (2.0 * std * _without_contrast(fit)),
-        "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring))
-        / np.maximum(contrast, 1e-9),
+        "light": radius / (2.0 * std * np.sqrt(np.clip(known, 1e-6, 1.0))),
+        "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring)) / height,
         "own_rise": own_rise(foreground, places[:, :2], places[:, 2], blur),
-        "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau)
-        / np.maximum(contrast, 1e-9),
+        "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau) / height,
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
         "misfit": poor & (shaped | (problem.rounding == 0.0)),
@@ -320,29 +368,21 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "expected": looked.expected,
         "count_std": count_std,
         "count_z": count_z,
-        "use_count": use_count,
+        "use_count": (use_count | free) & (looked.area > 0),
         "border": looked.border,
         "elongation": looked.elongation,
-        "surrounded": np.isfinite(looked.ring),
+        "surrounded": surrounded,
         "x": looked.x,
         "y": looked.y,
-        "odd": rows >= 0,
+        "odd": nothing if joint is None else joint.prior.is_odd(disks) >= 0,
         "brightness": contrast / (problem.contrast if joint is None else joint.contrast),
         "ellipse": ellipse,
         "touching": count_touching(disks, blur),
         "cut": cut,
         "saturated": touches(problem.saturated, 1, disks, radius),
-        "excluded": np.zeros(n, np.bool_) if edited is None else edited.excluded,
-        "manual": np.zeros(n, np.bool_) if edited is None else edited.new,
+        "excluded": nothing if edited is None else edited.excluded,
+        "manual": nothing if edited is None else edited.new,
     }
-
-
-def _without_contrast(fit: FittedDisks) -> NDArray[np.float64]:
-    """Standard uncertainty of each radius at a known contrast over that at the contrast of the fit."""
-    covariance = np.linalg.pinv(fit.information[:, :4, :4], hermitian=True)
-    variance = covariance[:, RADIUS, RADIUS] * covariance[:, CONTRAST, CONTRAST]
-    known = 1.0 - covariance[:, RADIUS, CONTRAST] ** 2 / np.maximum(variance, 1e-300)
-    return np.sqrt(np.clip(known, 1e-6, 1.0))
 
 
 def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: float) -> NDArray[np.float64]:
@@ -350,24 +390,20 @@ def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: flo
 
     Dust that darkened the reference and has gone looks like a bright contact in the difference.
     """
-    pair = foreground.frame_pair
+    pair, share = foreground.frame_pair, np.ones(len(places))
     if pair.reference is None or not len(places) or not foreground.dust:
-        return np.ones(len(places))
-    share = np.ones(len(places))
+        return share
     # most contacts lie where the reference shows nothing: a few pixels of it tell
     distance = radius + 4.0 * blur
     dip = -foreground.sign * _rise_of_pixels(pair.reference, places, distance)
     rise = _rise_of_pixels(foreground.image, places, distance)
     rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > AGREEMENT_SIGMA * foreground.noise))
-    if not len(rows):
-        return share
     disks = np.column_stack([places, radius])[rows]
     own, other = (
         foreground.sign * measure_rise(image, disks, blur) for image in (pair.frame, pair.reference)
     )
     both = own - other
-    known = np.isfinite(both) & (both > 1e-9)
-    share[rows[known]] = own[known] / both[known]
+    share[rows] = np.divide(own, both, out=np.ones(len(rows)), where=both > 1e-9)
     return share
 
 
@@ -391,16 +427,19 @@ def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
     ``shift`` is the standard uncertainty, px, of the place of every edge that no fit can see.
     """
     problem, fit, binning = result.problem, result.fit, result.problem.binning
-    disks, n = fit.disks, len(fit.disks)
-    radius, std = disks[:, RADIUS].copy(), np.where(fit.std[:, RADIUS] > 0, fit.std[:, RADIUS], np.inf)
+    n, radius, std, counted = len(fit.disks), e["radius"].copy(), e["std"].copy(), e["use_count"]
     shifts = np.zeros((n, 2)) if result.joint is None else result.joint.radius_shifts.copy()
     film = np.zeros(n) if result.film is None else result.film.errors(radius)
-    edge = np.sqrt(shift**2 + film**2 + _common_shift(e) ** 2)
+    # the count knows no model of the edge: where both differ, the edge assumed may not be the one there is
+    used, apart, apart_std = excess_of_counts(e)
+    common = abs(apart) > AGREEMENT_SIGMA * apart_std
+    rims = float(np.sum(2.0 * np.pi * radius[used]))
+    edge = np.sqrt(shift**2 + film**2 + (abs(apart) / rims if common else 0.0) ** 2)
     if result.known_edge is not None:  # a reference contact has told what no fit can see
         edge = np.hypot(film, result.known_edge.shift_std_px / binning)
     if result.edge is not None and len(result.edge.undecided) == n:
         edge = np.hypot(edge, result.edge.undecided)
-    x, y, area = disks[:, X].copy(), disks[:, Y].copy(), np.pi * radius**2
+    x, y, area = fit.disks[:, X].copy(), fit.disks[:, Y].copy(), np.pi * radius**2
     major, minor, angle = radius.copy(), radius.copy(), np.full(n, np.nan)
     shape = np.full(n, "disk", object)
     spread = np.full((3, n), np.nan)
@@ -412,7 +451,6 @@ def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
         spread[:, row] = ellipse.shape_std
         perimeter[row] = 4.0 * major[row] * ellipe(1.0 - (minor[row] / major[row]) ** 2)
         std[row] = max(std[row], float(np.sqrt(ellipse.covariance[RADIUS, RADIUS])))
-    counted = e["use_count"]
     if counted.any():
         k = np.flatnonzero(counted)
         # what the count misses or adds for a disk of this size and blur, or what is not seen of it, it does
@@ -455,25 +493,11 @@ def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
     }
 
 
-def _common_shift(e: Columns) -> float:
-    """Mean distance between the edges of the fit and of the counted pixels, px; 0 where both agree.
-
-    The count knows no model of the edge: by what both differ, the edge assumed may not be the one that is
-    there.
-    """
+def excess_of_counts(e: Columns) -> tuple[NDArray[np.bool_], float, float]:
+    """Contacts whose pixels are counted alone, how many more than the fit expects, and the standard error."""
     used = ~e["use_count"] & ~e["cut"] & (e["touching"] == 0) & (e["radius"] > 2.0 * e["blur"])
-    if not used.any():
-        return 0.0
-    rims = float(np.sum(2.0 * np.pi * e["radius"][used]))
-    apart = abs(float(np.sum(e["counted"][used] - e["expected"][used])))
-    std = float(np.sqrt(np.sum(e["count_std"][used] ** 2)))
-    return apart / rims if apart > AGREEMENT_SIGMA * std else 0.0
-
-
-def _gap_to_border(disks: NDArray, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Distance of the centres to the border of the image, negative outside."""
-    x, y, (rows, columns) = disks[:, X], disks[:, Y], shape
-    return np.asarray(np.minimum.reduce([x + 0.5, columns - 0.5 - x, y + 0.5, rows - 0.5 - y]))
+    apart, std = e["counted"][used] - e["expected"][used], e["count_std"][used]
+    return used, float(np.sum(apart)), float(np.sqrt(np.sum(std**2)))
 
 
 def measure_fall(
@@ -507,11 +531,14 @@ def measure_fall(
         return out
     directions = np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
     centres = disks[wide, 0] + 1j * disks[wide, 1]
-    inside, outside = (
-        _values_at(image, valid, centres[:, None] + (disks[wide, 2] + step)[:, None] * directions)
-        for step in (-NEAR_BLUR_WIDTHS * blur, NEAR_BLUR_WIDTHS * blur)
-    )
-    fall = inside - outside
+    radius = disks[wide, 2] + NEAR_BLUR_WIDTHS * blur * np.array([[-1.0], [1.0]])
+    points = centres[:, None] + radius[..., None] * directions
+    x, y = np.rint(points.real).astype(int), np.rint(points.imag).astype(int)
+    seen = (x >= 0) & (x < image.shape[1]) & (y >= 0) & (y < image.shape[0])
+    x, y = np.where(seen, x, 0), np.where(seen, y, 0)
+    if valid is not None:
+        seen &= valid[y, x] > 0
+    fall = np.subtract(*np.where(seen, image[y, x], np.nan))  # inside, outside
     count = np.isfinite(fall).sum(axis=1)
     rank = np.rint(PERCENTILE / 100.0 * np.maximum(count - 1, 0)).astype(int)
     steep = np.take_along_axis(np.sort(fall, axis=1), rank[:, None], axis=1)[:, 0]  # NaN sorts last
@@ -543,13 +570,3 @@ def _fall_of_rims(
         if min(map(len, near)) >= LEAST_SEEN:
             fall[row] = max(fall[row], float(np.median(near[0]) - np.median(near[1])))
     return fall
-
-
-def _values_at(image: NDArray, valid: Mask, points: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Pixels of an image at some points x + iy; NaN outside it and in holes."""
-    x, y = np.rint(points.real).astype(int), np.rint(points.imag).astype(int)
-    seen = (x >= 0) & (x < image.shape[1]) & (y >= 0) & (y < image.shape[0])
-    x, y = np.where(seen, x, 0), np.where(seen, y, 0)
-    if valid is not None:
-        seen &= valid[y, x] > 0
-    return np.where(seen, image[y, x], np.nan)

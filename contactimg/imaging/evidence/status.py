@@ -1,20 +1,20 @@
 """What the table of evidence says of the frame as a whole: one status, and sentences that say what to do."""
 
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contactimg.imaging.detect.candidates import ODD_RATIO, dark_spots, measure_contrast
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
-from contactimg.imaging.evidence.background_left import BackgroundLeft
-from contactimg.imaging.evidence.rules import Columns
+from contactimg.imaging.evidence.background_left import inspect_background
+from contactimg.imaging.evidence.rules import PLACE, Columns, Judged, excess_of_counts
 from contactimg.imaging.fit.edge_profile import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
 from contactimg.imaging.pixels.blocks import SignedImage
-from contactimg.tables import Flag, Status
+from contactimg.tables import Flag, Reason, Status
 
 RESOLVED = 0.05
 """Relative standard uncertainty of the contrast above which a frame counts as not showing it. By hand: 2.5
@@ -64,12 +64,11 @@ COMMON_SIGMA, COMMON_AREA = 5.0, 0.01
 what the model expects, above which the edge is not the one assumed. False-alarm rate 6e-7; by hand."""
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Status of a frame.
+def judge_frame(seen: Judged) -> tuple[str, str, bool]:
+    """Status, message and measurability of a frame.
 
-    Parameters
-    ----------
+    Returns
+    -------
     status : str
         "ok", or the most important defect.
     message : str
@@ -77,110 +76,44 @@ class Verdict:
     measurable : bool
         Whether "no contact" is a result; False if the frame does not allow one.
     """
-
-    status: str
-    message: str
-    measurable: bool
-
-
-@dataclass(frozen=True, eq=False)
-class FrameEvidence:
-    """The evidence on which the rules on a frame are decided.
-
-    Parameters
-    ----------
-    foreground : Foreground
-    contacts, rejected : dict of arrays
-    evidence : dict of arrays
-        Of the contacts; empty for counted ones.
-    contrast_relative_std : float
-        Of the contrast that the frame alone shows.
-    fit : FrameFit or None
-    background : BackgroundLeft
-    unexplained : float
-        Share of the bright pixels that belong to no contact.
-    remark : str
-        What the method says of itself.
-    rim_height : float
-        Height of counted contacts at their rims over the contrast.
-    """
-
-    foreground: Foreground
-    contacts: Columns
-    rejected: Columns
-    evidence: Columns
-    contrast_relative_std: float
-    fit: FrameFit | None
-    background: BackgroundLeft
-    unexplained: float
-    remark: str = ""
-    rim_height: float = 1.0
-
-    @property
-    def count(self) -> int:
-        """Number of contacts."""
-        return len(self.contacts["x_px"])
-
-    def having(self, flag: Flag) -> NDArray[np.bool_]:
-        """Which contacts have a flag, or all of several."""
-        return np.asarray(np.asarray(self.contacts["flags"], np.int64) & int(flag) == int(flag))
-
-    def flagged(self, flag: Flag) -> int:
-        """Number of such contacts."""
-        return int(np.count_nonzero(self.having(flag)))
-
-    def spoiled(self, flag: Flag) -> str:
-        """Say how many contacts have a flag, if they are so many, or so large, that they spoil the frame."""
-        n, area = self.flagged(flag), np.asarray(self.contacts["visible_area_px2"], float)
-        share = float(area[self.having(flag)].sum() / max(area.sum(), 1e-9))
-        many = n >= FEWEST_CONTACTS and n > SPOILED_SHARE * self.count
-        return (
-            f"{n} of {self.count} contacts, {100 * share:.3g} % of the area," if many or share > 0.5 else ""
-        )
-
-
-def judge_frame(seen: FrameEvidence) -> Verdict:
-    """Status, message and measurability of a frame."""
     pair, difference = seen.foreground.frame_pair, seen.foreground.difference
     if pair.trivial:
         # a frame equal to its reference does show that there is no contact; the others show nothing
-        return Verdict(pair.defect, pair.message, measurable=pair.defect == Status.IDENTICAL)
+        return pair.defect, pair.message, pair.defect == Status.IDENTICAL
     found = [*_light(seen), *_contacts(seen)]
     remarks = [difference.remark, *_remarks(seen)]
     if pair.reference is None and not pair.defect:
         remarks.insert(0, "no reference: the background was estimated from the frame")
-    message = "; ".join(text for text in [pair.message, *(text for _, text in found), *remarks] if text)
+    message = "; ".join(filter(None, [pair.message, *(text for _, text in found), *remarks]))
     statuses = [pair.defect, *(status for status, _ in found)]
     # holes do not spoil what is seen beside them
     status = next(filter(None, sorted(statuses, key=Status.HOLES.__eq__)), Status.OK)
-    changed = any(status == Status.LIGHT_CHANGED for status, _ in found)
-    empty = not changed and _left_out(seen.foreground) < SPOILED_SHARE
-    return Verdict(status, message, measurable=bool(seen.count or empty))
+    empty = Status.LIGHT_CHANGED not in statuses and _left_out(seen.foreground) < SPOILED_SHARE
+    return status, message, bool(seen.count or empty)
 
 
 def _left_out(foreground: Foreground) -> float:
     """Share of the frame that stands out of the background or is hidden by what does, without contacts."""
-    mask, step = foreground.foreign.mask, 4
+    mask = foreground.foreign.mask
     hidden = 0.0 if mask is None else float(np.mean(mask))
-    bright = max(0.5 * foreground.contrast.plateau, 5.0 * foreground.noise)
-    return hidden + float(np.mean(foreground.image[::step, ::step] > bright)) * foreground.shown.resolved
+    return hidden + float(np.mean(foreground.bright)) * foreground.shown.resolved
 
 
-def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
+def _light(seen: Judged) -> Iterator[tuple[str, str]]:
     """Defects of light, reference and background, gravest first."""
-    difference, left = seen.foreground.difference, seen.background
+    foreground, difference = seen.foreground, seen.foreground.difference
+    rows, columns = foreground.image.shape
     ratio = float(difference.illumination.coefficients[0, 0])
     if difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE:
         what = "contacts fill" if seen.count else "one contact fills"
         text = f"the background is {ratio:.2g} times the reference: the light changed or {what} the frame"
         yield Status.LIGHT_CHANGED, text
     elif not seen.count:
-        lost = _left_out(seen.foreground) > HIDDEN_SHARE
-        yield Status.UNRESOLVED if lost else Status.NO_CONTACT, _why_no_contact(seen.foreground)
+        lost = _left_out(foreground) > HIDDEN_SHARE
+        yield Status.UNRESOLVED if lost else Status.NO_CONTACT, _why_no_contact(foreground)
     if difference.registration_failed:
         yield Status.NOT_REGISTERED, ""
     if (moved := difference.alignment) is not None and moved.known:
-        rows, columns = seen.foreground.image.shape
         bare = abs(moved.x_px) / columns + abs(moved.y_px) / rows
         if bare > HIDDEN_SHARE:
             text = (
@@ -188,18 +121,30 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
                 f"{100 * bare:.2g} % of the frame bare: contacts there were left out"
             )
             yield Status.UNRESOLVED, text
-    if min(seen.foreground.image.shape) < LEAST_SIDE_PX and seen.count:
-        rows, columns = seen.foreground.image.shape
+    if min(rows, columns) < LEAST_SIDE_PX and seen.count:
         text = (
             f"the frame has {rows} x {columns} pixels: contacts and their background need {LEAST_SIDE_PX} "
             "each way"
         )
         yield Status.LITTLE_BACKGROUND, text
-    if seen.count and seen.fit is None and left.free_share < LEAST_FREE:
+    yield from _background(seen)
+    yield from _grey_levels(foreground)
+
+
+def _background(seen: Judged) -> Iterator[tuple[str, str]]:
+    """Defects of the background that is left outside the contacts and what the blur spreads of them."""
+    foreground, fit = seen.foreground, seen.fit
+    blur = DEFAULT_BLUR_PX if fit is None else fit.fit.blur * fit.problem.binning
+    left = inspect_background(
+        foreground.image, foreground.frame_pair.valid, foreground.difference.illumination.background,
+        np.column_stack([seen.contacts[name] for name in PLACE]),
+        reach_px=EDGE_BLUR_WIDTHS * blur, contrast=foreground.contrast.plateau,
+    )  # fmt: skip
+    if seen.count and fit is None and left.free_share < LEAST_FREE:
         text = f"the light of contacts leaves {100 * left.free_share:.2g} % of the frame for the background"
         yield Status.LITTLE_BACKGROUND, text
     elif left.free_share >= LEAST_FREE:
-        if difference.ratio and left.dark_share > DARK_SHARE:
+        if foreground.difference.ratio and left.dark_share > DARK_SHARE:
             text = (
                 f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, "
                 "by a fifth of the contrast and more: does the reference show contacts, or another place?"
@@ -215,7 +160,6 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             share = 100 * max(left.uneven, left.waves)
             text = f"the background is uneven by {share:.3g} % of the contrast after all corrections"
             yield Status.LIGHT_NOT_FOLLOWED, text
-    yield from _grey_levels(seen.foreground)
 
 
 def _grey_levels(foreground: Foreground) -> Iterator[tuple[str, str]]:
@@ -236,59 +180,80 @@ def _grey_levels(foreground: Foreground) -> Iterator[tuple[str, str]]:
         yield Status.UNRESOLVED, text
 
 
-def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
+def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
     """Defects of the contacts, gravest first."""
     if seen.fit is not None:
         yield from _edges(seen.fit)
         if seen.fit.limited:
             yield Status.UNRESOLVED, "more spots stand out than are fitted in a frame of this size"
     yield from _false_candidates(seen)
-    if which := seen.spoiled(Flag.SATURATED):
+    if which := _spoiled(seen, Flag.SATURATED):
         text = (
             f"{which} are at the full scale of the sensor: expose less, the radii "
             "depend on a brightness that is not seen"
         )
         yield Status.SATURATED, text
-    if which := seen.spoiled(Flag.POOR_FIT):
+    if which := _spoiled(seen, Flag.POOR_FIT):
         text = f"{which} are not described by blurred disks or ellipses"
         given = seen.foreground.prior_optics.blur_px
         yield Status.POOR_FIT, text + (f" behind a blur of {given:.2g} px" if np.isfinite(given) else "")
-    if n := _touching_among_ellipses(seen.evidence):
-        text = f"most contacts are ellipses, and {n} disks touch: two of them may be one ellipse"
-        yield Status.UNRESOLVED, text
     if seen.rim_height != 1.0:
         text = (
             f"the contacts have {100 * seen.rim_height:.0f} % of their height at their rims, which moves the "
             "pixel count by what the uncertainties include"
         )
         yield Status.DISAGREES, text
-    if text := _common_disagreement(seen.evidence):
+    if seen.count and seen.evidence:
+        yield from _fitted(seen.evidence)
+
+
+def _spoiled(seen: Judged, flag: Flag) -> str:
+    """Say how many contacts have a flag, if they are so many, or so large, that they spoil the frame."""
+    n, area = seen.flagged(flag), seen.contacts["visible_area_px2"]
+    share = float(area[seen.having(flag)].sum() / max(area.sum(), 1e-9))
+    many = n >= FEWEST_CONTACTS and n > SPOILED_SHARE * seen.count
+    return f"{n} of {seen.count} contacts, {100 * share:.3g} % of the area," if many or share > 0.5 else ""
+
+
+def _fitted(e: Columns) -> Iterator[tuple[str, str]]:
+    """Defects that the evidence of all contacts together shows, gravest first."""
+    alone = e["touching"] == 0
+    disks = np.count_nonzero(~alone & ~e["ellipse"])
+    if disks >= 2 and np.count_nonzero(e["ellipse"] & alone) > 0.5 * alone.sum():
+        text = f"most contacts are ellipses, and {disks} disks touch: two of them may be one ellipse"
+        yield Status.UNRESOLVED, text
+    used, apart, std = excess_of_counts(e)
+    share, z = apart / max(float(e["expected"][used].sum()), 1.0), apart / max(std, 1e-9)
+    if np.count_nonzero(used) >= FEWEST_CONTACTS and abs(z) >= COMMON_SIGMA and abs(share) >= COMMON_AREA:
+        text = (
+            f"the pixels above half height make areas {100 * share:+.2g} % of those of the fit ({z:+.2g} "
+            "standard errors): the edge of the contacts is not the one assumed"
+        )
         yield Status.DISAGREES, text
-    if len(seen.evidence) and seen.count:
-        alone = 1.0 - float(np.mean(seen.evidence["surrounded"]))
-        if alone > (UNSURROUNDED_SHARE if seen.count >= FEWEST_CONTACTS else 0.99):
-            text = f"no background is seen around {100 * alone:.0f} % of the contacts"
-            yield Status.LITTLE_BACKGROUND, text
+    bare = 1.0 - float(np.mean(e["surrounded"]))
+    if bare > (UNSURROUNDED_SHARE if len(alone) >= FEWEST_CONTACTS else 0.99):
+        text = f"no background is seen around {100 * bare:.0f} % of the contacts"
+        yield Status.LITTLE_BACKGROUND, text
 
 
-def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
+def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
     """Candidates that were taken for contacts and are none, or were not taken and may be."""
-    reasons = np.asarray(seen.rejected["reason"])
-    dust = int(np.count_nonzero(reasons == "dust in the reference"))
-    false = int(np.count_nonzero(np.isin(reasons, FALSE_REASONS)))
-    total = false + seen.count
+    foreground, reasons = seen.foreground, Counter(seen.rejected["reason"])
+    dust = reasons[Reason.REFERENCE_DUST]
+    false = reasons[Reason.INVISIBLE] + reasons[Reason.SCRATCH]
     if dust > 0.5 * (dust + seen.count) and dust >= FEWEST_CONTACTS:
         text = (
             f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of "
             "another place?"
         )
         yield Status.WRONG_REFERENCE, text
-    if false >= FEWEST_CONTACTS and false > DOUBTED_SHARE * total:
+    if false >= FEWEST_CONTACTS and false > DOUBTED_SHARE * (false + seen.count):
         text = (
-            f"{false} of {total} candidates proved to be no contacts; others may be left among the contacts"
+            f"{false} of {false + seen.count} candidates proved to be no contacts; others may be left among "
+            "the contacts"
         )
         yield Status.FALSE_CANDIDATES, text
-    mask = seen.foreground.foreign.mask
+    mask = foreground.foreign.mask
     if mask is not None and (hidden := float(np.mean(mask))) > HIDDEN_SHARE:
         text = (
             f"hairs, scratches or bars hide {100 * hidden:.2g} % of the frame: what they cross was left out"
@@ -299,7 +264,7 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
         )
         yield Status.UNRESOLVED, text
-    if len(seen.evidence):
+    if seen.evidence:
         faint = int(np.count_nonzero(seen.evidence["brightness"] < FAINT))
         if faint >= FEWEST_CONTACTS and faint > DOUBTED_SHARE * seen.count:
             text = (
@@ -307,7 +272,7 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
                 "reflections and dirt look like that"
             )
             yield Status.FALSE_CANDIDATES, text
-    foreground, small = seen.foreground, seen.flagged(Flag.TOO_SMALL)
+    small = seen.flagged(Flag.TOO_SMALL)
     if foreground.frame_pair.reference is None and FEWEST_CONTACTS <= small > DOUBTED_SHARE * seen.count:
         text = (
             f"{small} of {seen.count} contacts are no wider than the blur: without a reference specks of "
@@ -321,7 +286,7 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         )
         yield Status.FALSE_CANDIDATES, text
     dark = dark_spots(foreground.seen, foreground.contrast.plateau)
-    area = np.pi * float(np.sum(np.asarray(seen.contacts["radius_px"], float) ** 2))
+    area = np.pi * float(np.sum(seen.contacts["radius_px"] ** 2))
     if len(dark) >= FEWEST_DARK and dark.sum() > DARK_AREA * area:
         against = "darker" if foreground.sign > 0 else "brighter"
         text = (
@@ -329,10 +294,6 @@ def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             "with the other polarity, or see whether the reference shows them"
         )
         yield Status.UNRESOLVED, text
-
-
-FALSE_REASONS = ["not seen: hardly brighter inside than around it", "piece of a scratch"]
-"""Reasons of rejection that say that a candidate was mistaken."""
 
 
 def _edges(fit: FrameFit) -> Iterator[tuple[str, str]]:
@@ -348,34 +309,7 @@ def _edges(fit: FrameFit) -> Iterator[tuple[str, str]]:
         yield status, describe_edge(fit.edge, binning=fit.problem.binning)
 
 
-def _touching_among_ellipses(e: Columns) -> int:
-    """Number of disks that touch others where most of the contacts that stand alone are ellipses; else 0."""
-    if not len(e):
-        return 0
-    alone = e["touching"] == 0
-    disks = int(np.count_nonzero(~alone & ~e["ellipse"]))
-    return disks if disks >= 2 and np.count_nonzero(e["ellipse"] & alone) > 0.5 * alone.sum() else 0
-
-
-def _common_disagreement(e: Columns) -> str:
-    """A sentence if all counted pixels together differ from those that the model expects; else empty."""
-    if not len(e) or not len(e["counted"]):
-        return ""
-    used = ~e["use_count"] & ~e["cut"] & (e["touching"] == 0) & (e["radius"] > 2.0 * e["blur"])
-    if np.count_nonzero(used) < FEWEST_CONTACTS:
-        return ""
-    apart, std = e["counted"][used] - e["expected"][used], e["count_std"][used]
-    share = float(apart.sum() / max(e["expected"][used].sum(), 1.0))
-    z = float(apart.sum() / np.sqrt(np.sum(std**2)))
-    if abs(z) < COMMON_SIGMA or abs(share) < COMMON_AREA:
-        return ""
-    return (
-        f"the pixels above half height make areas {100 * share:+.2g} % of those of the fit ({z:+.2g} "
-        "standard errors): the edge of the contacts is not the one assumed"
-    )
-
-
-def _remarks(seen: FrameEvidence) -> Iterator[str]:
+def _remarks(seen: Judged) -> Iterator[str]:
     """The remarks that are worth knowing without being a defect."""
     foreground = seen.foreground
     unit, valid = foreground.frame_pair.unit, foreground.frame_pair.valid
@@ -395,13 +329,10 @@ def _remarks(seen: FrameEvidence) -> Iterator[str]:
             f"the radii depend on a contrast of {given * unit:.3g} grey levels, given, of which the frame "
             f"shows {shown.plateau * unit:.3g}"
         )
-    elif seen.count and seen.contrast_relative_std > RESOLVED:
-        source = "given" if np.isfinite(foreground.prior_optics.contrast) else "estimated from their light"
-        contrast = (
-            foreground.contrast.plateau
-            if seen.fit is None or seen.fit.joint is None
-            else (seen.fit.joint.contrast)
-        )
+    elif seen.count and seen.own_optics.contrast_relative_std > RESOLVED:
+        source = "given" if np.isfinite(given) else "estimated from their light"
+        joint = None if seen.fit is None else seen.fit.joint
+        contrast = foreground.contrast.plateau if joint is None else joint.contrast
         wide = np.max(seen.contacts["radius_px"]) > PLATEAU_BLURS * DEFAULT_BLUR_PX
         why = "few to settle" if wide else "small to show"
         yield (
@@ -425,14 +356,3 @@ def _why_no_contact(foreground: Foreground) -> str:
         return "nothing stands out of the noise"
     same, other = ("brighter", "darker")[:: foreground.sign]
     return f"nothing {same} than the background stands out, but something {other}: is the polarity right?"
-
-
-def unexplained_share(foreground: Foreground, model: NDArray[np.float32]) -> float:
-    """Share of the bright pixels, of every fourth row and column, that no contact explains."""
-    step, image = 4, foreground.image
-    shown, explained = image[::step, ::step], model[: image.shape[0] : step, : image.shape[1] : step]
-    bright = shown > max(0.5 * foreground.contrast.plateau, 5.0 * foreground.noise)
-    total = int(np.count_nonzero(bright))
-    if not total or explained.shape != shown.shape:
-        return 0.0
-    return float(np.count_nonzero(bright & (explained < 0.2 * shown)) / total)
