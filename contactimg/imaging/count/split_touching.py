@@ -22,6 +22,8 @@ from contactimg.imaging.detect.components import (
     finish_component,
     label_runs,
     mask_of_component,
+    sides_cut,
+    window_of,
 )
 from contactimg.imaging.detect.inscribed_disks import disks_in_mask
 from contactimg.imaging.kernels.pairs import hidden
@@ -67,42 +69,31 @@ def split_components(
     # n pixels in a disk have the second moment n^2/(2 pi), of which n/6 is that of the pixels themselves
     shape = 2.0 * np.pi * (components["moment"] + area / 6.0) / area**2 - 2.0 * np.pi / 6.0 / area
     candidates = np.flatnonzero((shape > ELONGATION) & (area >= LEAST_AREA_PX2))
-    places = [components[name][candidates].tolist() for name in ("top", "bottom", "left", "right")]
-    counts, groups = np.ones(len(components), np.int64), []
-    for number, top, bottom, left, right in zip(candidates.tolist(), *places, strict=True):
-        box = (slice(max(top - 1, 0), bottom + 2), slice(max(left - 1, 0), right + 2))
+    counts, found = np.ones(len(components), np.int64), [np.empty(0, components.dtype)]
+    for number in candidates.tolist():
+        cut, (box, _) = sides_cut(components[number], image.shape), window_of(components[number], 1)
         window = image[box]
         members = mask_of_component(runs, number, (box[0].start, box[1].start), window.shape)
-        alone = np.where(members > 0, window, np.float32(0.0))
-        above = (_smoothed(alone, smoothing) > level).astype(np.uint8)
-        cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
-        disks, _ = disks_in_mask(above, cut)
+        alone = smooth = np.where(members > 0, window, np.float32(0.0))
+        if smoothing:
+            smooth = cv2.GaussianBlur(alone, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
+        disks, _ = disks_in_mask((smooth > level).astype(np.uint8), cut)
         disks = disks[~hidden(disks)]
-        if len(disks) > 1:
-            counts[number] = len(disks)
-            groups.append((alone, disks, box))
-    split = np.repeat(counts > 1, counts)
-    whole = np.repeat(components, counts)
-    end = 0
-    for alone, disks, box in groups:
-        parts = empty_components(len(disks), alone.shape)
-        inside = for_kernel(None if marks is None else marks[box])
-        _share(alone, inside, disks, parts)
+        if len(disks) < 2:
+            continue
+        counts[number] = len(disks)
+        parts = empty_components(len(disks), window.shape)
+        _share(alone, for_kernel(None if marks is None else marks[box]), disks, parts)
         for name in ("x", "peak_x", "left", "right"):
             parts[name] += box[1].start
         for name in ("y", "peak_y", "top", "bottom"):
             parts[name] += box[0].start
-        start, end = end, end + len(disks)
-        whole[np.flatnonzero(split)[start:end]] = parts
+        found.append(parts)
+    split = np.repeat(counts > 1, counts)
+    whole = np.repeat(components, counts)
+    whole[split] = np.concatenate(found)
     seen = ~split | (whole["area"] > 0)
     return whole[seen], split[seen]
-
-
-def _smoothed(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
-    """The image after a Gaussian filter; width 0 for none."""
-    if not width:
-        return image
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), width, borderType=cv2.BORDER_REPLICATE))
 
 
 @njit(cache=True)

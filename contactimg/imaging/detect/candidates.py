@@ -5,7 +5,6 @@ half of its own plateau, and what stands out of the noise below half of the comm
 half of its own. Round regions are one disk; the others are covered by inscribed disks.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import cv2
@@ -13,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.detect.components import component_of_pixels, label_runs
+from contactimg.imaging.detect.components import component_of_pixels, label_runs, window_of
 from contactimg.imaging.detect.inscribed_disks import (
     LARGEST_WHOLE_HOLES,
     as_one_contact,
-    component_at,
     disks_in_region,
     fill,
     find_holes,
@@ -32,9 +30,9 @@ CLEAR_RATIO, BRIGHT_RATIO = 1.5, 3.0
 """Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and
 above which coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by hand,
 twice the former."""
-LOWER_RATIO = 0.6
-"""Level, over half of the common contrast, at which a region is outlined again before it is split. By
-hand."""
+LOWER_RATIO, LOWER_MARGIN_PX = 0.6, 4
+"""Level, over half of the common contrast, at which a region is outlined again before it is split, and how
+far it may then reach beyond its first outline. By hand."""
 CORE_FRACTION = 0.75
 """Pixels above this fraction of the peak of a region make its plateau. By hand."""
 WIDE_PX2 = 30.0
@@ -66,7 +64,7 @@ WEIGHT_CAP = 8.0
 decides."""
 
 
-FaintRegion = tuple[float, NDArray[np.float64], bool]
+Outlined = tuple[NDArray | float, NDArray[np.float64], bool]
 """The plateau of a region, the disks in it, and whether it is one ellipse."""
 
 
@@ -118,24 +116,19 @@ def measure_contrast(image: SignedImage) -> Contrast:
     for side in (2, 4, 8):
         coarse, noise = image.squares(side)
         floor = max(SIGNIFICANT_SIGMA * noise, 1e-6)
-        regions, runs = label_runs(coarse, floor)
-        regions, plateau, half_area = _with_plateaus(coarse, regions, runs)
+        _, runs, plateau, half_area = _with_plateaus(coarse, floor)
         clear = plateau > CLEAR_RATIO * floor
         if not clear.any():
             continue
         wide = clear & (half_area > WIDE_PX2 / 4)  # squares: those of a spot are no plateau
         if wide.any():
             values, areas = plateau[wide], half_area[wide]
-            weights = np.minimum(areas, WEIGHT_CAP * np.median(areas))
-            middle = _weighted_median(values, weights)
-            usual = np.abs(values / middle - 1.0) < ODD_RATIO - 1.0
+            middle = _weighted_median(values, np.minimum(areas, WEIGHT_CAP * np.median(areas)))
+            usual = values[np.abs(values / middle - 1.0) < ODD_RATIO - 1.0]
             middle = _core_level(coarse, runs, np.where(wide, plateau, 0.0), middle)
-            spread = float(np.std(values[usual])) if np.count_nonzero(usual) > 1 else 0.05 * middle
-            return Contrast(
-                middle,
-                resolved=True,
-                std=spread / np.sqrt(max(int(np.count_nonzero(usual)), 1)) + 0.005 * middle,
-            )
+            spread = float(np.std(usual)) if len(usual) > 1 else 0.05 * middle
+            std = spread / np.sqrt(max(len(usual), 1)) + 0.005 * middle
+            return Contrast(middle, resolved=True, std=std)
         if not spots.plateau:
             peak = quantile(plateau, 0.95)
             spots = Contrast(peak, resolved=False, std=peak * np.log(10.0) / np.sqrt(12.0))
@@ -151,8 +144,8 @@ def dark_spots(image: SignedImage, contrast: float) -> NDArray[np.float64]:
     """
     coarse, noise = image.squares(2)
     floor = max(SIGNIFICANT_SIGMA * noise, DARK_FRACTION * contrast)
-    _, _, half_area = _with_plateaus(-coarse, *label_runs(-coarse, floor))
-    return 4.0 * half_area[4.0 * half_area > SPECK_PX2]
+    area = 4.0 * _with_plateaus(-coarse, floor)[3]
+    return area[area > SPECK_PX2]
 
 
 def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candidates:
@@ -175,60 +168,51 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         )
         smooth_noise = noise / (2.0 * np.sqrt(np.pi) * blur)
     level = max(0.5 * contrast, SIGNIFICANT_SIGMA * smooth_noise)
-    regions, runs = label_runs(smooth, level)
-    regions, plateau, half_area = _with_plateaus(smooth, regions, runs)
-    bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2)
-    places, others = [np.empty((0, 3))], [np.empty((0, 2))]
-
-    def add(disks: NDArray, height: NDArray | float, *, whole: bool = False) -> None:
-        places.append(disks)
-        others.append(np.column_stack([np.broadcast_to(height, len(disks)), np.full(len(disks), whole)]))
-
+    regions, runs, plateau, half_area = _with_plateaus(smooth, level)
     faint, ragged = _faint_regions(seen, level, regions)
-    bright &= ~ragged
+    bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2) & ~ragged
     one = is_round(regions, smooth.shape) & ~bright & ~ragged
-    add(_disks_of(regions[one]), plateau[one])
+    round_ones = regions[one]
+    places = np.column_stack([round_ones["x"], round_ones["y"], np.sqrt(round_ones["area"] / np.pi)])
+    found: list[Outlined] = [(plateau[one], places, False)]
     for k in np.flatnonzero(~one & ~bright & ~ragged & (regions["area"] > SMALL_AREA_PX2)):
         disks, whole = disks_in_region(regions[k], k, runs, smooth.shape)
         lower = _whole_at_lower_level(regions[k], smooth, level) if len(disks) > 1 else None
-        add(disks if lower is None else lower, plateau[k], whole=whole or lower is not None)
+        found.append((plateau[k], disks, whole) if lower is None else (plateau[k], lower, True))
     for k in np.flatnonzero(bright):
-        for height, disks, whole in _at_own_half(regions[k], smooth, level, float(plateau[k])):
-            add(disks, height, whole=whole)
+        found += _at_own_half(regions[k], smooth, level, float(plateau[k]))
     for height, disks, whole in faint:
-        small = _small_at(height / contrast, blur) if contrast > height else 0.0
+        # the disk that the blur reduces to this fraction of its height
+        share = np.minimum(height / contrast, 0.99)
+        small = float(blur * np.sqrt(-2.0 * np.log1p(-share))) if contrast > height else 0.0
         spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + FAINT_SMOOTHING_PX**2)
         if len(disks) == 1 and disks[0, 2] < WIDER_RATIO * spot:
             disks[0, 2] = small
-            add(disks, contrast)
+            found.append((contrast, disks, False))
         else:
-            add(disks, height, whole=whole)
-    disks, other = np.vstack(places), np.vstack(others)
+            found.append((height, disks, whole))
+    disks = np.vstack([part for _, part, _ in found])
+    heights = np.concatenate([np.broadcast_to(height, len(part)) for height, part, _ in found])
+    wholes = np.concatenate([np.full(len(part), whole) for _, part, whole in found])
     order = np.argsort(-disks[:, 2], kind="stable")
     if valid is not None and len(disks):
         order = order[visible_fraction(disks[order], image.shape, valid) > LEAST_VISIBLE]
-    return Candidates(disks[order], other[order, 0], other[order, 1] > 0)
-
-
-def _small_at(height: float, blur: float) -> float:
-    """Radius of the disk that a blur reduces to a fraction of its height."""
-    return float(blur * np.sqrt(-2.0 * np.log1p(-min(height, 0.99))))
+    return Candidates(disks[order], heights[order], wholes[order])
 
 
 def _whole_at_lower_level(
     region: np.void, image: NDArray[np.float32], level: float
 ) -> NDArray[np.float64] | None:
     """The disk of a region that is one ellipse at a lower level, which mottling does not cut up, or None."""
-    margin = 4
-    top, left = max(int(region["top"]) - margin, 0), max(int(region["left"]) - margin, 0)
-    window = image[top : int(region["bottom"]) + margin + 1, left : int(region["right"]) + margin + 1]
-    own = component_at(
-        window > LOWER_RATIO * level, int(region["peak_x"]) - left, int(region["peak_y"]) - top
-    )
+    box, corner = window_of(region, LOWER_MARGIN_PX)
+    above = (image[box] > LOWER_RATIO * level).astype(np.uint8)
+    labels = cv2.connectedComponents(above, connectivity=8)[1]
+    peak = labels[int(region["peak_y"]) - box[0].start, int(region["peak_x"]) - box[1].start]
+    own = np.asarray(labels == peak).astype(np.uint8)
     if any(side.any() for side in (own[0], own[-1], own[:, 0], own[:, -1])):
         return None
     disk = as_one_contact(fill(own, find_holes(own), LARGEST_WHOLE_HOLES * own.sum()), own)
-    return None if disk is None else disk + np.array([left, top, 0.0])
+    return None if disk is None else disk + corner
 
 
 def _core_level(
@@ -278,18 +262,14 @@ def _weighted_median(values: NDArray, weights: NDArray) -> float:
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def _disks_of(regions: NDArray[np.void]) -> NDArray[np.float64]:
-    """Disks of the areas and centroids of regions."""
-    return np.column_stack([regions["x"], regions["y"], np.sqrt(regions["area"] / np.pi)])
-
-
 def _with_plateaus(
-    image: NDArray[np.float32], regions: NDArray[np.void], runs: NDArray[np.int64]
-) -> tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]]:
-    """Regions, their plateaus, and their areas above half of them (pixels of the image)."""
-    plateau, half_area = np.zeros(len(regions)), np.zeros(len(regions))
+    image: NDArray[np.float32], level: float | np.floating
+) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Regions above a level, their runs of pixels, plateaus, and areas above half of these (pixels)."""
+    regions, runs = label_runs(image, float(level))
+    plateau, half_area = np.zeros((2, len(regions)))
     _measure_plateaus(image, runs, regions["peak"].astype(np.float64), plateau, half_area)
-    return regions, plateau, half_area
+    return regions, runs, plateau, half_area
 
 
 @njit(cache=True)
@@ -312,44 +292,40 @@ def _measure_plateaus(image, runs, peak, plateau, half_area):
                 half_area[k] += 1.0
 
 
-def _at_own_half(
-    region: np.void, image: NDArray[np.float32], level: float, plateau: float
-) -> Iterator[tuple[float, NDArray[np.float64], bool]]:
+def _outlined(window: NDArray[np.float32], level: float, least: float = 0.0) -> list[Outlined]:
+    """Regions of a window above half of their plateaus that are larger than an area (px^2)."""
+    parts, runs = label_runs(window, level)
+    return [
+        (2.0 * level, *disks_in_region(parts[k], k, runs, window.shape))
+        for k in np.flatnonzero(parts["area"] > least)
+    ]
+
+
+def _at_own_half(region: np.void, image: NDArray[np.float32], level: float, plateau: float) -> list[Outlined]:
     """Disks of a bright region at half of its own plateau, and of what was beside it."""
-    top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
-    box = (slice(max(top - 1, 0), bottom + 2), slice(max(left - 1, 0), right + 2))
-    corner = np.array([box[1].start, box[0].start, 0.0])
+    box, corner = window_of(region, 1)
     window = np.ascontiguousarray(image[box])
     covered = np.zeros(window.shape, np.uint8)
-    parts, runs = label_runs(window, 0.5 * plateau)
-    for k, part in enumerate(parts):
-        disks, whole = disks_in_region(part, k, runs, window.shape)
-        yield plateau, disks + corner, whole
-        for x, y, a in disks:
-            cv2.circle(covered, (round(x), round(y)), int(np.ceil(1.15 * a + 2)), 1, cv2.FILLED)
-    rest = np.where(covered > 0, np.float32(0.0), window)
-    parts, runs = label_runs(rest, level)
-    for k, part in enumerate(parts):
-        if part["area"] > WIDE_PX2:
-            disks, whole = disks_in_region(part, k, runs, rest.shape)
-            yield 2.0 * level, disks + corner, whole
+    found = _outlined(window, 0.5 * plateau)
+    for x, y, a in np.vstack([disks for _, disks, _ in found]):
+        cv2.circle(covered, (round(x), round(y)), int(np.ceil(1.15 * a + 2)), 1, cv2.FILLED)
+    found += _outlined(np.where(covered > 0, np.float32(0.0), window), level, WIDE_PX2)
+    return [(height, disks + corner, whole) for height, disks, whole in found]
 
 
 def _faint_regions(
     seen: SignedImage, level: float, regions: NDArray[np.void]
-) -> tuple[list[FaintRegion], NDArray[np.bool_]]:
+) -> tuple[list[Outlined], NDArray[np.bool_]]:
     """Regions that stand out of the noise and contain none found before, each in a window of its own.
 
     Those found before are pieces of a region whose own plateau lies about at the level at which they were
     outlined, where they are ragged: which of them is returned too.
     """
-    ragged = np.zeros(len(regions), np.bool_)
     image, (coarse, coarse_noise) = seen.image, seen.squares(2)
     floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
     if not floor < level:
-        return [], ragged
-    support, runs = label_runs(coarse, float(floor))
-    support, plateau, half_area = _with_plateaus(coarse, support, runs)
+        return [], np.zeros(len(regions), np.bool_)
+    support, runs, plateau, half_area = _with_plateaus(coarse, floor)
     # a few pixels of noise on a faint plateau reach the level as well
     where = component_of_pixels(runs, regions["peak_x"] // 2, regions["peak_y"] // 2)
     outlined = (where >= 0) & (regions["area"] > SMALL_AREA_PX2)
@@ -358,15 +334,11 @@ def _faint_regions(
     taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * 4.0 * half_area))
     light = support["flux"] * 4.0 > LIGHT_SIGMA * 2.0 * coarse_noise * np.sqrt(support["area"] * 4.0)
     shown = light & ~taken & (half_area * 4.0 > WIDE_PX2)
-    ragged[where >= 0] = shown[where[where >= 0]]
-    found: list[FaintRegion] = []
+    found: list[Outlined] = []
     for k in np.flatnonzero(shown):
-        top, left = max(2 * int(support[k]["top"]) - 2, 0), max(2 * int(support[k]["left"]) - 2, 0)
-        box = (slice(top, 2 * int(support[k]["bottom"]) + 4), slice(left, 2 * int(support[k]["right"]) + 4))
-        blurred = cv2.GaussianBlur(image[box], (0, 0), FAINT_SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
-        window = np.asarray(blurred, np.float32)
-        parts, pieces = label_runs(window, 0.5 * float(plateau[k]))
-        for i in np.flatnonzero(parts["area"] > 0.5 * WIDE_PX2):
-            disks, whole = disks_in_region(parts[i], i, pieces, window.shape)
-            found.append((float(plateau[k]), disks + np.array([left, top, 0.0]), whole))
-    return found, ragged
+        box, corner = window_of(support[k], 1)
+        part = image[tuple(slice(2 * side.start, 2 * side.stop) for side in box)]
+        blurred = cv2.GaussianBlur(part, (0, 0), FAINT_SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
+        faint = _outlined(np.asarray(blurred, np.float32), 0.5 * float(plateau[k]), 0.5 * WIDE_PX2)
+        found += [(height, disks + 2.0 * corner, whole) for height, disks, whole in faint]
+    return found, np.append(shown, False)[where]

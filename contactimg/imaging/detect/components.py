@@ -60,8 +60,7 @@ def label_components(image: NDArray[np.float32], level: float, *, marks: Mask = 
     >>> [(int(c["area"]), float(c["flux"])) for c in found]
     [(2, 5.0), (1, 4.0)]
     """
-    components, _ = label_runs(image, level, marks=marks)
-    return components
+    return label_runs(image, level, marks=marks)[0]
 
 
 def label_runs(
@@ -81,6 +80,28 @@ def label_runs(
     components = empty_components(_number(runs), image.shape)
     _measure(image, runs, for_kernel(marks), components)
     return components, runs
+
+
+def window_of(component: np.void, margin: int = 0) -> tuple[tuple[slice, slice], NDArray[np.float64]]:
+    """Rows and columns of a component with a margin around it, and x, y and 0 of their first pixel.
+
+    Examples
+    --------
+    >>> (only,) = label_components(np.array([[0, 0, 0], [0, 0, 3]], np.float32), 1.0)
+    >>> window_of(only, 1)
+    ((slice(0, 3, None), slice(1, 4, None)), array([1., 0., 0.]))
+    """
+    rows, columns = (
+        slice(max(int(component[first]) - margin, 0), int(component[last]) + margin + 1)
+        for first, last in (("top", "bottom"), ("left", "right"))
+    )
+    return (rows, columns), np.array([columns.start, rows.start, 0.0])
+
+
+def sides_cut(component: np.void, shape: tuple[int, ...]) -> tuple[bool, bool, bool, bool]:
+    """Whether a component touches the top, bottom, left and right of an image of this shape."""
+    top, bottom, left, right = (int(component[name]) for name in ("top", "bottom", "left", "right"))
+    return top == 0, bottom == shape[0] - 1, left == 0, right == shape[1] - 1
 
 
 def mask_of_component(
@@ -280,16 +301,7 @@ def _add_run(c, y, first, last):
 @njit(cache=True)
 def add_pixel(c, x, y, value, marked):
     """Add one pixel to the sums of a component."""
-    c["area"] += 1
-    c["x"] += x
-    c["y"] += y
-    c["moment"] += float(x * x + y * y)
-    c["xx"] += float(x * x)
-    c["xy"] += float(x * y)
-    c["left"] = min(c["left"], x)
-    c["right"] = max(c["right"], x)
-    c["top"] = min(c["top"], y)
-    c["bottom"] = max(c["bottom"], y)
+    _add_run(c, y, x, x)
     c["flux"] += value
     if value > c["peak"]:
         c["peak"], c["peak_x"], c["peak_y"] = value, x, y

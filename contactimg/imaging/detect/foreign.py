@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_components
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
-from contactimg.imaging.pixels.blocks import SignedImage
+from contactimg.imaging.pixels.blocks import SignedImage, to_pixels
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.limits import SQUARE_PX
 from contactimg.tables import Reason
@@ -92,8 +92,9 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     image, (squares, _) = seen.image, seen.squares(SQUARE_PX)
     level = max(LEVEL_FRACTION * plateau, FALSE_ALARM_SIGMA * seen.noise / SQUARE_PX)
     components = label_components(squares, level)
-    sprawling = _squared_diagonal(components)[_sprawls(components)]
-    if not (sprawling > SHORTEST_LINE**2).any():
+    width = components["right"] - components["left"] + 1.0
+    diagonal = width**2 + (components["bottom"] - components["top"] + 1.0) ** 2  # squared
+    if not (diagonal > np.maximum(SPRAWL * components["area"], SHORTEST_LINE**2)).any():
         return NONE
     bars = label_regions(squares > level)
     ridges = bars.long & (bars.half_width > 0.5 * LINE_WIDTH_PX / SQUARE_PX)
@@ -102,10 +103,7 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     possible = np.flatnonzero(bars.long & ~ridges)
     long = possible[[_stays_long(squares, bars.labels == k) for k in possible]]
     bar = np.isin(bars.labels, long)
-    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1,) * 2)
-    wide = np.asarray(cv2.dilate(bar.astype(np.uint8), around), np.uint8)
-    wide = wide.repeat(SQUARE_PX, axis=0).repeat(SQUARE_PX, axis=1)
-    mask = np.array(wide[: image.shape[0], : image.shape[1]])
+    mask = to_pixels(_widened(bar, MARGIN), image.shape, side=SQUARE_PX)
     lines = _lines(np.where(mask > 0, np.float32(0.0), image), (squares > level) & ~bar, level)
     slender = np.where(lines.area > SQUARE_PX**2 * SMALLEST_LINE, lines.length / lines.half_width, 0.0)
     # contacts cut a line into pieces
@@ -115,19 +113,21 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     if not len(long) + len(line):
         return NONE
     if len(line):
-        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * SQUARE_PX * MARGIN + 1,) * 2)
-        wide = np.asarray(cv2.dilate(np.isin(lines.labels, line).astype(np.uint8), around), np.uint8)
-        mask = np.maximum(mask, wide)
+        mask = np.maximum(mask, _widened(np.isin(lines.labels, line), SQUARE_PX * MARGIN))
     middle = 0.5 * (SQUARE_PX - 1)
-    return Foreign(
-        {
-            "x_px": np.concatenate([SQUARE_PX * bars.x[long] + middle, lines.x[line]]),
-            "y_px": np.concatenate([SQUARE_PX * bars.y[long] + middle, lines.y[line]]),
-            "radius_px": np.sqrt(np.concatenate([SQUARE_PX**2 * bars.area[long], lines.area[line]]) / np.pi),
-            "reason": np.full(len(long) + len(line), Reason.LONG.value, object),
-        },
-        mask,
-    )
+    rejected = {
+        "x_px": np.append(SQUARE_PX * bars.x[long] + middle, lines.x[line]),
+        "y_px": np.append(SQUARE_PX * bars.y[long] + middle, lines.y[line]),
+        "radius_px": np.sqrt(np.append(SQUARE_PX**2 * bars.area[long], lines.area[line]) / np.pi),
+        "reason": np.full(len(long) + len(line), Reason.LONG.value, object),
+    }
+    return Foreign(rejected, mask)
+
+
+def _widened(mask: NDArray[np.bool_], margin: int) -> NDArray[np.uint8]:
+    """The pixels of a mask and those up to a margin from them."""
+    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1,) * 2)
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), disk), np.uint8)
 
 
 def _at_own_half(image: NDArray[np.float32], own: NDArray[np.bool_]) -> tuple[NDArray, NDArray[np.bool_]]:
@@ -166,18 +166,6 @@ def _thin_parts(mask: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
     """The parts of a mask into which no disk of a width fits."""
     disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
     return mask & (1 - np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, disk), np.uint8))
-
-
-def _squared_diagonal(components: NDArray[np.void]) -> NDArray[np.float64]:
-    """Squared diagonal of the bounding boxes."""
-    width = components["right"] - components["left"] + 1.0
-    height = components["bottom"] - components["top"] + 1.0
-    return np.asarray(width**2 + height**2)
-
-
-def _sprawls(components: NDArray[np.void]) -> NDArray[np.bool_]:
-    """The components that are no disk and no pair of disks."""
-    return np.asarray(_squared_diagonal(components) > SPRAWL * components["area"])
 
 
 NONE = Foreign({name: np.empty(0) for name in ("x_px", "y_px", "radius_px", "reason")}, None)

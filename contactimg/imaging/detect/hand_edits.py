@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 REACH_PX = 2.0
 """A contact is meant by a point in it, or within this distance of its centre. Chosen: a hand on a mouse."""
+ACTIONS = ("exclude", "add", "split", "merge")
+"""What can be done to contacts by hand."""
 MOMENT_RADII = 1.3
 """Radius over that of the disk within which the long axis of its light is sought. Chosen by hand."""
 
@@ -77,11 +79,9 @@ class EditedDisks:
         lost = set(np.flatnonzero(self.new).tolist()) - set(kept.tolist())
         return [edit for row, edit in enumerate(self.origin) if row in lost and edit is not None]
 
-    def replace_disks(
-        self, old: Sequence[int] | NDArray[np.intp], new: NDArray[np.float64], edit: HandEdit
-    ) -> None:
+    def replace_disks(self, old: Sequence[int], new: NDArray[np.float64], edit: HandEdit) -> None:
         """Remove disks and append others."""
-        kept = np.setdiff1d(np.arange(len(self.places)), np.asarray(old, int))
+        kept = np.delete(np.arange(len(self.places)), old)
         self.places = np.vstack([self.places[kept], new])
         self.source = np.concatenate([self.source[kept], np.full(len(new), -1)])
         self.excluded = np.concatenate([self.excluded[kept], np.zeros(len(new), np.bool_)])
@@ -111,56 +111,39 @@ def edit_disks(
     count = len(places)
     disks = EditedDisks(np.array(places, float), np.arange(count), np.zeros(count, np.bool_), [None] * count)
     for edit in edits:
-        if not _ACTIONS[edit.action](disks, edit, image):
+        change = _change(disks, edit, image)
+        if change is None:
             disks.unmatched.append(edit)
+        elif edit.action == "exclude" and disks.source[change[0][0]] >= 0:
+            disks.excluded[change[0]] = True
+        else:
+            disks.replace_disks(*change, edit)
     return disks
 
 
-def _exclude(disks: EditedDisks, edit: HandEdit, _image: NDArray) -> bool:
-    row = disks.find(edit.x, edit.y)
-    if row is None:
-        return False
-    if disks.source[row] < 0:
-        disks.replace_disks([row], np.empty((0, 3)), edit)
-    else:
-        disks.excluded[row] = True
-    return True
-
-
-def _add(disks: EditedDisks, edit: HandEdit, _image: NDArray) -> bool:
-    # a contact drawn in the place of an excluded one explains its light instead of it
-    distance = np.hypot(disks.places[:, 0] - edit.x, disks.places[:, 1] - edit.y)
-    covered = disks.excluded & (distance < np.maximum(disks.places[:, 2], edit.radius))
-    disks.replace_disks(np.flatnonzero(covered), np.array([[edit.x, edit.y, edit.radius]]), edit)
-    return True
-
-
-def _split(disks: EditedDisks, edit: HandEdit, image: NDArray) -> bool:
-    row = disks.find(edit.x, edit.y)
-    if row is None:
-        return False
-    x, y, radius = disks.places[row]
-    points = np.array(edit.points) if len(edit.points) > 1 else _halves(x, y, radius, image)
-    parts = np.column_stack([points, np.full(len(points), radius / np.sqrt(len(points)))])
-    disks.replace_disks([row], parts, edit)
-    return True
-
-
-def _merge(disks: EditedDisks, edit: HandEdit, _image: NDArray) -> bool:
-    found = [disks.find(x, y) for x, y in edit.points]
+def _change(
+    disks: EditedDisks, edit: HandEdit, image: NDArray[np.float32]
+) -> tuple[list[int], NDArray[np.float64]] | None:
+    """Rows of the disks that a correction means, and the disks in their place; None if it meets none."""
+    if edit.action == "add":
+        # a contact drawn in the place of an excluded one explains its light instead of it
+        distance = np.hypot(disks.places[:, 0] - edit.x, disks.places[:, 1] - edit.y)
+        covered = disks.excluded & (distance < np.maximum(disks.places[:, 2], edit.radius))
+        return np.flatnonzero(covered).tolist(), np.array([[edit.x, edit.y, edit.radius]])
+    merged = edit.action == "merge"
+    found = [disks.find(x, y) for x, y in (edit.points if merged else [(edit.x, edit.y)])]
     rows = sorted({row for row in found if row is not None})
-    if None in found or len(rows) < 2:
-        return False
-    parts = disks.places[rows]
-    area = parts[:, 2] ** 2
-    whole = np.append(area @ parts[:, :2] / area.sum(), np.sqrt(area.sum()))
-    disks.replace_disks(rows, whole[None], edit)
-    return True
-
-
-_ACTIONS = {"exclude": _exclude, "add": _add, "split": _split, "merge": _merge}
-ACTIONS = tuple(_ACTIONS)
-"""What can be done to contacts by hand."""
+    if None in found or len(rows) < 1 + merged:
+        return None
+    if edit.action == "exclude":
+        return rows, np.empty((0, 3))
+    if merged:
+        parts = disks.places[rows]
+        area = parts[:, 2] ** 2
+        return rows, np.append(area @ parts[:, :2] / area.sum(), np.sqrt(area.sum()))[None]
+    x, y, radius = disks.places[rows[0]]
+    points = np.array(edit.points) if len(edit.points) > 1 else _halves(x, y, radius, image)
+    return rows, np.column_stack([points, np.full(len(points), radius / np.sqrt(len(points)))])
 
 
 def _halves(x: float, y: float, radius: float, image: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -174,8 +157,7 @@ def _halves(x: float, y: float, radius: float, image: NDArray[np.float32]) -> ND
     moments = [float((light * product).sum()) for product in (dx * dx, dx * dy, dy * dy)]
     angle = 0.5 * np.arctan2(2 * moments[1], moments[0] - moments[2])
     step = 0.5 * radius * np.array([np.cos(angle), np.sin(angle)])
-    centre = np.array([x, y])
-    return np.array([centre - step, centre + step])
+    return np.array([x, y]) + np.array([-step, step])
 
 
 def remark_on(unmatched: Sequence[HandEdit]) -> str:

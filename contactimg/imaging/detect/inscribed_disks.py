@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import lengthened, njit
-from contactimg.imaging.detect.components import mask_of_component
+from contactimg.imaging.detect.components import mask_of_component, sides_cut, window_of
 
 SMALLEST_INSCRIBED = 2.0
 """Least radius of a disk inscribed in a region, px: below, noise at the rim makes as large ones. By hand."""
@@ -74,11 +74,10 @@ def disks_in_region(
     Holes that are small against the region, which noise or mottling makes, are filled. A region that is an
     ellipse, or nearly one and convex, when all its holes are is one contact, the disk of its area.
     """
-    top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
-    own = mask_of_component(runs, number, (top, left), (bottom - top + 1, right - left + 1))
-    cut = (top == 0, bottom == shape[0] - 1, left == 0, right == shape[1] - 1)
-    corner = np.array([left, top, 0.0])
-    disks, whole = disks_in_mask(own, cut)
+    (rows, columns), corner = window_of(region)
+    size = rows.stop - rows.start, columns.stop - columns.start
+    own = mask_of_component(runs, number, (rows.start, columns.start), size)
+    disks, whole = disks_in_mask(own, sides_cut(region, shape))
     if not len(disks):
         disks = np.array([[region["x"], region["y"], np.sqrt(region["area"] / np.pi)]]) - corner
     return disks + corner, whole
@@ -98,12 +97,6 @@ def disks_in_mask(own: NDArray[np.uint8], cut: tuple[bool, ...]) -> tuple[NDArra
         widest = float(cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_5).max())
         own = fill(own, holes, LARGEST_HOLE_SHARE * np.pi * widest**2)
     return inscribed_in(own, cut), False
-
-
-def component_at(above: NDArray[np.bool_], x: int, y: int) -> NDArray[np.uint8]:
-    """The pixels of a mask that are connected with one of them by sides and corners."""
-    labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)[1]
-    return np.asarray(labels == labels[y, x]).astype(np.uint8)
 
 
 def as_one_contact(
@@ -184,11 +177,7 @@ def _summits(distance, smallest):
             top = True
             for j in range(max(y - 1, 0), min(y + 2, rows)):
                 for i in range(max(x - 1, 0), min(x + 2, columns)):
-                    if distance[j, i] > d:
-                        top = False
-                        break
-                if not top:
-                    break
+                    top &= distance[j, i] <= d
             if not top:
                 continue
             if count == len(out):
@@ -204,14 +193,12 @@ def _select(summits):
     """Choose disks that do not lie inside one another, largest first."""
     kept, count = np.empty(summits.shape), 0
     for x, y, r in summits:
-        free = True
         for k in range(count):
             dx, dy = x - kept[k, 0], y - kept[k, 1]
             limit = kept[k, 2] + (1.0 - PENETRATION) * r
             if dx * dx + dy * dy < limit * limit:
-                free = False
                 break
-        if free:
+        else:
             kept[count, 0], kept[count, 1], kept[count, 2] = x, y, r
             count += 1
     return kept[:count]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe
 
-from contactimg.imaging.detect.components import component_of_pixels, label_runs, mask_of_component
+from contactimg.imaging.detect.components import component_of_pixels, label_runs, mask_of_component, window_of
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.inscribed_disks import (
     CONVEX_SHARE,
@@ -269,12 +269,10 @@ def _join_parts(
         several = len(rows) > 2 and area.max() < LARGEST_PART * region["area"]
         if not (poor or several):
             continue
-        top, left = int(region["top"]), int(region["left"])
-        shape = int(region["bottom"]) + 1 - top, int(region["right"]) + 1 - left
-        mask, drawn = mask_of_component(runs, k, (top, left), shape), np.zeros(shape, np.bool_)
-        for row in rows:
-            i, j = np.arange(shape[1]) + left - x[row], np.arange(shape[0])[:, None] + top - y[row]
-            drawn |= np.hypot(i, j) < a[row]
+        box, _ = window_of(region)
+        j, i = np.ogrid[box]
+        mask = mask_of_component(runs, k, (box[0].start, box[1].start), (len(j), i.size))
+        drawn = np.any([np.hypot(i - x[row], j - y[row]) < a[row] for row in rows], axis=0)
         # speckles are no outline, the gaps of a packing are
         filled = fill(mask, find_holes(mask), LARGEST_HOLE_SHARE * float(area.max()))
         apart = np.count_nonzero(drawn != (filled > 0)) / float(region["area"])
