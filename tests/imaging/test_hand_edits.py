@@ -7,6 +7,7 @@ from contact_frames import Optics, match, render
 
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.measure import measure_image
+from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.tables import Flag, Reason
 
 METHODS = pytest.mark.parametrize("method", ["disk", "threshold"])
@@ -76,3 +77,16 @@ def test_edits_that_meet_nothing_are_named(pair, method):
     result = edited(pair, method, HandEdit("exclude", 7, 200.0, 140.0))
     assert "these edits match no contact: row 7 (exclude at (200, 140))" in result.message
     assert len(match(TRUTH, result.disks)) == len(TRUTH)
+
+
+def test_a_contact_drawn_where_nothing_is_counted_is_named():
+    blank = np.random.default_rng(3).normal(100, 2, (60, 80)).clip(0, 255).astype(np.uint8)
+    result = measure_image(
+        blank,
+        np.full_like(blank, 100),
+        method="threshold",
+        optics=SharedOptics(60.0, 2.0),
+        edits=[HandEdit("add", 1, 30.0, 30.0, 5.0)],
+    )
+    assert len(result.disks) == 0
+    assert "these edits match no contact: row 1 (add at (30, 30))" in result.message

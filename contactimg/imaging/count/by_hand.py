@@ -1,7 +1,6 @@
 """Corrections by hand in the pixel count: the pixels around a changed contact are shared out anew."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
@@ -39,23 +38,16 @@ def edit_counts(
         for row in np.flatnonzero(edited.new).tolist():
             edited.places[row] = _count_around(edited.places, row, labels, boxes)
     filled = edited.places[:, 2] > 0
-    flags = np.append(contacts["flags"], int(Flag.MANUAL))[edited.source]  # -1 takes the last
     kept = ~edited.excluded & filled
-    after = dict(zip(PLACE, edited.places[kept].T, strict=True)) | {"flags": flags[kept].astype(np.int64)}
-    after |= _shapes_of(contacts, edited.source[kept], after["radius_px"])
+    source, radius = edited.source[kept], edited.places[kept, 2]
+    disk = {"shape": "disk", "semi_major_px": radius, "semi_minor_px": radius, "flags": int(Flag.MANUAL)}
+    after = {  # each from its row before; those drawn by hand (-1) are disks
+        name: np.where(source < 0, disk.get(name, np.nan), np.resize(values, len(values) + 1)[source])
+        for name, values in contacts.items()
+    } | dict(zip(PLACE, edited.places[kept].T, strict=True))
     excluded = dict(zip(PLACE, edited.places[edited.excluded].T, strict=True))
     excluded["reason"] = np.full(int(edited.excluded.sum()), Reason.BY_HAND)
     return after, excluded, edited.unmatched + edited.vanished(np.flatnonzero(filled))
-
-
-def _shapes_of(contacts: Columns, source: NDArray[np.intp], radius: NDArray[np.float64]) -> Columns:
-    """The further columns of contacts, each from its row before; of those drawn by hand (-1) a disk's."""
-    by_hand: dict[str, Any] = {"shape": "disk", "semi_major_px": radius, "semi_minor_px": radius}
-    return {
-        name: np.where(source < 0, by_hand.get(name, np.nan), np.append(values, values[:1])[source])
-        for name, values in contacts.items()
-        if name not in (*PLACE, "flags") and len(values)
-    }
 
 
 def _count_around(
