@@ -74,9 +74,7 @@ class EdgeSamples:
     Parameters
     ----------
     circle : Circle
-        The rough one.
-    outline_px : float
-        Radius of the outline at half contrast, film included.
+        The rough one; its radius is that of the outline at half contrast, film included.
     azimuth, distance, value, weight : ndarray, shape (n,)
         Of each sample: direction from the centre of the rough circle (rad), distance from it (px), mean grey
         level, and inverse standard deviation.
@@ -85,7 +83,6 @@ class EdgeSamples:
     """
 
     circle: Circle
-    outline_px: float
     azimuth: Values
     distance: Values
     value: Values
@@ -128,9 +125,13 @@ def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
     >>> round(found.x_px), round(found.y_px), bool(abs(found.radius_px - 30) < 1)
     (60, 42, True)
     """
-    if not plateau > 0:
+    # closes holes and specks; an outline within two blurs of the border of the image is the border. By hand
+    smooth = cv2.GaussianBlur(image, (0, 0), DEFAULT_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
+    mask = (smooth > 0.5 * plateau).astype(np.uint8)
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not (plateau > 0 and outlines):
         raise FrameError("nothing stands out of the noise")
-    outline = _outline(image, 0.5 * plateau)
+    outline = max(outlines, key=cv2.contourArea)[:, 0, :].astype(float)
     rows, columns = image.shape
     margin = 2.0 * DEFAULT_BLUR_PX
     inside = (outline >= margin) & (outline < np.array([columns, rows]) - margin)
@@ -148,17 +149,6 @@ def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
     if scatter > LARGEST_SCATTER * radius:
         raise FrameError(f"the outline is no circle: its radius scatters by {scatter / radius:.0%}")
     return Circle(x, y, radius, arc=visible)
-
-
-def _outline(image: NDArray[np.float32], level: float) -> Values:
-    """Outer outline (x, y) of the largest region above a level after a Gaussian filter."""
-    # closes holes and specks; an outline within two blurs of the border of the image is the border. By hand
-    smooth = cv2.GaussianBlur(image, (0, 0), DEFAULT_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
-    mask = (smooth > level).astype(np.uint8)
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    if not contours:
-        raise FrameError("nothing stands out of the noise")
-    return max(contours, key=cv2.contourArea)[:, 0, :].astype(float)
 
 
 def _circle_through(points: Values) -> tuple[float, float, float]:
@@ -226,8 +216,9 @@ def sample_edge(
     near_edge = np.abs(low + (np.arange(rings) + 0.5) * RING_PX - circle.radius_px) < min(4.0, inside_px)
     whole = (count.reshape(SECTORS, rings)[:, near_edge] > 0).mean(axis=1) > 0.75
     kept = np.flatnonzero((count > 0) & np.repeat(whole, rings))
-    mean = (np.bincount(cell, weights, SECTORS * rings)[kept] / count[kept] for weights in (r, part[used]))
-    distance_mean, value = mean
+    distance, value = (
+        np.bincount(cell, weights, SECTORS * rings)[kept] / count[kept] for weights in (r, part[used])
+    )
     middle = (kept // rings + 0.5) / SECTORS * 2 * np.pi - np.pi
     weight = np.sqrt(count[kept]) / max(noise, 1e-3 * float(np.ptp(value)) if len(value) else 1.0, 1e-9)
-    return EdgeSamples(circle, circle.radius_px, middle, distance_mean, value, weight, kept // rings)
+    return EdgeSamples(circle, middle, distance, value, weight, kept // rings)

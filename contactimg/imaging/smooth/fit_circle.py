@@ -21,13 +21,7 @@ from contactimg.imaging.background.illumination import NEGLIGIBLE
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.smooth.find_circle import (
-    RING_PX,
-    SECTORS,
-    SHORTEST_ARC,
-    Circle,
-    EdgeSamples,
-)
+from contactimg.imaging.smooth.find_circle import RING_PX, SECTORS, SHORTEST_ARC, Circle, EdgeSamples
 from contactimg.optics.film import ExcessTable
 from contactimg.optics.wide_edge import EdgeLight, edge_light
 
@@ -71,12 +65,8 @@ class EdgeModel:
 
     def light(self, radius_px: float, opening: float) -> EdgeLight:
         """Light across the edge of a contact."""
-        return edge_light(
-            radius_px * self.pixel_size,
-            sphere_radius=self.sphere_radius,
-            opening=opening,
-            excess=self.excess,
-        )
+        radius = radius_px * self.pixel_size
+        return edge_light(radius, sphere_radius=self.sphere_radius, opening=opening, excess=self.excess)
 
     def film_px(self, radius_px: float) -> float:
         """Width of the film's fringes without adhesion, at most."""
@@ -95,9 +85,8 @@ class _Line:
         reach = light.reach / pixel_size
         count = fft.next_fast_len(int((reach + 2 * WIDEST_FILM_PX) / LINE_STEP_PX), real=True)
         means = light.film_means(-WIDEST_FILM_PX * pixel_size, LINE_STEP_PX * pixel_size, count)
-        return cls(
-            np.asarray((np.arange(count) + 0.5) * LINE_STEP_PX - WIDEST_FILM_PX, float), fft.rfft(means)
-        )
+        grid = np.asarray((np.arange(count) + 0.5) * LINE_STEP_PX - WIDEST_FILM_PX, float)
+        return cls(grid, fft.rfft(means))
 
     def blurred(self, outside: Values, blur: float) -> Values:
         """Light at distances outside the edge, px: a blurred step and the blurred film."""
@@ -110,10 +99,8 @@ class _Line:
 @lru_cache(maxsize=4)  # derivatives by most numbers of an edge leave its blur and that of its halo unchanged
 def _blurred_film(line: _Line, blur: float) -> Values:
     """The light of the film on the grid of the line."""
-    frequency = fft.rfftfreq(len(line.grid), LINE_STEP_PX)
-    return np.asarray(
-        fft.irfft(line.spectrum * np.exp(-2 * (np.pi * blur * frequency) ** 2), len(line.grid)), float
-    )
+    damping = np.exp(-2 * (np.pi * blur * fft.rfftfreq(len(line.grid), LINE_STEP_PX)) ** 2)
+    return np.asarray(fft.irfft(line.spectrum * damping, len(line.grid)), float)
 
 
 def fit_circle(
@@ -160,7 +147,7 @@ def fit_circle(
             offsets, azimuths, numbers = offsets[near], azimuths[near], numbers[near]
             if near.all():
                 break
-    return _with_uncertainty(_fitted_circle(samples.circle, start, misfit), offsets, azimuths)
+    return _fitted_circle(samples.circle, start, misfit, offsets, azimuths)
 
 
 def _start(
@@ -171,7 +158,12 @@ def _start(
     if not high > low:
         raise FrameError("the light is the same on both sides of the contact's edge")
     blur = float(np.hypot(DEFAULT_BLUR_PX if blur_px is None else blur_px, PIXEL_VARIANCE**0.5))
-    line, radius = _film_about(samples.outline_px, model, opening, blur)
+    radius = samples.circle.radius_px
+    for _ in range(2):  # a radius 5 % too large makes a gap 2 % too wide, and that a radius good to 0.1 %
+        line = _Line.of(model.light(radius, opening), model.pixel_size)
+        grid = line.grid[line.grid > -3 * blur]
+        half = grid[(line.blurred(grid, blur) < 0.5).argmax()]
+        radius = samples.circle.radius_px - float(half)
     return line, np.array([0.0, 0.0, radius, 0.0, 0.0, high - low, low, blur, *HALO_START])
 
 
@@ -193,16 +185,9 @@ def _fit(
         return samples.weight * (_profile(_outside(samples, p), p, line) - samples.value)
 
     fit = optimize.least_squares(
-        residuals,
-        start[free],
-        bounds=(low[free], high[free]),
-        loss=loss,
-        f_scale=CLIP_SIGMA,
-        x_scale=scale[free],
-        xtol=1e-7,
-        ftol=1e-7,
-        max_nfev=50,
-    )
+        residuals, start[free], bounds=(low[free], high[free]), loss=loss, f_scale=CLIP_SIGMA,
+        x_scale=scale[free], xtol=1e-7, ftol=1e-7, max_nfev=50,
+    )  # fmt: skip
     p = start.copy()
     p[free] = fit.x
     return p, float(np.sqrt(2 * fit.cost / max(len(samples.value) - len(free), 1)))
@@ -211,31 +196,6 @@ def _fit(
 def _outside(samples: EdgeSamples, p: Values) -> Values:
     """Distances of samples outside the fitted edge, px."""
     return samples.distance - p[:5] @ samples.waves
-
-
-def _fitted_circle(rough: Circle, p: Values, misfit: float) -> Circle:
-    """The circle of the fitted numbers, which are relative to the centre of the rough one."""
-    return replace(
-        rough,
-        x_px=rough.x_px + float(p[0]),
-        y_px=rough.y_px + float(p[1]),
-        radius_px=float(p[2]),
-        ellipse_px=(float(p[3]), float(p[4])),
-        contrast=float(p[5]),
-        background=float(p[6]),
-        blur_px=float(np.sqrt(max(p[7] ** 2 - PIXEL_VARIANCE, 0.0))),
-        misfit=misfit,
-    )
-
-
-def _film_about(outline_px: float, model: EdgeModel, opening: float, blur: float) -> tuple[_Line, float]:
-    """The film's light and the radius of the contact whose outline at half contrast is given, px."""
-    radius = outline_px
-    for _ in range(2):  # a radius 5 % too large makes a gap 2 % too wide, and that a radius good to 0.1 %
-        line = _Line.of(model.light(radius, opening), model.pixel_size)
-        grid = line.grid[line.grid > -3 * blur]
-        radius = outline_px - float(grid[(line.blurred(grid, blur) < 0.5).argmax()])
-    return line, radius
 
 
 def _profile(outside: Values, p: Values, line: _Line) -> Values:
@@ -258,9 +218,8 @@ def _sector_offsets(samples: EdgeSamples, p: Values, line: _Line) -> tuple[Value
     outside = _outside(samples, p)
     rest = samples.weight * (samples.value - _profile(outside, p, line))
     step = 0.1 * p[7]
-    fall = (_profile(outside - step, p, line) - _profile(outside + step, p, line)) * (
-        samples.weight / (2 * step)
-    )
+    fall = _profile(outside - step, p, line) - _profile(outside + step, p, line)
+    fall *= samples.weight / (2 * step)
     trust = 1 / (1 + (rest / CLIP_SIGMA) ** 2)
     numbers, inverse = np.unique(samples.sector, return_inverse=True)
     slope = np.bincount(inverse, trust * fall**2)
@@ -270,8 +229,11 @@ def _sector_offsets(samples: EdgeSamples, p: Values, line: _Line) -> tuple[Value
     return offset, azimuth, numbers[shown]
 
 
-def _with_uncertainty(found: Circle, offsets: Values, azimuths: Values) -> Circle:
-    """The circle with the uncertainties that the scatter of its sectors implies."""
+def _fitted_circle(rough: Circle, p: Values, misfit: float, offsets: Values, azimuths: Values) -> Circle:
+    """The circle of the fitted numbers, with the uncertainties that the scatter of its sectors implies.
+
+    The numbers are relative to the centre of the rough circle.
+    """
     waves = [f(k * azimuths) for k in (1, 2) for f in (np.cos, np.sin)]
     arc = len(offsets) / SECTORS
     whole = arc > ELLIPSE_ARC
@@ -279,10 +241,22 @@ def _with_uncertainty(found: Circle, offsets: Values, azimuths: Values) -> Circl
     numbers = np.linalg.lstsq(design, offsets, rcond=None)[0]
     rest = offsets - design @ numbers
     variance = float(rest @ rest) / max(len(rest) - len(numbers), 1)
-    stds = np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
-    ellipse = {"ellipse_std_px": float(max(stds[3:]))} if whole else {"ellipse_px": (np.nan, np.nan)}
-    radius_std, centre_std = float(stds[0]), float(max(stds[1:3]))
-    return replace(found, radius_std_px=radius_std, centre_std_px=centre_std, arc=arc, **ellipse)
+    stds = np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design))).tolist()
+    x, y, radius, along, across, contrast, background, blur = p[:8].tolist()
+    return Circle(
+        rough.x_px + x,
+        rough.y_px + y,
+        radius,
+        radius_std_px=stds[0],
+        centre_std_px=max(stds[1:3]),
+        contrast=contrast,
+        background=background,
+        blur_px=float(np.sqrt(max(blur**2 - PIXEL_VARIANCE, 0.0))),
+        arc=arc,
+        misfit=misfit,
+        ellipse_px=(along, across) if whole else (np.nan, np.nan),
+        ellipse_std_px=max(stds[3:]) if whole else np.inf,
+    )
 
 
 @dataclass(frozen=True)
@@ -333,7 +307,10 @@ def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> Opening:
             chi_square += misfit**2 * len(one.value)
         return chi_square
 
-    scale = _natural_opening(means[0].circle.radius_px * model.pixel_size, model)
+    # adhesion contributes as much as curvature where the gap is a quarter wave
+    gap, radius = model.excess.light.wavelength / 4, means[0].circle.radius_px * model.pixel_size
+    curved = 8 * np.sqrt(2 * radius) / (3 * np.pi * model.sphere_radius)  # g = curved x^{3/2}
+    scale = float(gap / 2 / (2 / np.pi * np.sqrt(2) * np.sqrt((gap / 2 / curved) ** (2 / 3))))
     logs = np.linspace(*SCAN_OCTAVES)
     best = int(np.argmin([cost(scale * 2.0**k, means[:1]) for k in logs]))
     bracket = (logs[max(best - 1, 0)], logs[min(best + 1, len(logs) - 1)])
@@ -368,10 +345,3 @@ def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
         weight=1 / np.maximum(error, NEGLIGIBLE * float(np.ptp(means["value"]))),
         sector=np.zeros(len(error), np.intp),
     )
-
-
-def _natural_opening(radius: float, model: EdgeModel) -> float:
-    """Opening at which adhesion contributes as much as curvature where the gap is a quarter wave."""
-    gap = model.excess.light.wavelength / 4
-    curved = 8 * np.sqrt(2 * radius) / (3 * np.pi * model.sphere_radius)  # g = curved x^{3/2}
-    return float(gap / 2 / (2 / np.pi * np.sqrt(2) * np.sqrt((gap / 2 / curved) ** (2 / 3))))
