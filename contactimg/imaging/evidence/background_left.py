@@ -76,47 +76,35 @@ def inspect_background(
         Grey levels.
     """
     places = disks + np.array([0.0, 0.0, reach_px])
-    side = BLOCK
-    means, free, seen = _free_blocks(image, valid, places, side)
-    if np.count_nonzero(free) < LEAST_FREE_BLOCKS * seen:
-        side = SQUARE_PX
-        means, free, seen = _free_blocks(image, valid, places, side)
+    for side in (BLOCK, SQUARE_PX):
+        means = block_means(image, valid, side=side)
+        free = np.isfinite(means).astype(np.uint8)
+        if valid is not None:
+            free &= (block_means(valid.astype(np.float32), side=side) == 1.0).astype(np.uint8)
+        seen = max(int(np.count_nonzero(free)), 1)
+        # the centre of a block is half a block from its first pixel, half a diagonal from its corners
+        reach = places + np.array([0.5, 0.5, side / np.sqrt(2.0)])
+        clear_disks(free, reach / side - np.array([0.5, 0.5, 0.0]))
+        if np.count_nonzero(free) >= LEAST_FREE_BLOCKS * seen:
+            break
     left = means[free > 0]
     if not left.size or not contrast > 0:
         return BackgroundLeft(free_share=left.size / seen)
     noise = robust_std(left)
     dark = left < -max(DARK_FRACTION * contrast, FALSE_ALARM_SIGMA * noise)
-    followed = np.abs(left) < FOLLOWED_FRACTION * contrast
+    found = 1.0
     if background.shape == free.shape:
-        followed |= background[free > 0]
+        found = float(np.mean(background[free > 0] | (np.abs(left) < FOLLOWED_FRACTION * contrast)))
+    # noise that neighbouring pixels do not share
+    steps = np.diff(image[::SAMPLED_ROWS], axis=1)
+    single = robust_std(steps) / np.sqrt(2.0) if steps.size else 0.0
     return BackgroundLeft(
         uneven=_unevenness(means, free, noise, PATCH_PX // side) / contrast,
-        waves=np.sqrt(max(noise**2 - (_pixel_noise(image) / side) ** 2, 0.0)) / contrast,
+        waves=np.sqrt(max(noise**2 - (single / side) ** 2, 0.0)) / contrast,
         dark_share=float(np.mean(dark)),
         free_share=left.size / seen,
-        found_share=float(np.mean(followed)) if background.shape == free.shape else 1.0,
+        found_share=found,
     )
-
-
-def _free_blocks(
-    image: NDArray[np.float32], valid: Mask, disks: NDArray[np.float64], side: int
-) -> tuple[NDArray[np.float32], NDArray[np.uint8], int]:
-    """Means over blocks, which of them lie outside all disks, and the number that is seen."""
-    means = block_means(image, valid, side=side)
-    free = np.isfinite(means).astype(np.uint8)
-    if valid is not None:
-        free &= (block_means(valid.astype(np.float32), side=side) == 1.0).astype(np.uint8)
-    seen = max(int(np.count_nonzero(free)), 1)
-    # the centre of a block is half a block from its first pixel, half a diagonal from its corners
-    reach = disks + np.array([0.5, 0.5, side / np.sqrt(2.0)])
-    clear_disks(free, reach / side - np.array([0.5, 0.5, 0.0]))
-    return means, free, seen
-
-
-def _pixel_noise(image: NDArray[np.float32]) -> float:
-    """Noise that neighbouring pixels do not share, of every `SAMPLED_ROWS`-th row."""
-    rows = image[::SAMPLED_ROWS]
-    return robust_std(rows[:, 1:] - rows[:, :-1]) / np.sqrt(2.0) if rows.shape[1] > 1 else 0.0
 
 
 def _unevenness(means: NDArray[np.float32], free: NDArray[np.uint8], noise: float, coarse: int) -> float:
