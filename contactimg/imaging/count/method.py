@@ -160,8 +160,7 @@ def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> floa
 
     Rims sharper than the pixels have no slope; the light of their contacts shows it.
     """
-    plateau = foreground.contrast.plateau
-    prior = foreground.prior_optics.blur_px
+    plateau, prior = foreground.contrast.plateau, foreground.prior_optics.blur_px
     if np.isfinite(prior):
         return float(np.hypot(prior, PIXEL_VARIANCE**0.5))
     by_light = blur_of_heights(contacts["radius_px"], contacts["height"] / plateau, fraction)
@@ -170,12 +169,7 @@ def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> floa
 
 @stage("counting")
 def count_contacts(
-    image: NDArray[np.float32],
-    *,
-    fraction: float,
-    plateau: float,
-    noise: float,
-    saturated: Mask = None,
+    image: NDArray[np.float32], *, fraction: float, plateau: float, noise: float, saturated: Mask = None
 ) -> tuple[Columns, Columns]:
     """Connected components above ``fraction`` of the contrast, ``radius = sqrt(area/pi)``.
 
@@ -213,35 +207,30 @@ def count_contacts(
         "radius_px": radius[bad],
         "reason": np.full(np.count_nonzero(bad), Reason.NOISE.value, object),
     }
-    kept = components[~bad]
+    kept, split = components[~bad], split[~bad]
     contacts = {
         "x_px": kept["x"],
         "y_px": kept["y"],
         "radius_px": radius[~bad],
-        "flags": _flags(kept, split[~bad], image.shape),
-        "height": np.where(split[~bad], np.nan, kept["flux"] / np.maximum(kept["area"], 1)),
-        **_second_moments(kept),
+        "flags": _flags(kept, split, image.shape),
+        "height": np.where(split, np.nan, kept["flux"] / np.maximum(kept["area"], 1)),
     }
-    return contacts, rejected
+    return contacts | _second_moments(kept), rejected
 
 
 def _second_moments(components: NDArray[np.void]) -> Columns:
     """Half-axes and angle of the ellipses with the second moments of the pixels (squares of 1 px)."""
-    area, count = np.maximum(components["area"], 1), len(components)
-    yy = components["moment"] - components["xx"]
-    moments = (components["xx"] / area + PIXEL_VARIANCE, components["xy"] / area, yy / area + PIXEL_VARIANCE)
-    xx, xy, yy = moments
+    area, n = np.maximum(components["area"], 1), len(components)
+    xx, xy = components["xx"] / area + PIXEL_VARIANCE, components["xy"] / area
+    yy = (components["moment"] - components["xx"]) / area + PIXEL_VARIANCE
     middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     # the second moment of an ellipse along an axis is a quarter of the square of its half
-    major, minor = 2.0 * np.sqrt(middle + root), 2.0 * np.sqrt(np.maximum(middle - root, 0.0))
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    unknown = np.full(count, np.nan)
     return {
-        "shape": np.full(count, "free", object),
-        "semi_major_px": major,
-        "semi_minor_px": minor,
-        "angle_rad": angle,
-        "perimeter_px": unknown,
+        "shape": np.full(n, "free", object),
+        "semi_major_px": 2.0 * np.sqrt(middle + root),
+        "semi_minor_px": 2.0 * np.sqrt(np.maximum(middle - root, 0.0)),
+        "angle_rad": 0.5 * np.arctan2(2.0 * xy, xx - yy),
+        "perimeter_px": np.full(n, np.nan),
     }
 
 
@@ -251,13 +240,12 @@ def _flags(
     """Flags of components, those that touch the border of an image of that shape included."""
     border = {"left": 0, "top": 0, "right": shape[1] - 1, "bottom": shape[0] - 1}
     edge = np.any([components[name] == place for name, place in border.items()], axis=0)
-    conditions = {
-        Flag.EDGE: edge,
-        Flag.SATURATED: components["marked"] > 0,
-        Flag.TOO_SMALL: components["area"] < SMALL_AREA_PX2,
-        Flag.MERGED: split,
-    }
-    return np.sum([np.where(holds, int(flag), 0) for flag, holds in conditions.items()], axis=0)
+    return (
+        int(Flag.EDGE) * edge
+        + int(Flag.SATURATED) * (components["marked"] > 0)
+        + int(Flag.TOO_SMALL) * (components["area"] < SMALL_AREA_PX2)
+        + int(Flag.MERGED) * split
+    )
 
 
 def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> NDArray[np.float64]:
@@ -278,29 +266,19 @@ def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> N
 def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: float | str | None) -> float:
     """The fraction to use: a number as given, `DEFAULT_FRACTION` for None, Otsu's for ``"auto"``.
 
+    Otsu's separates two classes of pixels with least variance inside both (doi:10.1109/TSMC.1979.4310076).
+
     Raises
     ------
     InputError
         If it is not a fraction between 0 and 1.
     """
-    if threshold is None:
+    if threshold is None or (threshold == "auto" and contrast.plateau <= 0):
         return DEFAULT_FRACTION
-    if isinstance(threshold, str):
-        if threshold != "auto":
-            raise InputError(f'threshold must be a fraction between 0 and 1 or "auto", got {threshold!r}')
-        return _otsu(image, contrast.plateau)
-    if not 0 < threshold < 1:
+    if threshold == "auto":
+        scaled = np.clip(image * (SPAN_LEVELS / contrast.plateau), 0, 255).astype(np.uint8)
+        level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+        return float(np.clip((level + 0.5) / SPAN_LEVELS, *OTSU_RANGE))
+    if isinstance(threshold, str) or not 0 < threshold < 1:
         raise InputError(f'threshold must be a fraction between 0 and 1 or "auto", got {threshold!r}')
     return float(threshold)
-
-
-def _otsu(image: NDArray[np.float32], plateau: float) -> float:
-    """Fraction of the plateau that separates two classes of pixels with least variance inside both (Otsu).
-
-    N. Otsu, doi:10.1109/TSMC.1979.4310076.
-    """
-    if plateau <= 0:
-        return DEFAULT_FRACTION
-    scaled = np.clip(image * (SPAN_LEVELS / plateau), 0, 255).astype(np.uint8)
-    level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    return float(np.clip((level + 0.5) / SPAN_LEVELS, *OTSU_RANGE))

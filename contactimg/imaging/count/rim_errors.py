@@ -101,44 +101,30 @@ def rim_errors(
     """
     f, contrast = crossing.fraction, crossing.contrast
     true = disk_radius(radius_px, blur_px=crossing.blur_px, fraction=f)
-    slope = contrast * _relative_slope(radius_px, true, crossing)
+    s = crossing.blur_px
+    straight = np.exp(-0.5 * ndtri(f) ** 2) / (np.sqrt(2.0 * np.pi) * s)
+    slope = true / s**2 * np.exp(-0.5 * ((true - radius_px) / s) ** 2) * ive(1, true * radius_px / s**2)
+    slope = contrast * np.maximum(slope, LEAST_SLOPE_RATIO * straight)
     spread = f * contrast * _contrast_spread(radius_px, height, crossing) / slope
     counting = (PIXEL_VARIANCE + (crossing.noise / slope) ** 2) / (2.0 * np.pi * np.maximum(radius_px, 0.5))
     own = np.hypot(np.sqrt(counting), spread)
     calibrated = crossing.fraction_std > 0
     edge = -crossing.fraction_std * contrast / slope if calibrated else radius_px - true
-    unseen = _unseen_contrast_error(radius_px, true, crossing.largest_ratio)
+    # of disks with the same light, uniform between the radius at the contrast assumed and that at the largest
+    # possible one, whose square is smaller by the ratio of the contrasts: the root mean square distance
+    far, near = radius_px - true / np.sqrt(crossing.largest_ratio), radius_px - true
+    unseen = np.sqrt(np.maximum(far**2 + far * near + near**2, 0.0) / 3.0) * (crossing.largest_ratio > 1.0)
     unseen = np.sqrt(np.maximum(unseen**2 - edge**2, 0.0))
     shift = -np.hypot(f * crossing.contrast_std / slope, unseen)
     if rim_height != 1.0:
         fractions = np.clip([f, f / rim_height], 0.01, 0.99)
-        edge = np.sign(rim_height - 1.0) * np.hypot(edge, crossing.blur_px * float(np.ptp(ndtri(fractions))))
+        edge = np.sign(rim_height - 1.0) * np.hypot(edge, s * float(np.ptp(ndtri(fractions))))
     return {
         "radius_std_px": combine_errors(own, np.stack([shift, edge], axis=1)),
         "contrast_shift_px": shift,
         "blur_shift_px": np.zeros(len(shift)),
         "edge_shift_px": edge,
     }
-
-
-def _unseen_contrast_error(radius: Values, true: Values, ratio: float) -> Values:
-    """Root mean square distance of counted radii from those of disks with the same light.
-
-    These are uniform between the radius at the contrast assumed and that at the largest possible one, whose
-    square is smaller by the ratio of the contrasts.
-    """
-    if ratio <= 1.0:
-        return np.zeros(len(radius))
-    far, near = radius - true / np.sqrt(ratio), radius - true
-    return np.sqrt(np.maximum(far**2 + far * near + near**2, 0.0) / 3.0)
-
-
-def _relative_slope(radius: Values, true: Values, crossing: Crossing) -> Values:
-    """Slope ``-dP/dr`` of blurred disks of known radius where they cross the threshold, per px."""
-    s = crossing.blur_px
-    straight = np.exp(-0.5 * ndtri(crossing.fraction) ** 2) / (np.sqrt(2.0 * np.pi) * s)
-    slope = true / s**2 * np.exp(-0.5 * ((true - radius) / s) ** 2) * ive(1, true * radius / s**2)
-    return np.maximum(slope, LEAST_SLOPE_RATIO * straight)
 
 
 def _contrast_spread(radius: Values, height: Values, crossing: Crossing) -> float:
