@@ -26,6 +26,7 @@ from contactimg.imaging.count.rim_errors import (
 )
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.detect.candidates import Contrast
+from contactimg.imaging.detect.components import sides_cut
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX, estimate_blur
 from contactimg.imaging.evidence.rules import OWN_RISE, PLACE, Columns, Judged, own_rise
@@ -238,10 +239,8 @@ def _flags(
     components: NDArray[np.void], split: NDArray[np.bool_], shape: tuple[int, ...]
 ) -> NDArray[np.int64]:
     """Flags of components, those that touch the border of an image of that shape included."""
-    border = {"left": 0, "top": 0, "right": shape[1] - 1, "bottom": shape[0] - 1}
-    edge = np.any([components[name] == place for name, place in border.items()], axis=0)
     return (
-        int(Flag.EDGE) * edge
+        int(Flag.EDGE) * np.any(sides_cut(components, shape), axis=0)
         + int(Flag.SATURATED) * (components["marked"] > 0)
         + int(Flag.TOO_SMALL) * (components["area"] < SMALL_AREA_PX2)
         + int(Flag.MERGED) * split

@@ -105,7 +105,12 @@ def rim_errors(
     straight = np.exp(-0.5 * ndtri(f) ** 2) / (np.sqrt(2.0 * np.pi) * s)
     slope = true / s**2 * np.exp(-0.5 * ((true - radius_px) / s) ** 2) * ive(1, true * radius_px / s**2)
     slope = contrast * np.maximum(slope, LEAST_SLOPE_RATIO * straight)
-    spread = f * contrast * _contrast_spread(radius_px, height, crossing) / slope
+    # the relative scatter of the contrasts of wide contacts, from their mean heights
+    wide, scatter = (radius_px > WIDE_BLUR_WIDTHS * s) & np.isfinite(height), 0.0
+    if np.count_nonzero(wide) >= FEWEST_WIDE:
+        full = 1.0 - 2.0 * s / radius_px[wide] * _missing(f)
+        scatter = robust_std(height[wide] / (contrast * full))
+    spread = f * contrast * scatter / slope
     counting = (PIXEL_VARIANCE + (crossing.noise / slope) ** 2) / (2.0 * np.pi * np.maximum(radius_px, 0.5))
     own = np.hypot(np.sqrt(counting), spread)
     calibrated = crossing.fraction_std > 0
@@ -125,15 +130,6 @@ def rim_errors(
         "blur_shift_px": np.zeros(len(shift)),
         "edge_shift_px": edge,
     }
-
-
-def _contrast_spread(radius: Values, height: Values, crossing: Crossing) -> float:
-    """Relative scatter of the contrasts of wide contacts, from their mean heights; 0 if too few are wide."""
-    wide = (radius > WIDE_BLUR_WIDTHS * crossing.blur_px) & np.isfinite(height)
-    if np.count_nonzero(wide) < FEWEST_WIDE:
-        return 0.0
-    full = 1.0 - 2.0 * crossing.blur_px / radius[wide] * _missing(crossing.fraction)
-    return robust_std(height[wide] / (crossing.contrast * full))
 
 
 def height_at_rims(image: NDArray[np.float32], contacts: dict[str, NDArray], crossing: Crossing) -> float:

@@ -98,10 +98,10 @@ def window_of(component: np.void, margin: int = 0) -> tuple[tuple[slice, slice],
     return (rows, columns), np.array([columns.start, rows.start, 0.0])
 
 
-def sides_cut(component: np.void, shape: tuple[int, ...]) -> tuple[bool, bool, bool, bool]:
-    """Whether a component touches the top, bottom, left and right of an image of this shape."""
-    top, bottom, left, right = (int(component[name]) for name in ("top", "bottom", "left", "right"))
-    return top == 0, bottom == shape[0] - 1, left == 0, right == shape[1] - 1
+def sides_cut(components: NDArray[np.void] | np.void, shape: tuple[int, ...]) -> tuple[NDArray, ...]:
+    """Whether components touch the top, bottom, left and right of an image of this shape."""
+    last = {"top": 0, "bottom": shape[0] - 1, "left": 0, "right": shape[1] - 1}
+    return tuple(components[side] == place for side, place in last.items())
 
 
 def mask_of_component(

@@ -5,6 +5,8 @@ They include every contact that reaches half height, and both of two that touch.
 (`contactimg.imaging.detect.peaks`).
 """
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -50,13 +52,9 @@ def is_round(regions: NDArray[np.void], shape: tuple[int, ...]) -> NDArray[np.bo
     """
     radius = np.sqrt(regions["area"] / np.pi)
     longest = np.maximum(regions["right"] - regions["left"], regions["bottom"] - regions["top"]) + 1
-    cut = (
-        (regions["left"] == 0) | (regions["right"] == shape[1] - 1)
-        | (regions["top"] == 0) | (regions["bottom"] == shape[0] - 1)
-    )  # fmt: skip
     excess = 2.0 * np.pi * regions["moment"] / np.maximum(regions["area"], 1) ** 2.0 - 1.0
     return (
-        ~cut
+        ~np.any(sides_cut(regions, shape), axis=0)
         & (radius > SMALLEST_ROUND)
         & (excess < ROUND_MOMENT_EXCESS + 1.0 / np.maximum(regions["area"], 1))
         & (longest < 2.0 * radius + ROUND_WIDTH_EXCESS_PX)
@@ -83,7 +81,7 @@ def disks_in_region(
     return disks + corner, whole
 
 
-def disks_in_mask(own: NDArray[np.uint8], cut: tuple[bool, ...]) -> tuple[NDArray[np.float64], bool]:
+def disks_in_mask(own: NDArray[np.uint8], cut: Sequence[bool | NDArray]) -> tuple[NDArray[np.float64], bool]:
     """Disks inscribed in a mask as `disks_in_region` finds them, and whether it is one ellipse.
 
     ``cut`` marks the sides beyond which the region continues; no disk may fit into a small one.
@@ -147,7 +145,7 @@ def fill(
     return mask | small[labels] if small.any() else mask
 
 
-def inscribed_in(mask: NDArray[np.uint8], cut: tuple[bool, ...]) -> NDArray[np.float64]:
+def inscribed_in(mask: NDArray[np.uint8], cut: Sequence[bool | NDArray]) -> NDArray[np.float64]:
     """Disks (x, y, radius) inscribed in a mask, largest first; none if nothing bounds them.
 
     ``cut`` marks the sides beyond which the mask continues.
