@@ -17,11 +17,9 @@ from contactimg.imaging.background.alignment import (
     shift_kernel,
 )
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, Illumination, cubic
-from contactimg.imaging.pixels.blocks import block_means, is_background, strips
+from contactimg.imaging.pixels.blocks import block_means, is_background, strips, to_pixels
+from contactimg.imaging.pixels.masks import Values, mean_of_seen
 from contactimg.imaging.pixels.robust import median, robust_std
-
-Values = NDArray[np.float32]
-Filters = list[NDArray[np.float32]]
 
 NARROW_PX, MIDDLE_PX, WIDE_PX = 0.7, 2.0, 6.0
 """Standard deviations of the Gaussians that separate the bands: less than, as, and more than a usual blur.
@@ -67,21 +65,20 @@ def divide_by_reference(
     level : float
         Grey level of the background of the reference.
     """
-    if not frame.dtype == reference.dtype == np.uint8:
-        frame, reference = (np.asarray(image, np.float32) for image in (frame, reference))
-    frame, reference = np.ascontiguousarray(frame), np.ascontiguousarray(reference)
+    kind = np.uint8 if frame.dtype == reference.dtype == np.uint8 else np.float32
+    frame, reference = (np.ascontiguousarray(image, kind) for image in (frame, reference))
     shift = (residual.x_px, residual.y_px)
     finite = np.isfinite(half)
     quarter = block_means(half, None if finite.all() else finite.astype(np.uint8), side=2)
-    size = (2 * quarter.shape[1], 2 * quarter.shape[0])
-    wide = cv2.resize(_move_and_blur(quarter, WIDE_PX, shift, 4), size)
-    wide = np.asarray(wide[: len(half), : half.shape[1]], np.float32)
+    wide = _move_and_blur(quarter, WIDE_PX, shift, 4)
+    wide = to_pixels(wide, half.shape, side=2, interpolation=cv2.INTER_LINEAR)
     source = (reference, _move_and_blur(half, MIDDLE_PX, shift, 2), wide, *_gaussians(shift, NARROW_PX))
     gains, scatters = _measure_gains(frame, source, illumination)
     numbers = np.array([*gains, *scatters, level, DARKEST_FRACTION * level], np.float32)
     move = [shift_kernel(part).astype(np.float32) for part in shift]
+    light = illumination.row_polynomials(np.arange(len(frame)), frame.shape)
     out = np.empty(frame.shape, np.float32)
-    _divide(out, frame, source, *move, *illumination.row_polynomials(frame.shape), numbers)
+    _divide(out, frame, source, *move, *light, numbers)
     return out
 
 
@@ -155,27 +152,15 @@ def _add_five(out, first, second, third, fourth, fifth, weights):
         out[x] = middle + (near + far)
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _interpolate_row(out, y, half, low):
     """A row of an image of twice the size, by linear interpolation; the border repeats."""
-    k, columns = y // 2, half.shape[1]
-    inner = low[1 : 1 + columns]
-    _mix(inner, half[k], half[min(max(k + 2 * (y % 2) - 1, 0), len(half) - 1)])
-    low[0], low[columns + 1] = inner[0], inner[columns - 1]
-    _double(out, low)
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _mix(out, near, far):
-    """The values a quarter of the way from one row to the next."""
-    for x in range(len(out)):
-        out[x] = np.float32(0.75) * near[x] + np.float32(0.25) * far[x]
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _double(out, low):
-    """Twice as many values by linear interpolation; ``low`` has one more at each end."""
     three, one = np.float32(0.75), np.float32(0.25)
+    k, columns = y // 2, half.shape[1]
+    near, far = half[k], half[min(max(k + 2 * (y % 2) - 1, 0), len(half) - 1)]
+    for x in range(columns):  # a quarter of the way from one row to the next, then of the columns
+        low[x + 1] = three * near[x] + one * far[x]
+    low[0], low[columns + 1] = low[1], low[columns]
     for x in range(len(out) // 2):
         out[2 * x] = one * low[x] + three * low[x + 1]
         out[2 * x + 1] = three * low[x + 1] + one * low[x + 2]
@@ -226,7 +211,7 @@ def _divide_row(out, frame, reference, light, places, numbers):
         out[x] = level * (np.float32(frame[x]) - background) / max(background, lowest)
 
 
-def _gaussians(shift: tuple[float, float], width: float) -> Filters:
+def _gaussians(shift: tuple[float, float], width: float) -> list[Values]:
     """Filters along rows and columns that blur by a standard deviation ``width`` and move, px."""
     half = int(np.ceil(2.7 * width))
     taps = [np.exp(-((np.arange(-half, half + 1) + part) ** 2) / (2 * width**2)) for part in shift]
@@ -240,9 +225,7 @@ def _move_and_blur(binned: Values, blur_px: float, shift: tuple[float, float], s
     finite = np.isfinite(binned)
     if finite.all():
         return filter_rows_and_columns(binned, *kernels)
-    smooth = filter_rows_and_columns(np.where(finite, binned, np.float32(0.0)), *kernels)
-    smooth /= np.maximum(filter_rows_and_columns(finite, *kernels), np.float32(1e-3))
-    return smooth
+    return mean_of_seen(lambda part: filter_rows_and_columns(part, *kernels), binned, finite)[0]
 
 
 def _measure_gains(
@@ -268,11 +251,9 @@ def _measure_gains(
 
     narrow, middle, wide = _bands_at_rows(rows, source)
     target = frame[rows] / illumination.ratio_at_rows(rows, frame.shape) - wide
-    still = _gaussians((0.0, 0.0), SMOOTHING_PX)
-    excess, *bands = (
-        sample(filter_rows_and_columns(part, *still)) for part in (target, narrow - middle, middle - wide)
-    )
-    detail = np.stack([sample(narrow - middle), sample(middle - wide)])
+    still, parts = _gaussians((0.0, 0.0), SMOOTHING_PX), (narrow - middle, middle - wide)
+    excess, *bands = (sample(filter_rows_and_columns(part, *still)) for part in (target, *parts))
+    detail = np.stack([sample(part) for part in parts])
     excess = excess - np.float32(median(excess))
     scatters = np.array([robust_std(part, centre=0.0) for part in detail])
     usable = np.abs(excess) < FULL_DIRT_SIGMA * robust_std(excess, centre=0.0)

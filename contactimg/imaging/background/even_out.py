@@ -23,7 +23,10 @@ from contactimg.imaging.background.illumination import (
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
+from contactimg.imaging.pixels.masks import Flags, Values
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
+
+Regions = NDArray[np.int32]
 
 # Blocks in a region that stand out of it as contacts do: contacts on it. By hand: one may be dirt.
 FEWEST_BEYOND = 2
@@ -49,13 +52,15 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
     background = difference.illumination.background
     if background.shape != blocks.shape:  # small contacts leave no block free
         return difference
+    used = background & np.isfinite(blocks)
     for axis in (1, 0):
-        used = background & np.isfinite(blocks)
-        if _in_common(*_half_lines(*((blocks, used) if axis else (blocks.T, used.T)))) > 0.0:
+        halves = _half_lines(blocks, used) if axis else _half_lines(blocks.T, used.T)
+        if _in_common(*halves) > 0.0:
             difference = _without_flicker(difference, axis, light_level)
     if difference is not flickering:
         blocks = block_means(difference.image, difference.valid)
-    flat = blocks[background & np.isfinite(blocks)]
+        used = background & np.isfinite(blocks)
+    flat = blocks[used]
     if flat.size < FEWEST_BLOCKS:
         return difference
     scatter = min(neighbour_scatter(blocks), one_sided_scatter(flat[:: max(flat.size // 4000, 1)]))
@@ -63,7 +68,7 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
     if difference is not flickering:
         background = np.abs(blocks) < BACKGROUND_CLIP_SIGMA * scatter
         difference = replace(difference, illumination=replace(difference.illumination, background=background))
-    used = background & np.isfinite(blocks)
+        used = background & np.isfinite(blocks)
     uneven = np.mean(_mesh(blocks, used)[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2
     if not uneven and np.mean(_flat_blocks(blocks, scatter) & ~background) < NOTABLE_SHARE:
         return difference
@@ -87,17 +92,16 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
     )
 
 
-def _flat_blocks(blocks: NDArray[np.float32], scatter: float) -> NDArray[np.bool_]:
+def _flat_blocks(blocks: Values, scatter: float) -> Flags:
     """Blocks whose surroundings differ by no more than noise, single blocks that stand out apart."""
     finite = np.isfinite(blocks)
     filled = blocks if finite.all() else np.where(finite, blocks, np.float32(np.nanmedian(blocks)))
     middle, square = cv2.medianBlur(np.ascontiguousarray(filled, np.float32), 3), np.ones((3, 3), np.uint8)
-    return np.asarray(
-        (cv2.dilate(middle, square) - cv2.erode(middle, square) < BACKGROUND_CLIP_SIGMA * scatter) & finite
-    )
+    range_around = cv2.dilate(middle, square) - cv2.erode(middle, square)
+    return np.asarray((range_around < BACKGROUND_CLIP_SIGMA * scatter) & finite)
 
 
-def flat_regions(blocks: NDArray[np.float32], scatter: float) -> tuple[NDArray[np.int32], list[int]]:
+def flat_regions(blocks: Values, scatter: float) -> tuple[NDArray[np.int32], list[int]]:
     """Number of the flat region of each block, and the numbers of large regions, the largest first."""
     flat = _flat_blocks(blocks, scatter).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(flat, connectivity=4)
@@ -106,9 +110,7 @@ def flat_regions(blocks: NDArray[np.float32], scatter: float) -> tuple[NDArray[n
     return np.asarray(labels, np.int32), largest
 
 
-def _find_background_regions(
-    blocks: NDArray[np.float32], scatter: float, known: NDArray[np.bool_], light_level: float
-) -> NDArray[np.int32]:
+def _find_background_regions(blocks: Values, scatter: float, known: Flags, light_level: float) -> Regions:
     """Number of the flat background region that each block is in, the largest region first; 0 for none.
 
     Contacts are brighter than the background; ``light_level`` is its brightness, negative for dark contacts,
@@ -116,7 +118,7 @@ def _find_background_regions(
     are, since contacts are brighter, or where contacts stand on it.
     """
     labels, largest = flat_regions(blocks, scatter)
-    number, count = np.zeros(int(labels.max()) + 1, np.int32), 0
+    number = np.zeros(int(labels.max()) + 1, np.int32)
     for k in largest:
         inside = labels == k
         level = float(np.median(blocks[inside]))
@@ -124,12 +126,11 @@ def _find_background_regions(
         texture = scatter * (1.0 + level / light_level if light_level else 1.0)
         contact = max(level, 0.0) + CONTACT_SIGMA * texture
         if np.mean(known[inside]) > 0.5 or level < 0.0 or _has_contacts(blocks, inside, contact):
-            count += 1
-            number[k] = count
+            number[k] = number.max() + 1
     return np.asarray(number[labels])
 
 
-def _has_contacts(blocks: NDArray[np.float32], inside: NDArray[np.bool_], level: float) -> bool:
+def _has_contacts(blocks: Values, inside: Flags, level: float) -> bool:
     """Whether what a region surrounds is brighter than a level in some blocks."""
     closed = cv2.morphologyEx(np.pad(inside, 2).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -137,12 +138,9 @@ def _has_contacts(blocks: NDArray[np.float32], inside: NDArray[np.bool_], level:
     return int(np.count_nonzero(blocks[whole & ~inside] > level)) >= FEWEST_BEYOND
 
 
-def follow_region(
-    blocks: NDArray[np.float32], members: NDArray[np.bool_], shape: tuple[int, int], scatter: float
-) -> NDArray[np.float64]:
+def follow_region(blocks: Values, members: Flags, shape: tuple[int, int], scatter: float) -> NDArray:
     """Level of a region at each block: a polynomial, and a mesh where it is less even than that."""
-    inside = np.where(members, blocks, np.float32(np.nan))
-    middle = float(np.median(blocks[members]))
+    inside, middle = np.where(members, blocks, np.float32(np.nan)), float(np.median(blocks[members]))
     smooth = fit_illumination(inside, shape, level=middle, scatter=2.0 * scatter, least_scatter=scatter)
     level = smooth.at_blocks(blocks.shape, shape)
     used = smooth.background & members
@@ -152,7 +150,7 @@ def follow_region(
     return np.clip(level, blocks[members].min(), blocks[members].max())
 
 
-def _mesh(blocks: NDArray, weight: NDArray) -> NDArray[np.float32]:
+def _mesh(blocks: NDArray, weight: NDArray) -> Values:
     """Weighted mean of the blocks around each; it tends to zero far from those with weight."""
     total, known = (
         cv2.GaussianBlur(part.astype(np.float32), (0, 0), MESH_BLOCKS, borderType=cv2.BORDER_REFLECT)
@@ -162,7 +160,7 @@ def _mesh(blocks: NDArray, weight: NDArray) -> NDArray[np.float32]:
     return np.asarray(total / (known + np.float32(1.0 / (4.0 * np.pi * MESH_BLOCKS**2))))
 
 
-def _nearest(regions: NDArray[np.int32]) -> NDArray[np.int32]:
+def _nearest(regions: Regions) -> Regions:
     """Number of the region nearest to each place; 0 in ``regions`` is outside all."""
     outside = (regions == 0).astype(np.uint8)
     _, nearest = cv2.distanceTransformWithLabels(outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
@@ -171,21 +169,19 @@ def _nearest(regions: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.asarray(number[nearest])
 
 
-def _at_places(levels: NDArray, regions: NDArray[np.int32]) -> NDArray[np.float32]:
+def _at_places(levels: NDArray, regions: Regions) -> Values:
     """The level of the region of each place."""
     return np.asarray(np.take_along_axis(levels, regions[None].astype(np.int64) - 1, axis=0)[0], np.float32)
 
 
-def _at_pixels(
-    image: NDArray[np.float32], left: NDArray[np.float64], regions: NDArray[np.int32]
-) -> NDArray[np.float32]:
+def _at_pixels(image: Values, left: NDArray, regions: Regions) -> Values:
     """The level at each pixel: that of its region; between two the one nearer to the image around the pixel.
 
     What is far from both, and what is next to that, is a contact, and has the level of what surrounds it. So
     is what has the level of another region and is not connected with it.
     """
-    fields = np.stack([to_pixels(part.astype(np.float32), image.shape, interpolation=cv2.INTER_LINEAR)
-                       for part in left])  # fmt: skip
+    parts = left.astype(np.float32)
+    fields = np.stack([to_pixels(part, image.shape, interpolation=cv2.INTER_LINEAR) for part in parts])
     if len(fields) == 1:
         return np.asarray(fields[0])
     places = to_pixels(regions, image.shape)
@@ -204,16 +200,14 @@ def _at_pixels(
     return _at_places(fields, _nearest(chosen))
 
 
-def _subtract_left(
-    image: NDArray[np.float32], left: NDArray[np.float32], level: float
-) -> NDArray[np.float32]:
+def _subtract_left(image: Values, left: Values, level: float) -> Values:
     """The image with a background that is brighter by ``left``: contacts transmit a fraction of the light."""
     if level <= 0:
         return image - left
     return np.asarray((image - left) / np.maximum(1.0 + left / np.float32(level), np.float32(0.1)))
 
 
-def _half_lines(image: NDArray, used: NDArray[np.bool_]) -> tuple[NDArray, NDArray]:
+def _half_lines(image: NDArray, used: Flags) -> tuple[NDArray, NDArray]:
     """Mean and number of what is used in the left and in the right half of each row."""
     middle, kept = image.shape[1] // 2, np.where(used, image, 0.0)
     number, total = (
@@ -235,13 +229,13 @@ def _in_common(means: NDArray, number: NDArray, fewest: int = 0) -> float:
 
 def _without_flicker(difference: DifferenceImage, axis: int, level: float) -> DifferenceImage:
     """The difference image without what the background of a row (axis 1) or column (axis 0) has in common."""
-    noise = estimate_noise(difference.image, difference.illumination.background)
     image, background = difference.image, difference.illumination.background
+    noise = estimate_noise(image, background)
     image, background = (image, background) if axis else (image.T, background.T)
     blocks = block_means(image)
     lost = background.mean(axis=1) < 0.5 * np.median(background.mean(axis=1))  # flicker took it out
-    near = blocks - np.median(blocks, axis=1)[:, None]
-    near = np.abs(near) < BACKGROUND_CLIP_SIGMA * neighbour_scatter(blocks.T)
+    beside = np.abs(blocks - np.median(blocks, axis=1)[:, None])
+    near = beside < BACKGROUND_CLIP_SIGMA * neighbour_scatter(blocks.T)
     used = np.where(lost[:, None], near, background).astype(np.uint8)
     means, number = _half_lines(image, to_pixels(used, image.shape) > 0)
     shared = _in_common(means, number, BLOCK)

@@ -19,12 +19,16 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
+from contactimg.imaging.pixels.masks import Flags
 from contactimg.imaging.pixels.robust import MANY, quantile, robust_std
 from contactimg.imaging.profile.limits import SQUARE_PX
 
 BackgroundLevel = Literal["lowest", "highest", "nearest_one", "most_common"]
 """Which of several well-populated levels is the background: the lowest (contacts are bright), the highest
 (contacts are dark), the one nearest to 1 (for a ratio to a reference) or the most common."""
+
+Rows = NDArray[np.intp] | slice
+ALL_ROWS = slice(None)
 
 # Scatter of the blocks over what noise and texture explain above which they may hold contacts. By hand.
 CROWD_SCATTER = 1.1
@@ -40,7 +44,7 @@ QUARTILE_SIGMA = 0.3186
 
 
 def find_illumination(
-    means: Callable[[int, NDArray[np.intp] | None], tuple[NDArray, float]],
+    means: Callable[[int, Rows], tuple[NDArray, float]],
     shape: tuple[int, int],
     *,
     background_is: BackgroundLevel,
@@ -51,7 +55,7 @@ def find_illumination(
     Parameters
     ----------
     means : callable
-        For a side in px, and the rows of the image to use (None: all), the means of the quantity (ratio to
+        For a side in px, and the rows of the image to use, the means of the quantity (ratio to
         the reference, or difference from it) over squares of that side, NaN = no data, and the scatter that
         noise and texture give one of them.
     shape : (int, int)
@@ -65,7 +69,7 @@ def find_illumination(
     Illumination
         Its background consists of blocks, or of squares of `SQUARE_PX` where contacts leave no block free.
     """
-    blocks, expected = means(BLOCK, None)
+    blocks, expected = means(BLOCK, ALL_ROWS)
     level, scatter = find_background_level(blocks, background_is=background_is, least=rounding)
     coarse = fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=rounding)
     even = coarse.scatter <= CROWD_SCATTER * max(expected, rounding)
@@ -73,12 +77,13 @@ def find_illumination(
     # where the blocks are even, only a lattice can hide the background from them, which some rows show; where
     # they are not, and do not hide it, the illumination is less even than a cubic
     some = np.flatnonzero(np.arange(shape[0]) // BLOCK % max(shape[0] * shape[1] // MANY, 1) == 0)
-    squares, expected = means(SQUARE_PX, some if even else None)
+    squares, expected = means(SQUARE_PX, some if even else ALL_ROWS)
     if not np.isfinite(squares).any():
         return coarse
-    if share_without_rims(squares, max(expected, rounding) or white) > (0.5 if even else 1.0) * QUIET_SHARE:
+    _, quiet = find_rims(squares, max(expected, rounding) or white)
+    if quiet > (0.5 if even else 1.0) * QUIET_SHARE:
         return coarse
-    squares, expected = means(SQUARE_PX, None) if even else (squares, expected)
+    squares, expected = means(SQUARE_PX, ALL_ROWS) if even else (squares, expected)
     expected = max(expected or white, scatter_of_extreme(squares, background_is))
     expected = max(min(expected, neighbour_scatter(squares)), rounding)
     level, scatter = find_background_level(squares, background_is=background_is, scatter=expected)
@@ -100,17 +105,12 @@ def scatter_of_extreme(squares: NDArray, background_is: BackgroundLevel) -> floa
     return robust_std(differences, centre=0.0) / np.sqrt(2) if len(differences) else 0.0
 
 
-def share_without_rims(squares: NDArray, expected: float) -> float:
-    """Share of the blocks whose squares scatter no more than noise and texture explain: ``expected``."""
-    rims, known = find_rims(squares, expected)
-    return 1.0 - float(np.mean(rims[known])) if known.any() else 1.0
-
-
-def find_rims(squares: NDArray, expected: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Blocks whose squares scatter by more than noise and texture explain, and blocks with data."""
+def find_rims(squares: NDArray, expected: float) -> tuple[Flags, float]:
+    """Blocks whose squares scatter more than ``expected``, and the share of those with data that do not."""
     mean, square = (block_means(part, side=BLOCK // SQUARE_PX) for part in (squares, squares**2))
     inside = np.sqrt(np.maximum(square - mean**2, 0.0))
-    return inside > RIM_SCATTER * expected, np.isfinite(inside)
+    rims, known = inside > RIM_SCATTER * expected, np.isfinite(inside)
+    return rims, float(np.mean(~rims[known])) if known.any() else 1.0
 
 
 def find_background_level(

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Flags, Mask, Values
 from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.timings import stage
+
+Places = NDArray[np.int64] | slice
 
 POLYNOMIAL_ORDER = 3  # total degree: vignetting is a quadratic, uneven lamps need a cubic
 # Powers of u and v in each term of the polynomial.
@@ -52,55 +54,37 @@ class Illumination:
     """
 
     coefficients: NDArray[np.float64]
-    background: NDArray[np.bool_]
+    background: Flags
     scatter: float
 
-    def row_polynomials(
-        self, shape: tuple[int, int], rows: NDArray[np.int64] | None = None
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Coefficients of the cubic in ``u`` for each row (all, or those given), and ``u`` of each column."""
-        which = np.arange(shape[0]) if rows is None else rows
-        along = _powers(2.0 * which / shape[0] - 1.0) @ self.coefficients
+    def row_polynomials(self, rows: NDArray[np.int64], shape: tuple[int, int]) -> tuple[Values, Values]:
+        """Coefficients of the cubic in ``u`` for some rows, and ``u`` of each column."""
+        along = _powers(2.0 * rows / shape[0] - 1.0) @ self.coefficients
         across = 2.0 * np.arange(shape[1]) / shape[1] - 1.0
         return along.astype(np.float32), across.astype(np.float32)
 
     def at_rows(
-        self,
-        rows: NDArray[np.int64],
-        shape: tuple[int, int],
-        columns: NDArray[np.int64] | slice = slice(None),
-    ) -> NDArray[np.float32]:
+        self, rows: NDArray[np.int64], shape: tuple[int, int], columns: Places = slice(None)
+    ) -> Values:
         """The polynomial at every pixel of some rows (and columns) of an image of ``shape``."""
-        along, across = self.row_polynomials(shape, rows)
+        along, across = self.row_polynomials(rows, shape)
         # a matrix product would start threads, whose wait for more work costs far more than this
         return np.einsum("yk,kx->yx", along, np.ascontiguousarray(_powers(across[columns]).T))
 
     def ratio_at_rows(
-        self,
-        rows: NDArray[np.int64],
-        shape: tuple[int, int],
-        columns: NDArray[np.int64] | slice = slice(None),
-    ) -> NDArray[np.float32]:
+        self, rows: NDArray[np.int64], shape: tuple[int, int], columns: Places = slice(None)
+    ) -> Values:
         """`at_rows` for a ratio, bounded from below so that it can be divided by."""
+        lowest = np.float32(max(DARKEST_FRACTION * float(self.coefficients[0, 0]), 1e-6))
         ratio = self.at_rows(rows, shape, columns)
-        return np.maximum(ratio, np.float32(self.smallest_ratio), out=ratio)
-
-    @property
-    def smallest_ratio(self) -> float:
-        """Lower bound of a ratio that is divided by."""
-        return max(DARKEST_FRACTION * float(self.coefficients[0, 0]), 1e-6)
-
-    def at(self, x: NDArray, y: NDArray, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """The polynomial at points (px) of an image of ``shape``."""
-        u, v = 2.0 * np.asarray(x) / shape[1] - 1.0, 2.0 * np.asarray(y) / shape[0] - 1.0
-        return np.asarray(np.polynomial.polynomial.polyval2d(v, u, self.coefficients))
+        return np.maximum(ratio, lowest, out=ratio)
 
     def at_blocks(self, blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
         """The polynomial at the centre of each block of an image of ``shape``."""
-        u, v = _block_centres(blocks, shape)
+        v, u = _block_centres(blocks, shape)
         return np.asarray(_powers(v) @ self.coefficients @ _powers(u).T)
 
-    def subtract_from(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+    def subtract_from(self, image: Values) -> Values:
         """The image minus the polynomial."""
         return image - self.at_rows(np.arange(len(image)), (image.shape[0], image.shape[1]))
 
@@ -134,25 +118,22 @@ def fit_illumination(
     """
     part, basis = _basis(blocks.shape, shape)
     data = blocks.ravel()[part].astype(float)
-    finite = np.isfinite(data)
-    whole = bool(finite.all())
-    data = np.where(finite, data - level, 0.0)
-    deviation = data
+    keep = finite = np.isfinite(data)
+    deviation = data = np.where(finite, data - level, 0.0)
     coefficients = np.zeros(len(TERMS))
-    keep, least = finite, max(NEGLIGIBLE * abs(level), least_scatter, 1e-9)
+    least = max(NEGLIGIBLE * abs(level), least_scatter, 1e-9)
     for _ in range(ITERATIONS):
         keep, previous = finite & (np.abs(deviation) < FIT_CLIP_SIGMA * scatter), keep
-        orders = _orders_supported(int(np.count_nonzero(keep)))
-        if orders == 0:
+        if not keep.any():
             break
-        coefficients = _solve(basis, data, keep, orders)
+        coefficients = _solve(basis, data, keep)
         deviation = data - coefficients @ basis
-        scatter = max(min(one_sided_scatter(deviation if whole else deviation[finite]), scatter), least)
+        scatter = max(min(one_sided_scatter(deviation[finite]), scatter), least)
         if np.count_nonzero(keep != previous) < NEGLIGIBLE * len(data):
             break
+    i, j = np.transpose(TERMS)
     grid = np.zeros((POLYNOMIAL_ORDER + 1, POLYNOMIAL_ORDER + 1))
-    for k, (i, j) in enumerate(TERMS):
-        grid[j, i] = coefficients[k]
+    grid[j, i] = coefficients
     grid[0, 0] += level
     found = Illumination(grid, np.empty(0, np.bool_), scatter)
     near = np.abs(blocks - found.at_blocks(blocks.shape, shape)) < BACKGROUND_CLIP_SIGMA * scatter
@@ -167,12 +148,10 @@ def one_sided_scatter(deviation: NDArray) -> float:
     )
 
 
-def _block_centres(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray, NDArray]:
-    """Normalised coordinates (u, v) of the columns and rows of blocks."""
+def _block_centres(blocks: tuple[int, int], shape: tuple[int, int]) -> list[NDArray]:
+    """Normalised coordinates (v, u) of the rows and columns of blocks."""
     side = side_of(blocks, shape)
-    u = ((2 * np.arange(blocks[1]) + 1) * side - 1) / shape[1] - 1
-    v = ((2 * np.arange(blocks[0]) + 1) * side - 1) / shape[0] - 1
-    return u, v
+    return [((2 * np.arange(n) + 1) * side - 1) / size - 1 for n, size in zip(blocks, shape, strict=True)]
 
 
 @lru_cache(maxsize=4)
@@ -181,7 +160,7 @@ def _basis(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray[np.
     enough = FIT_BLOCKS * (BLOCK // side_of(blocks, shape)) ** 2
     every = max(int(np.sqrt(blocks[0] * blocks[1] / enough)), 1)
     rows, columns = (place.ravel() for place in jittered_grid(blocks, every))
-    u, v = _block_centres(blocks, shape)
+    v, u = _block_centres(blocks, shape)
     return rows * blocks[1] + columns, np.stack([v[rows] ** j * u[columns] ** i for i, j in TERMS])
 
 
@@ -198,21 +177,16 @@ def jittered_grid(shape: tuple[int, int], every: int) -> tuple[NDArray[np.int64]
     return rows, columns
 
 
-def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) -> NDArray[np.float64]:
-    """Regularised least squares over the kept blocks with the terms of the lowest ``orders`` orders."""
-    used = np.array([i + j < orders for i, j in TERMS])
+def _solve(basis: NDArray, data: NDArray, keep: Flags) -> NDArray[np.float64]:
+    """Regularised least squares over the kept blocks with the terms that so many determine."""
+    count, order = int(np.count_nonzero(keep)), np.sum(TERMS, axis=1)
+    used = (order == 0) | (count >= BLOCKS_PER_COEFFICIENT * (order + 1) * (order + 2) / 2)
     terms = basis if used.all() else basis[used]
     kept = terms * keep
-    ridge = NEGLIGIBLE * np.count_nonzero(keep) * np.diag([0.0] + [1.0] * (len(terms) - 1))
+    ridge = NEGLIGIBLE * count * np.diag([0.0] + [1.0] * (len(terms) - 1))
     coefficients = np.zeros(len(TERMS))
     coefficients[used] = np.linalg.solve(kept @ terms.T + ridge, kept @ data)
     return coefficients
-
-
-def _orders_supported(count: int) -> int:
-    """Number of polynomial orders (constant = 1) that so many blocks determine."""
-    coefficients = [(order + 1) * (order + 2) // 2 for order in range(1, POLYNOMIAL_ORDER + 1)]
-    return int(count > 0) + sum(count >= BLOCKS_PER_COEFFICIENT * number for number in coefficients)
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
@@ -247,9 +221,9 @@ class DifferenceImage:
         Standard uncertainty of the mean of a block by compression (`rounding_of_blocks`), grey levels.
     """
 
-    image: NDArray[np.float32]
+    image: Values
     level: float
-    brightness: NDArray[np.float32]
+    brightness: Values
     illumination: Illumination
     alignment: Alignment | None
     ratio: bool = False
@@ -271,7 +245,7 @@ class DifferenceImage:
 
 
 @stage("light")
-def plain_difference(image: NDArray[np.float32]) -> DifferenceImage:
+def plain_difference(image: Values) -> DifferenceImage:
     """A difference image in which nothing was registered or corrected: all of it counts as background."""
     blocks = np.zeros_like(block_means(image))
     illumination = Illumination(np.zeros((4, 4)), np.ones(blocks.shape, np.bool_), 0.0)

@@ -41,7 +41,7 @@ from contactimg.imaging.pixels.blocks import (
     rounding_of_blocks,
     to_pixels,
 )
-from contactimg.imaging.pixels.masks import Mask, exclude
+from contactimg.imaging.pixels.masks import Mask, Values, exclude
 from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.profile.limits import SQUARE_PX
 
@@ -114,17 +114,14 @@ def estimate_background(
     return replace(flat, valid=valid), sign
 
 
-def _flat_background(
-    frame: NDArray[np.float32], valid: Mask, rounding: float, sign: int
-) -> DifferenceImage | None:
+def _flat_background(frame: Values, valid: Mask, rounding: float, sign: int) -> DifferenceImage | None:
     """Frame minus the light that flat blocks show; None in a crowd.
 
     The background is the largest flat region. Where the ``sign`` of contacts is known (else 0), it is the
     darkest of large ones, for dark contacts the brightest: contacts may cover more of the frame.
     """
     squares = block_means(frame, valid, side=SQUARE_PX)
-    rims, known = find_rims(squares, _scatter_of_squares(squares, frame, rounding))
-    quiet = float(np.mean(~rims[known])) if known.any() else 1.0
+    rims, quiet = find_rims(squares, _scatter_of_squares(squares, frame, rounding))
     if quiet < 0.5 * QUIET_SHARE:
         return None
     blocks = block_means(frame, valid)
@@ -137,9 +134,7 @@ def _flat_background(
     if not regions:
         return None
     large = [k for k in regions if np.mean(labels == k) > FLAT_SHARE * np.mean(finite)] or regions[:1]
-    darkest = min(large, key=lambda k: sign * float(np.median(blocks[labels == k])))
-    largest = labels == darkest
-    members = largest
+    largest = members = labels == min(large, key=lambda k: sign * float(np.median(blocks[labels == k])))
     if np.mean(largest) < FLAT_SHARE * np.mean(finite):
         members = labels > 0  # uneven light, or the rounding of a file, has cut the background into pieces
         if quiet < QUIET_SHARE or np.mean(members) < FLAT_SHARE * np.mean(finite):
@@ -151,15 +146,13 @@ def _flat_background(
         scatter=2.0 * scatter,
         least_scatter=scatter,
     )
-    near = np.abs(blocks - light.at_blocks(blocks.shape, frame.shape)) < BACKGROUND_CLIP_SIGMA * light.scatter
-    level = float(np.median(np.abs(blocks[largest])))
-    light = replace(light, background=near)
-    return _divide_by_illumination(frame, light, level, blocks.shape, valid, rounding, sign)
+    at_blocks = light.at_blocks(blocks.shape, frame.shape)
+    near = np.abs(blocks - at_blocks) < BACKGROUND_CLIP_SIGMA * light.scatter
+    light, level = replace(light, background=near), float(np.median(np.abs(blocks[largest])))
+    return _divide_by_illumination(frame, light, at_blocks, level, valid, rounding, sign)
 
 
-def _flat_behind_envelope(
-    frame: NDArray[np.float32], valid: Mask, sign: int, rounding: float
-) -> DifferenceImage | None:
+def _flat_behind_envelope(frame: Values, valid: Mask, sign: int, rounding: float) -> DifferenceImage | None:
     """The flat background of a frame that has been divided by its envelope: light that falls steeply."""
     light = sign * _envelope(sign * block_means(frame, valid))
     level = float(np.median(light))
@@ -172,74 +165,50 @@ def _flat_behind_envelope(
     return None if flat is None else replace(flat, brightness=flat.brightness * (light / np.float32(level)))
 
 
-def _background_of_crowd(
-    frame: NDArray[np.float32], valid: Mask, sign: int, rounding: float
-) -> DifferenceImage:
-    """Frame minus the light in the gaps of a crowd, where contacts times ``sign`` are bright."""
-    squares = np.float32(sign) * block_means(frame, valid, side=SQUARE_PX)
-    polynomial, uneven = _light_between(squares, frame, rounding)
-    illumination = replace(polynomial, coefficients=sign * polynomial.coefficients)
-    blocks = (-(-frame.shape[0] // BLOCK), -(-frame.shape[1] // BLOCK))
-    level = abs(float(np.median(polynomial.at_blocks(blocks, frame.shape))))
-    rest = frame - np.float32(sign) * uneven
-    return _divide_by_illumination(rest, illumination, level, blocks, valid, rounding, sign)
+def _background_of_crowd(frame: Values, valid: Mask, sign: int, rounding: float) -> DifferenceImage:
+    """Frame minus the light in the gaps of a crowd, where contacts times ``sign`` are bright.
 
-
-def _light_between(
-    squares: NDArray[np.float32], frame: NDArray[np.float32], rounding: float
-) -> tuple[Illumination, NDArray[np.float32]]:
-    """The light between contacts that leave hardly a block free.
-
-    ``squares`` are means of the frame over squares of 2 px, contacts positive. The light is a polynomial and,
-    at each pixel, what tiles of the image show beyond it.
+    The light is a polynomial and, at each pixel, what tiles of the image show beyond it.
     """
-    finite, shape = np.isfinite(squares), (frame.shape[0], frame.shape[1])
+    squares, shape = np.float32(sign) * block_means(frame, valid, side=SQUARE_PX), frame.shape
     expected = _scatter_of_squares(squares, frame, rounding)
     # the lowest square of a block lies between contacts; that it is low by its noise, the rest corrects
     side, highest = BLOCK // SQUARE_PX, np.finfo(np.float32).max
     window = np.ones((side, side), np.uint8)
-    lowest = cv2.erode(np.where(finite, squares, highest), window, anchor=(0, 0))[::side, ::side]
-    lower = _fit_envelope(np.where(lowest < highest, lowest, np.float32(np.nan)), shape)
+    filled = np.where(np.isfinite(squares), squares, highest)
+    lowest = cv2.erode(filled, window, anchor=(0, 0))[::side, ::side].astype(np.float32)
+    lowest[lowest == highest] = np.nan
+    envelope = _envelope(lowest)
+    middle = float(np.median(envelope))
+    scatter = 2.0 * robust_std(envelope, centre=middle)
+    envelope[~np.isfinite(lowest)] = np.nan
+    lower = fit_illumination(envelope, shape, level=middle, scatter=scatter)
     flat = (squares - lower.at_blocks(squares.shape, shape)).astype(np.float32)
     level, scatter = find_background_level(flat, background_is="lowest", scatter=expected)
     rest = fit_illumination(flat, shape, level=level, scatter=min(scatter, 2.0 * expected))
     flat -= rest.at_blocks(squares.shape, shape).astype(np.float32)
-    uneven = _tile_means(flat, rest.background, shape)
+    known = block_means(rest.background.astype(np.float32), side=TILE_SQUARES)
+    total = block_means(np.where(rest.background, flat, np.float32(0.0)), side=TILE_SQUARES)
+    mean = np.divide(total, known, out=np.zeros_like(total), where=known > NOTABLE_SHARE)
+    uneven = to_pixels(mean, shape, side=TILE_SQUARES * SQUARE_PX, interpolation=cv2.INTER_LINEAR)
     flat -= uneven[::SQUARE_PX, ::SQUARE_PX]
     scatter = one_sided_scatter(flat[rest.background])
     background = np.abs(flat) < BACKGROUND_CLIP_SIGMA * max(scatter, expected)
-    return Illumination(lower.coefficients + rest.coefficients, background, scatter), uneven
+    light = Illumination(sign * (lower.coefficients + rest.coefficients), background, scatter)
+    at_blocks = light.at_blocks((-(-shape[0] // BLOCK), -(-shape[1] // BLOCK)), shape)
+    level, image = abs(float(np.median(at_blocks))), frame - np.float32(sign) * uneven
+    return _divide_by_illumination(image, light, at_blocks, level, valid, rounding, sign)
 
 
-def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> Illumination:
-    """Polynomial through the lower envelope of blocks; NaN = no data."""
-    lower = _envelope(blocks)
-    middle = float(np.median(lower))
-    scatter = 2.0 * robust_std(lower, centre=middle)
-    lower[~np.isfinite(blocks)] = np.nan
-    return fit_illumination(lower, shape, level=middle, scatter=scatter)
-
-
-def _envelope(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
+def _envelope(blocks: Values) -> Values:
     """Lower envelope of blocks, an opening by a disk; blocks without data (NaN) as high as the median."""
     finite = np.isfinite(blocks)
     filled = np.where(finite, blocks, np.median(blocks[finite]) if finite.any() else 0.0).astype(np.float32)
     side = max(int(max(blocks.shape) * WINDOW_FRACTION) | 1, 3)
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     smooth = cv2.medianBlur(filled, 3)
-    return np.asarray(
-        cv2.morphologyEx(smooth, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE), np.float32
-    )
-
-
-def _tile_means(
-    flat: NDArray[np.float32], background: NDArray[np.bool_], shape: tuple[int, int]
-) -> NDArray[np.float32]:
-    """Mean of the background squares over tiles, at each pixel; 0 where there are hardly any."""
-    known = block_means(background.astype(np.float32), side=TILE_SQUARES)
-    total = block_means(np.where(background, flat, np.float32(0.0)), side=TILE_SQUARES)
-    mean = np.divide(total, known, out=np.zeros_like(total), where=known > NOTABLE_SHARE)
-    return to_pixels(mean, shape, side=TILE_SQUARES * SQUARE_PX, interpolation=cv2.INTER_LINEAR)
+    opened = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(opened, np.float32)
 
 
 def _scatter(blocks: NDArray, rounding: float) -> float:
@@ -269,25 +238,23 @@ def _scatter_of_squares(squares: NDArray, frame: NDArray, rounding: float) -> fl
 
 def _divide_by_illumination(
     frame: NDArray,
-    illumination: Illumination,
+    light: Illumination,
+    at_blocks: NDArray,
     level: float,
-    blocks: tuple[int, int],
     valid: Mask,
     rounding: float,
     sign: int,
 ) -> DifferenceImage:
     """Frame minus background, relative to it: contacts transmit a fraction of the light."""
-    at_blocks = illumination.at_blocks(blocks, frame.shape)
-    background = illumination.at_rows(np.arange(frame.shape[0]), frame.shape)
+    background = light.at_rows(np.arange(len(frame)), frame.shape)
     image = frame - background
-    relative = bool(
-        at_blocks.min() >= 2.0 * DARKEST_FRACTION * level > 0
-    )  # else subtracted before, or hardly lit
-    brightness = np.ones(blocks, np.float32)
+    # else subtracted before, or hardly lit
+    relative = bool(at_blocks.min() >= 2.0 * DARKEST_FRACTION * level > 0)
+    brightness = np.ones(at_blocks.shape, np.float32)
     if relative:
         image *= np.float32(level) / np.maximum(background, np.float32(DARKEST_FRACTION * level))
         brightness = (at_blocks / level).astype(np.float32)
-    difference = DifferenceImage(image, level, brightness, illumination, None, valid=valid, rounding=rounding)
+    difference = DifferenceImage(image, level, brightness, light, None, valid=valid, rounding=rounding)
     return even_out(difference, sign=sign, relative=relative)
 
 

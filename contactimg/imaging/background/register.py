@@ -22,11 +22,9 @@ from contactimg.imaging.background.alignment import (
 )
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, ITERATIONS, Illumination
 from contactimg.imaging.pixels.blocks import side_of, strips
-from contactimg.imaging.pixels.masks import Mask, mean_of_seen
+from contactimg.imaging.pixels.masks import Flags, Mask, Values, mean_of_seen
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST_VALUES, SIGNIFICANT_SIGMA, median, robust_std
 from contactimg.timings import stage
-
-Values = NDArray[np.float32]
 
 # Pixels for each independent value after the smoothing. Theory: the noise-equivalent area of a Gaussian.
 CORRELATED_PX = 4.0 * np.pi * SMOOTHING_PX**2
@@ -100,26 +98,17 @@ def align(
     whole = everywhere or size <= STRIP_SPACING
     height, number = (size, 1) if whole else (STRIP_ROWS, -(-size // STRIP_SPACING))
     rows, inside = strips(size, height, number, MARGIN_PX)
-    mask = _background_mask(rows, inside, illumination.background, frame.shape, valid)
-    seen, before = (
-        _smooth(frame[rows] / illumination.ratio_at_rows(rows, frame.shape)),
-        _smooth(reference[rows]),
-    )
-    found = _gauss_newton(seen, before, mask, rows, frame.shape)
-    return found if found.std_px < LARGEST_STD_PX else UNKNOWN
-
-
-def _background_mask(
-    rows: NDArray, inside: NDArray[np.bool_], background: NDArray, shape: tuple[int, int], valid: Mask
-) -> NDArray[np.uint8]:
-    """1 where a pixel is background and far from holes and from the edges of its strip and of the image."""
-    side = side_of(background.shape, shape)
-    free = background[rows // side] & inside[:, None]
-    mask = free.astype(np.uint8).repeat(side, axis=1)[:, : shape[1]].copy()
+    # pixels of the background, far from holes and from the edges of their strip and of the image
+    side = side_of(illumination.background.shape, frame.shape)
+    free = illumination.background[rows // side] & inside[:, None]
+    mask = free.astype(np.uint8).repeat(side, axis=1)[:, : frame.shape[1]].copy()
     mask[:, :MARGIN_PX] = mask[:, -MARGIN_PX:] = 0
     if valid is not None:
-        mask &= cv2.erode(valid[rows], np.ones((2 * MARGIN_PX + 1, 2 * MARGIN_PX + 1), np.uint8))
-    return mask
+        around = np.ones((2 * MARGIN_PX + 1, 2 * MARGIN_PX + 1), np.uint8)
+        mask &= np.asarray(cv2.erode(valid[rows], around), np.uint8)
+    seen = _smooth(frame[rows] / illumination.ratio_at_rows(rows, frame.shape))
+    found = _gauss_newton(seen, _smooth(reference[rows]), mask, rows, frame.shape)
+    return found if found.std_px < LARGEST_STD_PX else UNKNOWN
 
 
 def _smooth(image: NDArray) -> Values:
@@ -151,7 +140,11 @@ def _gauss_newton(
         clip = CLIP_MAD * median(np.abs(residuals - np.float32(middle))) if len(residuals) else 1.0
         limits = np.float32(middle), np.float32(max(clip, 1e-6))
         _tile_sums(frame, moved, mask, *limits, np.r_[tops, len(rows)], edges, sums)
-        if not _correlated(sums):
+        total = sums.sum(axis=(0, 1))
+        cross, own = (float(np.linalg.eigvalsh(matrix)[0]) for matrix in _matrices(total))
+        # the gradients of the two images must be correlated beyond chance, in every direction
+        chance = SIGNIFICANT_SIGMA / np.sqrt(max(total[9], 1.0) / CORRELATED_PX)
+        if total[9] < FEWEST_VALUES / 2 or not cross > chance * own > 0.0:
             return UNKNOWN
         step, stds = _solve(sums, np.eye(2))
         x, y = x + float(step[0]), y + float(step[1])
@@ -167,15 +160,6 @@ def _gauss_newton(
 def _matrices(sums: NDArray) -> list[NDArray]:
     """Products of the gradients of the two images, and of their mean with itself: matrices of two by two."""
     return [sums[..., np.array(k)].reshape(*sums.shape[:-1], 2, 2) for k in ([0, 1, 1, 2], [3, 4, 4, 5])]
-
-
-def _correlated(sums: NDArray) -> bool:
-    """Whether the gradients of the two images are correlated beyond chance, in every direction."""
-    total = sums.sum(axis=(0, 1))
-    if total[9] < FEWEST_VALUES / 2:
-        return False
-    cross, own = (float(np.linalg.eigvalsh(matrix)[0]) for matrix in _matrices(total))
-    return cross > SIGNIFICANT_SIGMA / np.sqrt(total[9] / CORRELATED_PX) * own > 0.0
 
 
 def _solve(sums: NDArray, jacobian: NDArray) -> tuple[NDArray, NDArray]:
@@ -273,8 +257,7 @@ def search_alignment(
     reference: NDArray,
     illumination: Illumination,
     valid: Mask,
-    *,
-    near: Alignment = UNKNOWN,
+    near: Alignment,
 ) -> tuple[Alignment | None, bool] | None:
     """Search shifts of up to a quarter of the image and rotations of up to a degree.
 
@@ -322,14 +305,14 @@ def search_alignment(
     peak: complex | None = complex(near.x_px, near.y_px) / BIN_PX
     if not near.known:
         reach = [max(count // LARGEST_SHIFT_FRACTION, 2) for count in excess.shape]
-        peak = _find_peak(_widened(detail, *reach), excess)
+        peak = _find_peak(np.pad(detail, [(bins, bins) for bins in reach]), excess)
     if peak is None:
         return None, everywhere
     shift = Alignment(BIN_PX * peak.real, BIN_PX * peak.imag, np.inf)
     return _align_tiles(excess, detail, peak) or shift, everywhere
 
 
-def _texture(detail: NDArray, usable: NDArray[np.bool_], scatter: float) -> tuple[bool, bool]:
+def _texture(detail: NDArray, usable: Flags, scatter: float) -> tuple[bool, bool]:
     """Whether neighbours correlate beyond chance: in a few grains of dirt, and everywhere."""
     both = usable[:, 1:] & usable[:, :-1]
     # near the border the mean around a place lies to one side of it, and a slope of the light is no texture
@@ -350,25 +333,14 @@ def _find_peak(window: Values, part: Values) -> complex | None:
     _, height, _, (column, row) = cv2.minMaxLoc(correlation)
     others = correlation.copy()
     cv2.circle(others, (column, row), CONTACT_BINS, -np.inf, cv2.FILLED)
-    unique = float(others.max()) < AS_GOOD_FRACTION * height
-    inside = 0 < row < correlation.shape[0] - 1 and 0 < column < correlation.shape[1] - 1
+    unique, (rows, columns) = float(others.max()) < AS_GOOD_FRACTION * height, correlation.shape
+    inside = 0 < row < rows - 1 and 0 < column < columns - 1
     if not (inside and unique and height > PEAK_SIGMA * robust_std(correlation) > 0.0):
         return None
     # the part moves over the detail of the reference, so the shift has the opposite sign
-    x = (
-        correlation.shape[1] // 2
-        - column
-        - _parabola_vertex(*correlation[row, column - 1 : column + 2].tolist())
-    )
-    y = correlation.shape[0] // 2 - row - _parabola_vertex(*correlation[row - 1 : row + 2, column].tolist())
+    x = columns // 2 - column - _parabola_vertex(*correlation[row, column - 1 : column + 2].tolist())
+    y = rows // 2 - row - _parabola_vertex(*correlation[row - 1 : row + 2, column].tolist())
     return complex(x, y)
-
-
-def _widened(image: Values, rows: int, columns: int) -> Values:
-    """The image with so many zeros on all sides."""
-    return np.asarray(
-        cv2.copyMakeBorder(image, rows, rows, columns, columns, cv2.BORDER_CONSTANT), np.float32
-    )
 
 
 def _align_tiles(excess: Values, detail: Values, shift: complex) -> Alignment | None:
@@ -377,7 +349,7 @@ def _align_tiles(excess: Values, detail: Values, shift: complex) -> Alignment | 
     high, wide = (size // max(size // (TILE_PX // BIN_PX), 1) for size in excess.shape)
     x, y = round(shift.real), round(shift.imag)
     border = WINDOW_BINS + max(abs(x), abs(y))
-    padded, found = _widened(detail, border, border), []
+    padded, found = np.pad(detail, border), []
     for top in range(0, rows - high + 1, high):
         for left in range(0, columns - wide + 1, wide):
             first, start = top - y + border - WINDOW_BINS, left - x + border - WINDOW_BINS

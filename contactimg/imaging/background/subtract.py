@@ -16,6 +16,7 @@ from contactimg.imaging.background.divide import divide_by_reference
 from contactimg.imaging.background.even_out import even_out
 from contactimg.imaging.background.find_illumination import (
     BackgroundLevel,
+    Rows,
     find_illumination,
     neighbour_scatter,
 )
@@ -28,7 +29,7 @@ from contactimg.imaging.background.illumination import (
 from contactimg.imaging.background.register import GOOD_STD_PX, align, search_alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, find_clipped, rounding_of_blocks, side_of
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Mask, Values, exclude
 from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.timings import stage
 
@@ -91,16 +92,15 @@ def subtract_reference(
     residual, textured = REGISTERED, False
     if not registered:
         placed, residual, textured = _register(placed, whole=whole)
-    image = divide_by_reference(
-        frame, placed.reference, placed.half, placed.illumination, residual=residual, level=placed.level
-    )
+    light, level = placed.illumination, placed.level
+    image = divide_by_reference(frame, placed.reference, placed.half, light, residual=residual, level=level)
     if placed.valid is not None:
         image[placed.valid == 0] = 0.0
     difference = DifferenceImage(
         image,
-        placed.level,
+        level,
         placed.brightness,
-        placed.illumination,
+        light,
         residual.after(placed.alignment) if residual.known else NO_ALIGNMENT,
         ratio=True,
         valid=placed.valid,
@@ -132,10 +132,10 @@ class _PlacedReference:
 
     images: _Images
     reference: NDArray
-    half: NDArray[np.float32]
+    half: Values
     valid: Mask
     level: float
-    brightness: NDArray[np.float32]
+    brightness: Values
     illumination: Illumination
     alignment: Alignment
 
@@ -154,33 +154,32 @@ class _PlacedReference:
         if level < DARKEST_FRACTION * brightest:
             return None
         if len(lit) < blocks.size:
-            valid = _exclude_dark(moved, valid, DARKEST_FRACTION * level)
+            dark = (cv2.blur(moved, (3, 3)) < DARKEST_FRACTION * level).astype(np.uint8)
+            window = np.ones((2 * EDGE_REACH_PX + 1, 2 * EDGE_REACH_PX + 1), np.uint8)
+            valid = exclude(valid, np.asarray(cv2.dilate(dark, window), np.uint8))
             half, blocks = _bin_reference(moved, valid)
             frame_blocks = block_means(images.frame, valid)
 
-        def ratio(side: int, rows: NDArray[np.intp] | None) -> tuple[NDArray, float]:
+        def ratio(side: int, rows: Rows) -> tuple[NDArray, float]:
             above, below = frame_blocks, blocks
+            noise = _noise_of_two(below)
             if side != BLOCK:
                 above, below = (_means_of_rows(image, valid, side, rows) for image in (images.frame, moved))
-            noise = _noise_of_two(below)
-            own = neighbour_scatter(above) if side != BLOCK else 0.0  # contacts leave most squares alone
-            if noise < SMOOTH_RATIO * own:
-                noise = own
+                noise, own = _noise_of_two(below), neighbour_scatter(above)
+                noise = own if noise < SMOOTH_RATIO * own else noise  # contacts leave most squares alone
             return above / np.maximum(below, DARKEST_FRACTION * level), noise / level
 
+        rounding = images.rounding / level
         illumination = find_illumination(
-            ratio,
-            images.frame.shape,
-            background_is=images.background_is,
-            rounding=images.rounding / level,
+            ratio, images.frame.shape, background_is=images.background_is, rounding=rounding
         )
         if valid is not None:  # blocks with holes are noisier than whole ones
             side = side_of(illumination.background.shape, images.frame.shape)
             whole = block_means(valid.astype(np.float32), side=side) == 1.0
             illumination = replace(illumination, background=illumination.background & whole)
-        brightness = np.maximum(blocks, DARKEST_FRACTION * level) / level
-        brightness[~np.isfinite(brightness)] = 1.0
-        return cls(images, moved, half, valid, level, brightness.astype(np.float32), illumination, alignment)
+        lit_blocks = np.maximum(blocks, DARKEST_FRACTION * level) / level
+        brightness = np.where(np.isfinite(blocks), lit_blocks, np.float32(1.0)).astype(np.float32)
+        return cls(images, moved, half, valid, level, brightness, illumination, alignment)
 
     def moved_by(self, residual: Alignment) -> "_PlacedReference":
         """The reference moved further; by whole pixels if the total is a pure shift."""
@@ -195,31 +194,21 @@ class _PlacedReference:
         return align(frame, self.reference, self.illumination, self.valid, everywhere=everywhere)
 
 
-def _bin_reference(image: NDArray, valid: Mask) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _bin_reference(image: NDArray, valid: Mask) -> tuple[Values, Values]:
     """Means over 2 x 2 pixels and over blocks."""
     half = block_means(image, valid, side=2)
     whole = all(size % BLOCK == 0 for size in image.shape)
     return half, block_means(half, side=BLOCK // 2) if valid is None and whole else block_means(image, valid)
 
 
-def _means_of_rows(image: NDArray, valid: Mask, side: int, rows: NDArray[np.intp] | None) -> NDArray:
-    """Means over squares of some rows of an image, or of all."""
-    if rows is not None:
-        image, valid = image[rows], None if valid is None else valid[rows]
-    return block_means(image, valid, side=side)
+def _means_of_rows(image: NDArray, valid: Mask, side: int, rows: Rows) -> NDArray:
+    """Means over squares of some rows of an image."""
+    return block_means(image[rows], None if valid is None else valid[rows], side=side)
 
 
 def _noise_of_two(reference: NDArray) -> float:
     """Scatter of the difference of two images without contacts, from the means of one of them."""
     return float(np.sqrt(2.0) * neighbour_scatter(reference))
-
-
-def _exclude_dark(reference: NDArray, valid: Mask, lowest: float) -> Mask:
-    """Mask without the pixels where the reference is darker than ``lowest``, and those near them."""
-    dark = (cv2.blur(reference, (3, 3)) < lowest).astype(np.uint8)
-    window = np.ones((2 * EDGE_REACH_PX + 1, 2 * EDGE_REACH_PX + 1), np.uint8)
-    lit = np.uint8(1) - np.asarray(cv2.dilate(dark, window), np.uint8)
-    return lit if valid is None else lit & valid
 
 
 def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReference, Alignment, bool]:
@@ -233,10 +222,8 @@ def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReferenc
             return *_approach(placed, residual, everywhere=everywhere), True
         if not residual.known:
             break
-    images = placed.images
-    search = search_alignment(
-        images.frame, placed.reference, placed.illumination, placed.valid, near=residual
-    )
+    frame = placed.images.frame
+    search = search_alignment(frame, placed.reference, placed.illumination, placed.valid, residual)
     if search is None:
         return placed, residual, False
     shift, textured = search
@@ -272,7 +259,7 @@ def _subtract_plainly(images: _Images) -> DifferenceImage:
     """Plain difference for a reference that is dark or was subtracted before: it cannot be divided by."""
     frame, reference, valid = images.frame, images.reference, images.valid
 
-    def difference(side: int, rows: NDArray[np.intp] | None) -> tuple[NDArray, float]:
+    def difference(side: int, rows: Rows) -> tuple[NDArray, float]:
         above, below = (_means_of_rows(image, valid, side, rows) for image in (frame, reference))
         return above - below, _noise_of_two(below)
 

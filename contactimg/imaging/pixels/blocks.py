@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Flags, Mask, Values
 from contactimg.imaging.pixels.robust import SAMPLE, median, quantile, reach_std
 
 BLOCK = 8
@@ -25,26 +25,25 @@ FEWEST_NEGATIVE = 100  # negative squares that tell their scatter, to 10 % (theo
 LARGEST_DIRECT_PX = 4  # side up to which block means are computed from pixels, beyond it from smaller blocks
 
 
-def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> NDArray[np.float32]:
+def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> Values:
     """Mean of each block of ``side`` (a power of 2) squared pixels; the border repeats to fill the last ones.
 
     Invalid pixels do not count; a block without a valid pixel is NaN.
     """
     rows, columns = image.shape
     size = (-(-columns // side), -(-rows // side))
-    pad = (0, size[1] * side - rows, 0, size[0] * side - columns)
+    means = np.full(size[::-1], np.nan, np.float32)
     if valid is None:
-        means = np.empty(size[::-1], np.float32)
         _mean_blocks(means, np.ascontiguousarray(image), side)
         return means
-    levels = np.asarray(
-        cv2.copyMakeBorder(np.asarray(image, np.float32), *pad, cv2.BORDER_REPLICATE), np.float32
+    pad = (0, size[1] * side - rows, 0, size[0] * side - columns)
+    seen = np.asarray(valid, np.float32)
+    lit = np.where(seen > 0, np.asarray(image, np.float32), np.float32(0.0))
+    weight, total = (
+        cv2.resize(cv2.copyMakeBorder(part, *pad, cv2.BORDER_REPLICATE), size, interpolation=cv2.INTER_AREA)
+        for part in (seen, lit)
     )
-    seen = np.asarray(cv2.copyMakeBorder(valid, *pad, cv2.BORDER_REPLICATE), np.float32)
-    weight = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
-    lit = np.where(seen > 0, levels, np.float32(0.0))
-    total = np.asarray(cv2.resize(lit, size, interpolation=cv2.INTER_AREA), np.float32)
-    return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
+    return np.divide(total, weight, out=means, where=weight > 0)
 
 
 def to_pixels(
@@ -125,10 +124,10 @@ def find_clipped(image: NDArray) -> Mask:
     They show no noise, and nothing of the light. Where there are few of them, or where they leave next to
     nothing of the image, no block is taken out.
     """
-    extremes = image.min(), image.max()
-    if not any(np.mean(image[::7, ::11] == level) > SOME_CLIPPED for level in extremes):
+    lowest, highest = image.min(), image.max()
+    if not any(np.mean(image[::7, ::11] == level) > SOME_CLIPPED for level in (lowest, highest)):
         return None
-    clipped = block_means(((image == extremes[0]) | (image == extremes[1])).astype(np.float32)) > MOST_CLIPPED
+    clipped = block_means(((image == lowest) | (image == highest)).astype(np.float32)) > MOST_CLIPPED
     if not SOME_CLIPPED < np.mean(clipped) < 1.0 - SOME_CLIPPED:
         return None
     return to_pixels(clipped.astype(np.uint8), image.shape)
@@ -146,13 +145,12 @@ class BlockMeans:
 
     def __init__(self, *images: NDArray) -> None:
         self._images = images
-        self._means: dict[int, list[NDArray[np.float32]]] = {}
+        self._means: dict[int, list[Values]] = {}
 
-    def __call__(self, side: int) -> list[NDArray[np.float32]]:
+    def __call__(self, side: int) -> list[Values]:
         """Means over squares of that side: one array for each image."""
         if side not in self._means:
-            direct = side <= LARGEST_DIRECT_PX
-            images, part = (self._images, side) if direct else (self(side // 2), 2)
+            images, part = (self._images, side) if side <= LARGEST_DIRECT_PX else (self(side // 2), 2)
             self._means[side] = [block_means(image, side=part) for image in images]
         return self._means[side]
 
@@ -178,13 +176,11 @@ class SignedImage:
     ([[2.5, 4.5], [10.5, 12.5]], 0.5)
     """
 
-    def __init__(
-        self, image: NDArray[np.float32], noise: float, valid: Mask = None, *, rounding: float = 0.0
-    ) -> None:
+    def __init__(self, image: Values, noise: float, valid: Mask = None, *, rounding: float = 0.0) -> None:
         self.image, self.noise, self.valid, self.rounding = image, noise, valid, rounding
-        self._squares: dict[int, tuple[NDArray[np.float32], float]] = {}
+        self._squares: dict[int, tuple[Values, float]] = {}
 
-    def squares(self, side: int) -> tuple[NDArray[np.float32], float]:
+    def squares(self, side: int) -> tuple[Values, float]:
         """Means over squares of that side, 0 where no pixel is seen, and their noise.
 
         The noise is their scatter about a background of 0, from the negative ones: no contact is.
@@ -193,32 +189,26 @@ class SignedImage:
             means = block_means(self.image, self.valid, side=side)
             if self.valid is not None:
                 means = np.where(np.isfinite(means), means, np.float32(0.0))
-            below = means[::3, ::2]
-            below = below[below < 0.0]
-            noise = max(self.noise / side, self.rounding)
+            below, noise = means[::3, ::2][means[::3, ::2] < 0.0], max(self.noise / side, self.rounding)
             if below.size > FEWEST_NEGATIVE:
                 noise = max(reach_std(below, 0.0), noise)
             self._squares[side] = means, noise
         return self._squares[side]
 
 
-def sample_background(
-    image: NDArray[np.float32], background: NDArray[np.bool_], every: tuple[int, int]
-) -> NDArray[np.float32]:
+def sample_background(image: Values, background: Flags, every: tuple[int, int]) -> Values:
     """Pixels of the background blocks, sampled every so many rows and columns."""
     rows, columns = (np.arange(0, size, step) for size, step in zip(image.shape, every, strict=True))
     return image[:: every[0], :: every[1]][is_background(background, rows, columns, image.shape)]
 
 
-def is_background(
-    background: NDArray[np.bool_], rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, ...]
-) -> NDArray[np.bool_]:
+def is_background(background: Flags, rows: NDArray, columns: NDArray, shape: tuple[int, ...]) -> Flags:
     """Whether the pixels at the given rows and columns of an image of ``shape`` are background."""
     side = side_of(background.shape, shape)
     return background[rows // side][:, columns // side]
 
 
-def strips(size: int, height: int, number: int, margin: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def strips(size: int, height: int, number: int, margin: int) -> tuple[NDArray[np.int64], Flags]:
     """Rows of strips spread evenly over an image of ``size`` rows, and which lie ``margin`` rows inside one.
 
     Examples

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Flags, Mask, Values
 from contactimg.imaging.pixels.robust import (
     SAMPLE,
     SIGNIFICANT_SIGMA,
@@ -62,8 +62,7 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     level = median(inside)  # that of the background, unless contacts cover half of it
     if beside.size and median(beside) < STOP_LIGHT * level:
         return None
-    smooth = cv2.blur(np.asarray(image, np.float32), (3, 3))
-    return _pixels_of(unlit, smooth < 0.5 * level, EDGE_REACH_PX)
+    return _pixels_of(unlit, cv2.blur(np.asarray(image, np.float32), (3, 3)) < 0.5 * level, EDGE_REACH_PX)
 
 
 def find_margin(image: NDArray, full_scale: float) -> Mask:
@@ -71,8 +70,7 @@ def find_margin(image: NDArray, full_scale: float) -> Mask:
 
     The margin is at full scale and reaches all four sides of the image.
     """
-    corners = image[[0, 0, -1, -1], [0, -1, 0, -1]]
-    if not (corners >= full_scale).all():
+    if not (image[[0, 0, -1, -1], [0, -1, 0, -1]] >= full_scale).all():
         return None
     margin = _at_border(block_means((image >= full_scale).astype(np.float32)) == 1.0)
     sides = (margin[0], margin[-1], margin[:, 0], margin[:, -1])
@@ -81,7 +79,7 @@ def find_margin(image: NDArray, full_scale: float) -> Mask:
     return _pixels_of(margin, image >= full_scale, DRAWN_EDGE_PX)
 
 
-def _at_border(blocks: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def _at_border(blocks: Flags) -> NDArray[np.uint8]:
     """Mark the blocks that are connected with the border of the image, without small regions."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(blocks.astype(np.uint8), connectivity=4)
     border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
@@ -89,7 +87,7 @@ def _at_border(blocks: NDArray[np.bool_]) -> NDArray[np.uint8]:
     return np.isin(labels, border[large & (border > 0)]).astype(np.uint8)
 
 
-def _pixels_of(blocks: NDArray[np.uint8], alike: NDArray[np.bool_], reach: int) -> NDArray[np.uint8]:
+def _pixels_of(blocks: NDArray[np.uint8], alike: Flags, reach: int) -> NDArray[np.uint8]:
     """The pixels of some blocks, those beside them that are alike, and all that their edge reaches (px)."""
     near = cv2.dilate(blocks, np.ones((3, 3), np.uint8))
     own, near = (to_pixels(part, alike.shape) for part in (blocks, near))
@@ -100,17 +98,15 @@ def _pixels_of(blocks: NDArray[np.uint8], alike: NDArray[np.bool_], reach: int) 
 def _is_field_of_view(lit: NDArray[np.uint8]) -> bool:
     """Whether the lit blocks are one large convex region."""
     outlines, _ = cv2.findContours(lit, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    filled = np.zeros_like(lit)
-    largest = max(outlines, key=cv2.contourArea, default=None)
-    if largest is None:
+    if not outlines:
         return False
+    largest = max(outlines, key=cv2.contourArea)
+    filled, hull = np.zeros_like(lit), np.zeros_like(lit)
     cv2.drawContours(filled, [largest], -1, 1, cv2.FILLED)
-    hull = np.zeros_like(lit)
     cv2.fillConvexPoly(hull, cv2.convexHull(largest), 1)
     area = int(filled.sum())
-    if area < UNLIT_FRACTION * lit.size or area < (1.0 - UNLIT_FRACTION) * int(hull.sum()):
-        return False
-    return int((lit & filled).sum()) >= 0.9 * int(lit.sum())
+    large = area >= UNLIT_FRACTION * lit.size and area >= (1.0 - UNLIT_FRACTION) * int(hull.sum())
+    return large and int((lit & filled).sum()) >= 0.9 * int(lit.sum())
 
 
 def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
@@ -142,10 +138,9 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
     defective = (off > limit) & (off > DEFECT_RATIO * spread)
     if not defective.any():
         return image, None
-    rows, columns = rows[defective], columns[defective]
-    image, mask = image.copy(), np.zeros(image.shape, np.uint8)
-    image[rows, columns], mask[rows, columns] = middle[rows, columns], 1
-    return image, mask
+    mask = np.zeros(image.shape, np.uint8)
+    mask[rows[defective], columns[defective]] = 1
+    return np.where(mask > 0, middle, image), mask
 
 
 def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
@@ -157,13 +152,8 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     if not rows * columns:
         return None
     every = max(int(np.sqrt(rows * columns / 4 / SAMPLE)), 1)
-    phases = np.stack(
-        [
-            np.asarray(image[y:rows:2, x:columns:2][::every, ::every], np.float32)
-            for y in (0, 1)
-            for x in (0, 1)
-        ]
-    )
+    phases = np.stack([image[y:rows:2, x:columns:2][::every, ::every] for y, x in np.ndindex(2, 2)])
+    phases = np.asarray(phases, np.float32)
     mean, levels = phases.mean(axis=0), phases.mean(axis=(1, 2))
     if np.ptp(levels) < 0.5 * MOSAIC_STEP * levels.mean():
         return None
@@ -173,19 +163,15 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     ratio = phases[:, bright] / mean[bright]
     gains = np.array([median(part) for part in ratio], float)
     error = np.array([robust_std(part) for part in ratio]) / np.sqrt(ratio.shape[1])
-    if (
-        # the median of whole numbers is known to half of one
-        np.max(np.abs(gains - 1.0)) < max(MOSAIC_STEP, 1.0 / median(mean[bright]))
-        or np.max(np.abs(gains - 1.0) / (error + 1e-9)) < SIGNIFICANT_SIGMA
-    ):
-        return None
-    return gains.reshape(2, 2)
+    step = np.abs(gains - 1.0)
+    # the median of whole numbers is known to half of one
+    alike = np.max(step) < max(MOSAIC_STEP, 1.0 / median(mean[bright]))
+    return None if alike or np.max(step / (error + 1e-9)) < SIGNIFICANT_SIGMA else gains.reshape(2, 2)
 
 
-def divide_by_mosaic(image: NDArray, gains: NDArray[np.float64]) -> NDArray[np.float32]:
+def divide_by_mosaic(image: NDArray, gains: NDArray[np.float64]) -> Values:
     """The image as a sensor of equal pixels would show it."""
     out = np.array(image, np.float32)
-    for y in (0, 1):
-        for x in (0, 1):
-            out[y::2, x::2] /= np.float32(gains[y, x])
+    for y, x in np.ndindex(2, 2):
+        out[y::2, x::2] /= np.float32(gains[y, x])
     return out

@@ -6,6 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+Values = NDArray[np.float32]
+"""Values of pixels, squares or blocks, in single precision."""
+Flags = NDArray[np.bool_]
+"""Whether something holds of each of them."""
 Mask = NDArray[np.uint8] | None
 """One value for each pixel, 0 or 1; None where no pixel is masked."""
 
