@@ -40,7 +40,7 @@ from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.pixels.blocks import block_means, to_pixels
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX
 from contactimg.imaging.pixels.frame_pair import FramePair
-from contactimg.imaging.pixels.masks import mean_of_seen
+from contactimg.imaging.pixels.masks import Flags, Values, mean_of_seen, nearest_pixels
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, robust_std
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
 from contactimg.timings import stage
@@ -108,7 +108,7 @@ class Contacts:
         """The view with the disks left out instead of divided out."""
         return replace(self, disks=self.disks[:0], hidden=np.concatenate([self.hidden, self.disks[:, :3]]))
 
-    def divided_out(self, image: NDArray) -> NDArray[np.float32]:
+    def divided_out(self, image: NDArray) -> Values:
         """The image divided by the light of the disks."""
         if not len(self.disks):
             return np.asarray(image, np.float32)
@@ -123,7 +123,7 @@ class Contacts:
         places = self.disks[:, :2] @ matrix.T + offset
         return replace(self, disks=np.column_stack([places, self.disks[:, 2:]]))
 
-    def templates(self, brightness: NDArray[np.float32], used: NDArray[np.bool_]) -> sparse.csc_array:
+    def templates(self, brightness: Values, used: Flags) -> sparse.csc_array:
         """Change of the view per pixel of radius, a column a contact.
 
         Parameters
@@ -138,13 +138,13 @@ class Contacts:
         side = 2 * half + 1
         contact = np.repeat(np.arange(len(x)), side**2)
         number = np.arange(len(contact)) - np.repeat(np.cumsum(side**2) - side**2, side**2)
-        px = np.rint(x).astype(np.int64)[contact] - half[contact] + number % side[contact]
-        py = np.rint(y).astype(np.int64)[contact] - half[contact] + number // side[contact]
+        px = (np.rint(x).astype(np.int64) - half)[contact] + number % side[contact]
+        py = (np.rint(y).astype(np.int64) - half)[contact] + number // side[contact]
         r, a, s = np.hypot(px - x[contact], py - y[contact]), radius[contact], self.blur
         inside = (px >= 0) & (py >= 0) & (px < used.shape[1]) & (py < used.shape[0])
         near = (np.abs(r - a) < REACH * s) & inside
         near[near] = used[py[near], px[near]]
-        contact, px, py, r, a = contact[near], px[near], py[near], r[near], a[near]
+        contact, px, py, r, a = (part[near] for part in (contact, px, py, r, a))
         slope = a / s**2 * np.exp(-((r - a) ** 2) / (2 * s**2)) * special.i0e(r * a / s**2)
         covered = special.ndtr((a - r) / s)
         value = brightness[py, px] * self.contrast * slope / (1.0 + self.contrast * covered)
@@ -164,7 +164,7 @@ class View:
         1 where it shows background.
     """
 
-    image: NDArray[np.float32]
+    image: Values
     seen: NDArray[np.uint8]
 
     @classmethod
@@ -173,15 +173,14 @@ class View:
         finite = np.isfinite(image)
         return cls(np.where(finite, image, 0.0).astype(np.float32), finite.astype(np.uint8))
 
-    def restricted(self, used: NDArray[np.bool_], light: NDArray[np.float32]) -> "View":
+    def restricted(self, used: Flags, light: Values) -> "View":
         """Seen only in the squares that are used, and corrected for its slow light (`Agreement`)."""
-        shape = self.image.shape
-        slow = to_pixels(light, shape, side=SQUARE_PX, interpolation=cv2.INTER_LINEAR)
+        slow = to_pixels(light, self.image.shape, side=SQUARE_PX, interpolation=cv2.INTER_LINEAR)
         # the neighbours of what is left out are left out too
-        bad = cv2.dilate((~used).astype(np.uint8), np.ones((3, 3), np.uint8))
-        return View(self.image - slow, self.seen & np.uint8(1 - to_pixels(bad, shape, side=SQUARE_PX)))
+        good = cv2.erode(used.astype(np.uint8), np.ones((3, 3), np.uint8))
+        return View(self.image - slow, self.seen & to_pixels(good, self.image.shape, side=SQUARE_PX))
 
-    def squares(self) -> NDArray[np.float32]:
+    def squares(self) -> Values:
         """Means over squares of `SQUARE_PX`; NaN where the frame shows too little of a square."""
         enough = block_means(self.seen.astype(np.float32), side=SQUARE_PX) >= FEWEST_SEEN
         return np.where(enough, block_means(self.image, self.seen, side=SQUARE_PX), np.float32(np.nan))
@@ -232,14 +231,12 @@ class Placement:
         )
         if not difference.ratio or difference.alignment is None or difference.registration_failed:
             return None
-        alignment = difference.alignment if difference.alignment.known else UNKNOWN
-        return cls(alignment, difference.illumination)
+        return cls(difference.alignment if difference.alignment.known else UNKNOWN, difference.illumination)
 
     @stage("light")
     def view(self, image: NDArray, hidden: NDArray[np.float64]) -> View:
         """The image outside hidden disks (x, y, radius, px), as the anchor would show it."""
-        shape = (image.shape[0], image.shape[1])
-        finite = np.isfinite(image)
+        shape, finite = (image.shape[0], image.shape[1]), np.isfinite(image)
         seen, bits = finite.astype(np.uint8), 4
         for disk in np.rint(np.asarray(hidden) * 2**bits).astype(int).tolist():
             cv2.circle(seen, disk[:2], disk[2], 0, cv2.FILLED, cv2.LINE_8, bits)
@@ -269,8 +266,8 @@ class PlacedFrame:
     contacts: Contacts
     placement: Placement
     digest: bytes
-    used: NDArray[np.bool_] | None = None
-    light: NDArray[np.float32] | None = None
+    used: Flags | None = None
+    light: Values | None = None
     correction: NDArray[np.float64] | None = None
 
     def view(self, image: NDArray) -> View:
@@ -308,13 +305,13 @@ class Agreement:
         Standard deviation of a pixel of a view, from the scatter of the squares.
     """
 
-    used: NDArray[np.bool_]
-    light: NDArray[np.float32]
-    deviation: NDArray[np.float32]
+    used: Flags
+    light: Values
+    deviation: Values
     pixel_noise: float
 
     @property
-    def left_out(self) -> NDArray[np.bool_]:
+    def left_out(self) -> Flags:
         """Views that do not agree with the others as a whole."""
         return np.asarray(~self.used.any(axis=(1, 2)))
 
@@ -327,8 +324,7 @@ class Agreement:
 
     def scatter_inside(self, contacts: Contacts, *, view: int) -> float:
         """Scatter of a view in the squares of its contacts (on the anchor), over that in the others."""
-        rows, columns = (SQUARE_PX * size for size in self.used.shape[1:])
-        here = np.zeros((rows, columns), np.uint8)
+        here = np.zeros([SQUARE_PX * size for size in self.used.shape[1:]], np.uint8)
         for x, y, radius in np.rint(contacts.disks[:, :3]).astype(int).tolist():
             cv2.circle(here, (x, y), radius + int(EDGE_REACH_PX), 1, cv2.FILLED)
         near, known = block_means(here, side=SQUARE_PX) > FEWEST_SEEN, np.isfinite(self.deviation[view])
@@ -338,7 +334,7 @@ class Agreement:
         return robust_std(inside, centre=0.0) / max(robust_std(outside, centre=0.0), 1e-9)
 
 
-def compare_views(squares: Sequence[NDArray[np.float32]], *, sign: int) -> Agreement:
+def compare_views(squares: Sequence[Values], *, sign: int) -> Agreement:
     """Compare what the frames of a series show of the background.
 
     Parameters
@@ -351,23 +347,21 @@ def compare_views(squares: Sequence[NDArray[np.float32]], *, sign: int) -> Agree
     """
     views = np.stack(squares)
     views[:, np.isnan(views).all(axis=0)] = 0.0
-    middle = np.nanmedian(views, axis=0)
-    light = np.stack([_slow(view - middle) for view in views])
+    light = np.stack([_slow(view) for view in views - np.nanmedian(views, axis=0)])
     flat = views - light
     deviation = flat - np.nanmedian(flat, axis=0)
-    scatter = np.array([robust_std(part[np.isfinite(part)], centre=0.0) if np.isfinite(part).any() else np.inf
-                        for part in deviation])  # fmt: skip
+    shown = [part[np.isfinite(part)] for part in deviation]
+    scatter = np.array([robust_std(part, centre=0.0) if part.size else np.inf for part in shown])
     usual = float(np.median(scatter[np.isfinite(scatter)])) if np.isfinite(scatter).any() else 0.0
     good = (scatter <= WORST_SCATTER * usual)[:, None, None]
     ordered = np.sort(np.where(good, sign * flat, np.float32(np.nan)), axis=0)  # NaN last
-    third = np.isfinite(ordered[2]) if len(ordered) > 2 else False
-    second_lowest = np.where(third, ordered[min(1, len(ordered) - 1)], ordered[0])
+    second_lowest = np.where(np.isfinite(ordered[2:3]).any(axis=0), ordered[:2][-1], ordered[0])
     # of 24 normal deviates the second lowest lies 1.6 below the mean: 10^-5 of the squares are left out
     used = ~(np.abs(sign * flat - second_lowest) > FULL_DIRT_SIGMA * usual)
     return Agreement(used & good, light, deviation, SQUARE_PX * usual)
 
 
-def _slow(image: NDArray[np.float32]) -> NDArray[np.float32]:
+def _slow(image: Values) -> Values:
     """The image, NaN where it is not known, blurred by `LIGHT_PX`; outliers count little."""
     known = np.isfinite(image)
     if not known.any():
@@ -393,7 +387,7 @@ class PooledBackground:
         How many do.
     """
 
-    total: NDArray[np.float32]
+    total: Values
     count: NDArray[np.uint8]
 
     @classmethod
@@ -411,7 +405,7 @@ class PooledBackground:
         rings = (templates @ correction.astype(np.float32)).reshape(self.total.shape)
         return replace(self, total=(self.total - rings).astype(np.float32))
 
-    def mean(self) -> NDArray[np.float32]:
+    def mean(self) -> Values:
         """The background; where no view shows it, what surrounds the place."""
         image = np.asarray(self.total / np.maximum(self.count, 1), np.float32)
         unknown = (self.count == 0).astype(np.uint8)
@@ -422,24 +416,19 @@ class PooledBackground:
     def views_at(self, x: NDArray, y: NDArray, radius: NDArray) -> NDArray[np.float64]:
         """Number of views at each rim (px on the anchor): the harmonic mean over its points."""
         angles = 2.0 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
-        rows, columns = (
-            np.clip(np.rint(centre[:, None] + radius[:, None] * part), 0, size - 1).astype(int)
-            for centre, part, size in (
-                (y, np.sin(angles), self.count.shape[0]),
-                (x, np.cos(angles), self.count.shape[1]),
-            )
-        )
-        return np.asarray(1.0 / np.mean(1.0 / np.maximum(self.count[rows, columns], UNSEEN_VIEWS), axis=1))
+        x, y = (z[:, None] + radius[:, None] * part for z, part in ((x, np.cos(angles)), (y, np.sin(angles))))
+        count = self.count[nearest_pixels(x, y, self.count.shape)]
+        return np.asarray(1.0 / np.mean(1.0 / np.maximum(count, UNSEEN_VIEWS), axis=1))
 
 
-def smooth_brightness(anchor: NDArray) -> NDArray[np.float32]:
+def smooth_brightness(anchor: NDArray) -> Values:
     """The anchor without its detail, grey levels."""
-    view = View.plain(anchor)
     window = (LIGHT_PX // 2 + 1, LIGHT_PX // 2 + 1)
-    return mean_of_seen(lambda part: cv2.blur(part, window), view.image, view.seen > 0)[0]
+    known = np.isfinite(anchor)
+    return mean_of_seen(lambda part: cv2.blur(part, window), np.asarray(anchor, np.float32), known)[0]
 
 
-def average_references(images: Sequence[NDArray]) -> tuple[NDArray[np.float32], list[int]]:
+def average_references(images: Sequence[NDArray]) -> tuple[Values, list[int]]:
     """Register references on the first of them and average them, without those that differ from the others.
 
     Parameters
@@ -454,13 +443,12 @@ def average_references(images: Sequence[NDArray]) -> tuple[NDArray[np.float32], 
     left_out : list of int
         Numbers of the references that differ from the others as a whole or in many places.
     """
-    first, nothing = images[0], np.empty((0, 3))
-    copies = {k for k, image in enumerate(images) if k and np.array_equal(image, first)}
+    first, copies = images[0], {k for k, image in enumerate(images) if k and np.array_equal(image, images[0])}
     views = {0: View.plain(first)}
     for number in set(range(1, len(images))) - copies:
         placement = Placement.of(images[number], first, background_is="most_common")
         if placement is not None:
-            views[number] = placement.view(images[number], nothing)
+            views[number] = placement.view(images[number], np.empty((0, 3)))
     agreement = compare_views([view.squares() for view in views.values()], sign=1)
     differs = (~agreement.used & np.isfinite(agreement.deviation)).mean(axis=(1, 2)) > OUTLIER_FRACTION
     pooled, used = PooledBackground.empty(first.shape), set(copies)
@@ -492,7 +480,7 @@ class RimSums:
     prior: NDArray[np.float64]
 
     @classmethod
-    def of(cls, contacts: Contacts, view: View, brightness: NDArray[np.float32]) -> "RimSums":
+    def of(cls, contacts: Contacts, view: View, brightness: Values) -> "RimSums":
         """The sums of a view with these contacts on the anchor."""
         templates = contacts.templates(brightness, view.seen > 0)
         products = templates.T @ (view.image - brightness).ravel().astype(np.float64)
@@ -500,7 +488,7 @@ class RimSums:
 
 
 def correct_radii(
-    views: Sequence[RimSums], pooled: PooledBackground, brightness: NDArray[np.float32], *, noise: float
+    views: Sequence[RimSums], pooled: PooledBackground, brightness: Values, *, noise: float
 ) -> list[NDArray[np.float64]]:
     """Corrections of the radii of each view from all views together, px.
 
@@ -522,8 +510,8 @@ def correct_radii(
     own = sparse.block_diag([view.templates.T @ view.templates for view in views], format="csr")
     prior = noise**2 * np.concatenate([view.prior for view in views])
     matrix = (own - templates.T @ (share @ templates) + sparse.diags_array(prior)).tocsr()
-    products = np.concatenate([view.products for view in views])
-    right = products - templates.T @ (pooled.mean() - brightness).ravel()
+    shown = templates.T @ (pooled.mean() - brightness).ravel()
+    right = np.concatenate([view.products for view in views]) - shown
     scale = sparse.diags_array(1.0 / np.maximum(matrix.diagonal(), 1e-12))
     solution, _ = cg(matrix, right, rtol=NEGLIGIBLE, maxiter=500, M=scale)
     return np.split(solution, np.cumsum(sizes)[:-1])
@@ -586,7 +574,7 @@ def _inverse(alignment: Alignment) -> Alignment:
     return replace(alignment, x_px=float(shift.real), y_px=float(shift.imag), rotation=turn, scale=scale)
 
 
-def _move(image: NDArray[np.float32], alignment: Alignment) -> NDArray[np.float32]:
+def _move(image: Values, alignment: Alignment) -> Values:
     """The image moved, with its noise nearly white."""
     if not alignment.is_shift:
         return move_image(image, alignment)

@@ -145,15 +145,13 @@ def move_reference(reference: NDArray, valid: Mask, alignment: Alignment) -> tup
     image, valid
         Outside the reference the image repeats its border and is not valid.
     """
-    shape = reference.shape
     if alignment.is_shift and not alignment.largest_px:
         return reference, valid
-    valid = np.ones(shape, np.uint8) if valid is None else valid
-    interpolation = cv2.INTER_NEAREST
-    if not alignment.is_shift:
-        interpolation, around = cv2.INTER_LANCZOS4, np.ones((5, 5), np.uint8)
-        valid = np.asarray(cv2.erode(valid, around), np.uint8)
-    return move_image(reference, alignment, interpolation=interpolation), move_mask(valid, alignment)
+    valid = np.ones(reference.shape, np.uint8) if valid is None else valid
+    if alignment.is_shift:
+        return move_image(reference, alignment, interpolation=cv2.INTER_NEAREST), move_mask(valid, alignment)
+    valid = np.asarray(cv2.erode(valid, np.ones((5, 5), np.uint8)), np.uint8)
+    return move_image(reference, alignment), move_mask(valid, alignment)
 
 
 def move_mask(mask: NDArray[np.uint8], alignment: Alignment) -> NDArray[np.uint8]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from contactimg.imaging.pixels.blocks import is_background, sample_background, strips
+from contactimg.imaging.pixels.masks import Flags, Values
 from contactimg.imaging.pixels.robust import (
     CLIP_SIGMA,
     FEWEST_VALUES,
@@ -85,9 +86,7 @@ class NoiseCorrelation:
         """The correlation of pixels that share no noise."""
         return cls(np.zeros(LARGEST_LAG + 1))
 
-    def rim_inflation(
-        self, radius: NDArray, blur: float, *, noise: Noise, gain: float
-    ) -> NDArray[np.float64]:
+    def rim_inflation(self, radius: NDArray, blur: float, *, noise: Noise, gain: float) -> NDArray:
         """Ratio of the variance of a radius to that for independent pixels.
 
         Parameters
@@ -104,29 +103,27 @@ class NoiseCorrelation:
         The derivative of a blurred disk with respect to its radius has the spectrum ``J0(k a) exp(-k^2
         s^2/2)``; its autocorrelation is the weight of the covariance of two pixels at that distance.
         """
-        return self._inflation(radius / blur, blur, noise, 0.5, gain, _autocorrelation(rim=True))
+        return self._inflation(radius, blur, noise, gain, rim=True)
 
-    def plateau_inflation(
-        self, radius: NDArray, blur: float, *, noise: Noise, gain: float
-    ) -> NDArray[np.float64]:
+    def plateau_inflation(self, radius: NDArray, blur: float, *, noise: Noise, gain: float) -> NDArray:
         """Return the factor for the contrast.
 
         The derivative with respect to it has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``.
         """
-        return self._inflation(radius / blur, blur, noise, 1.0, gain, _autocorrelation(rim=False))
+        return self._inflation(radius, blur, noise, gain, rim=False)
 
-    def _inflation(
-        self, radius: NDArray, blur: float, noise: Noise, level: float, gain: float, autocorrelation: NDArray
-    ) -> NDArray[np.float64]:
-        """Factor for a template at a contact level; radii in blur widths."""
+    def _inflation(self, radius: NDArray, blur: float, noise: Noise, gain: float, *, rim: bool) -> NDArray:
+        """Factor for the radius, at half height, or for the contrast, on the plateau."""
+        level = 0.5 if rim else 1.0
         lags = np.arange(-LARGEST_LAG, LARGEST_LAG + 1)
         distance = np.hypot(lags[:, None], lags[None, :]).ravel()
         unique, counts = np.unique(distance[(distance > 0) & (distance <= LARGEST_LAG)], return_counts=True)
         covariance = np.interp(unique, np.arange(LARGEST_LAG + 1), self.covariance) * counts
-        shared = np.array([np.interp(unique / blur, LAGS, row) @ covariance for row in autocorrelation])
+        weights = _autocorrelation(rim=rim)
+        shared = np.array([np.interp(unique / blur, LAGS, row) @ covariance for row in weights])
         excess = (1.0 + level * (gain - 1.0)) ** 2 * shared
         factor = 1.0 + np.maximum(excess, 0.0) / (noise.variance * noise.at(level))
-        return np.interp(np.log(np.clip(radius, RADII[0], RADII[-1])), np.log(RADII), factor)
+        return np.interp(np.log(np.clip(radius / blur, RADII[0], RADII[-1])), np.log(RADII), factor)
 
 
 @lru_cache(maxsize=2)
@@ -139,7 +136,7 @@ def _autocorrelation(*, rim: bool) -> NDArray[np.float64]:
 
 
 @stage("contrast")
-def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) -> float:
+def estimate_noise(image: Values, background: Flags) -> float:
     """Robust standard deviation of a background pixel, grey levels.
 
     Parameters
@@ -158,13 +155,7 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
     return noise_std(sample)
 
 
-def measure_correlation(
-    image: NDArray[np.float32],
-    model: NDArray[np.float32],
-    background: NDArray[np.bool_],
-    *,
-    noise: float,
-) -> NoiseCorrelation:
+def measure_correlation(image: Values, model: Values, background: Flags, *, noise: float) -> NoiseCorrelation:
     """Covariance of background pixels along rows and columns.
 
     Parameters
@@ -180,14 +171,12 @@ def measure_correlation(
     inside = (min(height, len(image)) - LARGEST_LAG, image.shape[1] - LARGEST_LAG)
     if min(inside) <= 0:
         return NoiseCorrelation.independent()
-    most = max(len(image) // height, 1)
-    number = int(np.clip(MANY // (inside[0] * inside[1]), 1, most))
+    number = int(np.clip(MANY // (inside[0] * inside[1]), 1, max(len(image) // height, 1)))
     rows, _ = strips(len(image), height, number, 0)
     rest = (image[rows] - model[rows]).reshape(number, -1, image.shape[1])
     usual = np.abs(rest) <= np.float32(CLIP_SIGMA * noise)
     rest[~usual] = 0.0
-    columns = np.arange(image.shape[1])
-    free = is_background(background, rows, columns, image.shape).reshape(rest.shape)
+    free = is_background(background, rows, np.arange(image.shape[1]), image.shape).reshape(rest.shape)
 
     def moved(part: NDArray, down: int, right: int) -> NDArray:
         return part[:, down : down + inside[0], right : right + inside[1]]

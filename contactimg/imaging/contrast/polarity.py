@@ -2,15 +2,15 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from contactimg.imaging.pixels.masks import Flags, Values
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, robust_std
 
 AT_BORDER = 0.3
 """Weight of a region at the border. By hand: four dark corners of 500 px^2 against 25 contacts of 3 px."""
 
 
-def find_polarity(blocks: NDArray[np.float32], background: NDArray[np.bool_] | None = None) -> str:
+def find_polarity(blocks: Values, background: Flags | None = None) -> str:
     """``"bright"`` or ``"dark"``: the sign of most of what stands out of the background at 0.
 
     A connected region counts as the square root of its light: one shadow is not many contacts. One at the

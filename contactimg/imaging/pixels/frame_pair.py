@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels.masks import Mask, exclude
+from contactimg.imaging.pixels.masks import Mask, exclude, nearest_pixels
 from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.tables import Status
 
@@ -123,10 +123,7 @@ class FramePair:
         if self.valid is None or self.valid.all():
             return np.zeros(len(x), np.bool_)
         distance = cv2.distanceTransform(self.valid, cv2.DIST_L2, cv2.DIST_MASK_5)
-        place = [
-            np.clip(np.rint(z), 0, n - 1).astype(int) for z, n in zip((y, x), distance.shape, strict=True)
-        ]
-        return np.asarray(distance[tuple(place)] < reach)
+        return np.asarray(distance[nearest_pixels(x, y, distance.shape)] < reach)
 
     @classmethod
     def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "FramePair":

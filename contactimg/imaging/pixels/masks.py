@@ -42,9 +42,13 @@ def exclude(valid: Mask, marked: Mask) -> Mask:
     return 1 - marked if valid is None else valid & (1 - marked)
 
 
-def mean_of_seen(
-    blur: Callable[[NDArray], NDArray], image: NDArray, seen: NDArray[np.bool_]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def nearest_pixels(x: NDArray, y: NDArray, shape: tuple[int, ...]) -> tuple[NDArray, NDArray]:
+    """Rows and columns of the pixels of an image of ``shape`` that are nearest to places (px)."""
+    rows, columns = (np.clip(np.rint(z), 0, n - 1).astype(int) for z, n in zip((y, x), shape, strict=True))
+    return rows, columns
+
+
+def mean_of_seen(blur: Callable[[NDArray], NDArray], image: NDArray, seen: Flags) -> tuple[Values, Values]:
     """Mean of the pixels seen around each one, with the weights of a blur; and their weight.
 
     Examples
@@ -91,11 +95,9 @@ def visible_fraction(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDA
     >>> visible_fraction(np.array([[-0.5, 10.0, 5.0], [10.0, 10.0, 5.0]]), (30, 30), None).tolist()
     [0.5, 1.0]
     """
-    if valid is None:  # only the border can hide part of a disk
-        x, y, reach = disks[:, 0], disks[:, 1], disks[:, 2] + 1.0
-        cut = (x < reach) | (y < reach) | (x > shape[1] - reach) | (y > shape[0] - reach)
-    else:
-        cut = np.ones(len(disks), np.bool_)
+    x, y, reach = disks[:, 0], disks[:, 1], disks[:, 2] + 1.0
+    # without holes only the border can hide part of a disk
+    cut = (x < reach) | (y < reach) | (x > shape[1] - reach) | (y > shape[0] - reach) | (valid is not None)
     fraction, some = np.ones(len(disks)), disks[cut]
     x = np.rint(some[:, :1] + some[:, 2:3] * UNIT_DISK.real)
     y = np.rint(some[:, 1:2] + some[:, 2:3] * UNIT_DISK.imag)

@@ -84,11 +84,9 @@ def blurred_disk(r: ArrayLike, a: ArrayLike, s: float) -> NDArray[np.float64]:
     r, a = np.broadcast_arrays(np.abs(np.asarray(r, float)) / s, np.asarray(a, float) / s)
     # the series of the distribution loses digits far inside the rim, where the profile is 1 anyway
     inside = r < a - INNER_BLUR_WIDTHS - 2
-    outside = r > a + INNER_BLUR_WIDTHS + 2
-    profile = special.chndtr(
-        np.where(inside | outside, 1.0, a) ** 2, 2, np.where(inside | outside, 1.0, r) ** 2
-    )
-    return np.where(inside, 1.0, np.where(outside, 0.0, profile))
+    far = inside | (r > a + INNER_BLUR_WIDTHS + 2)
+    profile = special.chndtr(np.where(far, 1.0, a) ** 2, 2, np.where(far, 1.0, r) ** 2)
+    return np.where(far, inside, profile)
 
 
 @lru_cache(maxsize=1)
@@ -97,8 +95,8 @@ def disk_table() -> EdgeTable:
     outer = INNER_BLUR_WIDTHS
     u = np.arange(-INNER_BLUR_WIDTHS, outer + 0.5 / STEPS_PER_BLUR_WIDTH, 1.0 / STEPS_PER_BLUR_WIDTH)
     values = np.empty((TABLE_ROWS, len(u), 3), np.float32)
-    gauss = np.exp(-(u**2) / 2)
-    values[0] = np.stack([special.ndtr(-u), gauss / np.sqrt(2 * np.pi), -gauss / np.sqrt(2 * np.pi)], axis=-1)
+    slope = np.exp(-(u**2) / 2) / np.sqrt(2 * np.pi)
+    values[0] = np.stack([special.ndtr(-u), slope, -slope], axis=-1)
     for k in range(1, TABLE_ROWS):
         q = k / (TABLE_ROWS - 1)
         a = (1 - q) / q
@@ -107,7 +105,7 @@ def disk_table() -> EdgeTable:
         values[k, :, 0] = blurred_disk(r, a, 1.0) if a > 0 else 0.0
         values[k, :, 1] = a * gauss * special.ive(0, np.abs(r) * a)
         values[k, :, 2] = -a * gauss * special.ive(1, np.abs(r) * a) * np.sign(r)
-    return EdgeTable(np.ascontiguousarray(values), outer, _powers(u, values))
+    return EdgeTable(values, outer, _powers(u, values))
 
 
 def _powers(u: NDArray[np.float64], values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -53,9 +53,7 @@ PRIOR_STD = np.array([1.0] * 5 + [0.1, 0.5, 0.6] + [0.5] * 5 + [0.5, 0.5])
 LARGEST = np.array([4.0] * 5 + [0.2, 1.0, 0.8] + [0.7] * 5 + [0.7, 1.0])
 """Largest magnitudes. Chosen: beyond, the profile is no edge of a contact any more."""
 
-RIM_RADII = (
-    0.1  # width of a rim outside. Chosen: with its height, what a blur leaves of wider and narrower ones
-)
+RIM_RADII = 0.1  # width of a rim outside. Chosen: with its height, what a blur leaves of other widths
 DEFECT_STEP = 0.02  # of the derivative by the response; accuracy
 NARROWEST_BLUR_RATIO = 0.4  # of a blur that varies over the field, to its mean; accuracy: keeps it positive
 
@@ -101,9 +99,7 @@ class BlurredDisks:
     @classmethod
     def of(cls, disks: PlacedDisks, blur: Values | float) -> "BlurredDisks":
         """Interpolated in the table of the plain disk; ``blur`` has shape (n, 1) or is common."""
-        s = np.broadcast_to(np.asarray(blur, float), disks.radius.shape)
-        value = look_up(disk_table().values, disks, s)
-        return cls(value[0], value[1], value[2])
+        return cls(*look_up(disk_table().values, disks, blur))
 
     def by_s(self, disks: PlacedDisks) -> Values:
         """``s dP/ds``, times s over the unit of length."""
@@ -118,13 +114,13 @@ class BlurredDisks:
 
 def blurred_profile(disks: PlacedDisks, blur: Values | float) -> Values:
     """``P`` of `BlurredDisks` alone, in a third of the time."""
-    s = np.broadcast_to(np.asarray(blur, float), disks.radius.shape)
-    return look_up(disk_table().values, disks, s, 1)[0]
+    return look_up(disk_table().values, disks, blur, 1)[0]
 
 
-def look_up(table: NDArray[np.float32], disks: PlacedDisks, blur: Values, count: int = 3) -> Values:
+def look_up(table: NDArray[np.float32], disks: PlacedDisks, blur: Values | float, count: int = 3) -> Values:
     """The first of ``P``, ``s dP/da``, ``s dP/dr`` from the values of an edge table, shape (count, n, k)."""
-    radius, s = np.array(disks.radius[:, 0]), np.array(blur[:, 0])
+    radius = np.array(disks.radius[:, 0])
+    s = np.array(np.broadcast_to(np.asarray(blur, float), disks.radius.shape)[:, 0])
     return np.asarray(_interpolate(table, radius, s, disks.distance, count))
 
 
@@ -205,33 +201,26 @@ def edge_templates(disks: PlacedDisks, blur: float, shape: Values, chosen: Seque
 
     At the plain edge, except that by the response, which is far from linear.
     """
-    plain = BlurredDisks.of(disks, blur)
+    plain, defect = BlurredDisks.of(disks, blur), float(shape[RESPONSE])
     by_s = plain.by_s(disks) / blur**2
+
+    def by_parameter(k: int) -> Values:
+        if k < WEIGHTS.stop:
+            return blurred_profile(disks, WIDTH_RATIOS[k] * blur) - plain.p
+        if FIELD.start <= k < FIELD.stop:
+            return by_s * blur * disks.field[:, [k - FIELD.start]]
+        if k == SOFTNESS:
+            return by_s * disks.radius**2 / (2 * blur)
+        if k == DOME:
+            return plain.dome(disks, blur)
+        if k == RESPONSE:
+            above, below = (respond(plain.p, defect + x, disks.ratio) for x in (DEFECT_STEP, -DEFECT_STEP))
+            return (above - below) / (2 * DEFECT_STEP)
+        if k == TREND:
+            return plain.p * _smallness(disks, blur)
+        return blurred_profile(_with_rims(disks), blur) - plain.p
+
     out = np.empty((len(disks.radius), len(chosen), disks.distance.shape[1]))
     for column, k in enumerate(chosen):
-        out[:, column] = (
-            by_s
-            if k == 0
-            else _by_parameter(disks, blur, k - 1, plain, by_s=by_s, defect=float(shape[RESPONSE]))
-        )
+        out[:, column] = by_parameter(k - 1) if k else by_s
     return out
-
-
-def _by_parameter(
-    disks: PlacedDisks, blur: float, k: int, plain: BlurredDisks, *, by_s: Values, defect: float
-) -> Values:
-    """Derivative of the profile by one of `PARAMETERS`; ``by_s`` is that by the blur."""
-    if k < WEIGHTS.stop:
-        return blurred_profile(disks, WIDTH_RATIOS[k] * blur) - plain.p
-    if FIELD.start <= k < FIELD.stop:
-        return by_s * blur * disks.field[:, [k - FIELD.start]]
-    if k == SOFTNESS:
-        return by_s * disks.radius**2 / (2 * blur)
-    if k == DOME:
-        return plain.dome(disks, blur)
-    if k == RESPONSE:
-        above, below = (respond(plain.p, defect + x, disks.ratio) for x in (DEFECT_STEP, -DEFECT_STEP))
-        return (above - below) / (2 * DEFECT_STEP)
-    if k == TREND:
-        return plain.p * _smallness(disks, blur)
-    return blurred_profile(_with_rims(disks), blur) - plain.p

@@ -71,9 +71,7 @@ class FilmRim:
         """Excess at distances (px) beyond the edge of a contact of a radius (px)."""
         a = radius_px * self.pixel_size
         r = a + np.asarray(distance_px, float) * self.pixel_size
-        return np.asarray(
-            excess_table(self.light).around_contact(r, radius=a, sphere_radius=self.sphere_radius)
-        )
+        return excess_table(self.light).around_contact(r, radius=a, sphere_radius=self.sphere_radius)
 
     @property
     def contrast(self) -> float:
@@ -144,7 +142,7 @@ def _build(rim: FilmRim, blur: float) -> EdgeTable:
     along = np.gradient(profiles, 1.0 / STEPS_PER_BLUR_WIDTH, axis=1)
     # at equal distance from the rim, not from the centre, profiles hardly change with the radius
     across = np.gradient(profiles, q, axis=0) / (np.gradient(radius, q) / blur)[:, None]
-    values[1:, :, 0], values[1:, :, 1], values[1:, :, 2] = profiles, across - along, along
+    values[1:] = np.stack([profiles, across - along, along], axis=-1)
     values[0] = values[1]  # the straight edge: radii beyond 80 blur widths
     return EdgeTable(values, outer)
 
@@ -185,10 +183,8 @@ def _scaled_bessel(x):
     """``exp(-x) I0(x)`` to 2e-7: Abramowitz and Stegun, 9.8.1 and 9.8.2."""
     if x < 3.75:
         y = (x / 3.75) ** 2
-        low = 3.5156229 + y * (
-            3.0899424 + y * (1.2067492 + y * (0.2659732 + y * (0.0360768 + y * 0.0045813)))
-        )
-        return np.exp(-x) * (1.0 + y * low)
+        low = 1.2067492 + y * (0.2659732 + y * (0.0360768 + y * 0.0045813))
+        return np.exp(-x) * (1.0 + y * (3.5156229 + y * (3.0899424 + y * low)))
     y = 3.75 / x
     tail = -0.02057706 + y * (0.02635537 + y * (-0.01647633 + y * 0.00392377))
     high = 0.01328592 + y * (0.00225319 + y * (-0.00157565 + y * (0.00916281 + y * tail)))

@@ -5,21 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-
-@dataclass(frozen=True)
-class Halo:
-    """Wide part of the point spread function.
-
-    Parameters
-    ----------
-    fraction : float
-        Of the light.
-    sigma_px : float
-        Standard deviation of its Gaussian.
-    """
-
-    fraction: float
-    sigma_px: float
+from contactimg.optics.psf import Halo
 
 
 @dataclass(frozen=True, eq=False)
