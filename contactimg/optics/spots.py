@@ -62,17 +62,9 @@ class Spots:
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
         """Mean light of the chosen spots in each cell of a grid whose first cell is centred at ``origin``."""
         # the linear rim as a sum of disks, two or more a pixel: Gauss nodes give its area exactly
-        count = max(2, math.ceil(2 * self.rim_px)) if self.rim_px else 1
-        nodes, weights = _gauss_nodes(count)
-        return cover_cells(
-            shape,
-            self.disks[chosen],
-            self.outline_px[chosen],
-            self.rim_px * (nodes + 1) / 2,
-            weights / 2,
-            (origin[0], origin[1]),
-            cell,
-        )
+        nodes, weights = _gauss_nodes(max(2, math.ceil(2 * self.rim_px)) if self.rim_px else 1)
+        rim, disks, outline = self.rim_px * (nodes + 1) / 2, self.disks[chosen], self.outline_px[chosen]
+        return cover_cells(shape, disks, outline, rim, weights / 2, (origin[0], origin[1]), cell)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -102,16 +94,10 @@ class FilmSpots(Spots):
 
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
         """Mean light in each cell; where halos meet, that of the thinnest film counts."""
-        return film_cells(
-            shape,
-            np.column_stack([self.disks, self.depth, self.film_px])[chosen],
-            self.outline_px[chosen],
-            self.excess.values,
-            self.excess.step,
-            (origin[0], origin[1]),
-            cell,
-            math.ceil(POINTS_PER_FRINGE * cell / self.fringe_px),
-        )
+        disks = np.column_stack([self.disks, self.depth, self.film_px])[chosen]
+        outline, excess = self.outline_px[chosen], (self.excess.values, self.excess.step)
+        points = math.ceil(POINTS_PER_FRINGE * cell / self.fringe_px)
+        return film_cells(shape, disks, outline, *excess, (origin[0], origin[1]), cell, points)
 
 
 def surround_with_film(
@@ -135,9 +121,8 @@ def surround_with_film(
     radius = spots.radius_px * pixel_size
     sphere = np.broadcast_to(np.asarray(sphere_radius, float), radius.shape)
     reach = excess.reach(radius=radius, sphere_radius=sphere)
-    steepest = float(
-        np.max(reach / sphere, initial=np.finfo(float).tiny)
-    )  # the gap opens less than the sphere
+    # the gap opens less than the sphere
+    steepest = float(np.max(reach / sphere, initial=np.finfo(float).tiny))
     return FilmSpots(
         **vars(spots),
         depth=radius**2 / sphere,
@@ -276,10 +261,8 @@ def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Genera
     angles = modes[:, None] * _azimuths()
     waves = np.concatenate([np.cos(angles), np.sin(angles)])
     amplitudes = rng.standard_normal((radius.size, len(waves))) / np.sqrt(len(modes))
-    edges = radius[:, None] + np.minimum(rms_px, MAX_ROUGHNESS_FRACTION * radius)[:, None] * (
-        amplitudes @ waves
-    )
-    edges = np.maximum(edges, 0.0)
+    rms = np.minimum(rms_px, MAX_ROUGHNESS_FRACTION * radius)
+    edges = np.maximum(radius[:, None] + rms[:, None] * (amplitudes @ waves), 0.0)
     equal_area = radius / np.sqrt(np.mean(edges**2, axis=1))
     return edges * equal_area[:, None] - radius[:, None]
 

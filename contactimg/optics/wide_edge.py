@@ -151,16 +151,11 @@ def edge_light(radius: float, *, sphere_radius: float, opening: float, excess: E
     if reach < 1e-6 * radius:  # below any pixel
         return EdgeLight(np.zeros(1), np.zeros(0))
     u = np.linspace(0, 1, FILM_NODES + 1)
-    middle = (u[1:] + u[:-1]) / 2
-    return EdgeLight(reach * u**2, excess(_gap(reach * middle**2, radius, sphere_radius, opening)))
-
-
-def _gap(distance: Values, radius: float, sphere_radius: float, opening: float) -> Values:
+    distance = reach * ((u[1:] + u[:-1]) / 2) ** 2
     r = radius + distance
     angle = np.arctan(np.sqrt(distance * (r + radius)) / radius)  # acos(a/r) without cancellation
-    return (
-        hertz_gap(r, radius=radius, sphere_radius=sphere_radius) + 2 / np.pi * opening * radius**0.5 * angle
-    )
+    gap = hertz_gap(r, radius=radius, sphere_radius=sphere_radius)
+    return EdgeLight(reach * u**2, excess(gap + 2 / np.pi * opening * radius**0.5 * angle))
 
 
 def _reach(radius: float, sphere_radius: float, opening: float, excess: ExcessTable) -> float:

@@ -26,6 +26,9 @@ from contactimg.pose.pairs import (
 )
 from contactimg.pose.pose import Pose
 
+Points = NDArray[np.complex128]
+"""Places in the plane, x + iy."""
+
 MIN_PAIRS = 3
 """Theory: two pairs determine a similarity; a third one tests it."""
 
@@ -127,9 +130,8 @@ def fit_pose(
     tree, centre, most = KDTree(as_real(spots)), complex(*guess.centre), MIN_PAIRS - 1
     for alpha, mirrored in _grid(float(np.abs(points).max()) * guess.pixel_size, guess, gate):
         moved = alpha * oriented(points, mirrored) + centre
-        pairs = KDTree(as_real(moved)).sparse_distance_matrix(
-            tree, largest_shift + gate, output_type="coo_matrix"
-        )
+        near = KDTree(as_real(moved))
+        pairs = near.sparse_distance_matrix(tree, largest_shift + gate, output_type="coo_matrix")
         count, shift = _vote(spots[pairs.col] - moved[pairs.row], gate)
         if count <= most:
             continue
@@ -146,7 +148,7 @@ def fit_pose(
 
 def _in_plane(
     x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, guess: Pose
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128], float]:
+) -> tuple[Points, Points, float]:
     """Contacts from the centre of the image (px) and targets (m) as complex numbers; pairing distance (m)."""
     spots = np.asarray(targets, float).reshape(-1, 2)
     points = np.column_stack([x_px, y_px]) - guess.image_centre
@@ -172,7 +174,7 @@ def _grid(
         yield complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle)), mirrored
 
 
-def _vote(shifts: NDArray[np.complex128], cell: float) -> tuple[int, complex]:
+def _vote(shifts: Points, cell: float) -> tuple[int, complex]:
     """Number of pairs of a point and a target that agree on a shift, and the shift on which most do."""
     if not shifts.size:
         return 0, 0j
@@ -187,11 +189,7 @@ def _vote(shifts: NDArray[np.complex128], cell: float) -> tuple[int, complex]:
 
 
 def refine(
-    points: NDArray[np.complex128],
-    spots: NDArray[np.complex128],
-    guess: Pose,
-    start: tuple[complex, complex, bool],
-    gate: float,
+    points: Points, spots: Points, guess: Pose, start: tuple[complex, complex, bool], gate: float
 ) -> PoseFit:
     """Least squares on one-to-one pairs: pair and fit in turn until the pairs no longer change."""
     alpha, beta, mirrored = start
@@ -225,7 +223,7 @@ def refine(
     )
 
 
-def _scale_std(points: NDArray[np.complex128], distance: NDArray[np.float64]) -> float:
+def _scale_std(points: Points, distance: NDArray[np.float64]) -> float:
     """Standard uncertainty of the modulus of alpha from the residual distances of the pairs."""
     n = len(points)
     if n < MIN_PAIRS:
@@ -234,7 +232,7 @@ def _scale_std(points: NDArray[np.complex128], distance: NDArray[np.float64]) ->
     return float(np.sqrt(variance / np.sum(np.abs(points - points.mean()) ** 2)))
 
 
-def as_complex(points: NDArray) -> NDArray[np.complex128]:
+def as_complex(points: NDArray) -> Points:
     """(n, 2) real -> (n,) complex."""
     return points[:, 0] + 1j * points[:, 1]
 
@@ -244,7 +242,7 @@ def as_real(points: NDArray) -> NDArray[np.float64]:
     return np.column_stack([points.real, points.imag])
 
 
-def oriented(points: NDArray[np.complex128], mirrored: bool) -> NDArray[np.complex128]:  # noqa: FBT001
+def oriented(points: Points, mirrored: bool) -> Points:  # noqa: FBT001
     """Pixel points, conjugated if the image is mirrored."""
     return points.conj() if mirrored else points
 
@@ -293,28 +291,22 @@ def search_everywhere(x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, gues
     points, spots, gate = _in_plane(x_px, y_px, targets, guess)
     if min(len(points), len(spots)) < MIN_PAIRS:
         return None
-    for quarter_turns in ((0,), (1, 2, 3)):
-        found = _best_pose(points, spots, guess, gate, quarter_turns)
-        if found is not None:
-            return found
-    return None
+    both = (_best_pose(points, spots, guess, gate, quarter_turns) for quarter_turns in ((0,), (1, 2, 3)))
+    return next((found for found in both if found is not None), None)
 
 
 def _best_pose(
-    points: NDArray[np.complex128],
-    spots: NDArray[np.complex128],
-    guess: Pose,
-    gate: float,
-    quarter_turns: tuple[int, ...],
+    points: Points, spots: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
 ) -> PoseFit | None:
     """The pose that explains most contacts, if it is significant and the only one."""
     middle, grid = _voters(points, guess, gate, quarter_turns)
     if not grid:
         return None
-    candidates = [
-        (*_vote((spots - alpha * oriented(middle, mirrored)[:, None]).ravel(), gate), alpha, mirrored)
-        for alpha, mirrored in grid
-    ]
+
+    def shifts(alpha: complex, mirrored: bool) -> Points:  # noqa: FBT001
+        return (spots - alpha * oriented(middle, mirrored)[:, None]).ravel()
+
+    candidates = [(*_vote(shifts(*factor), gate), *factor) for factor in grid]
     candidates.sort(key=lambda candidate: -candidate[0])
     starts = [(alpha, beta, mirrored) for _, beta, alpha, mirrored in candidates[:REFINED_CANDIDATES]]
     fits = [refine(points, spots, guess, start, gate) for start in starts]
@@ -325,32 +317,26 @@ def _best_pose(
     if bdtrc(best.n_matched - 1, len(points), chance) * trials > FALSE_ALARM_RATE:
         return None
     # on a lattice another shift explains as much
-    shifts = (spots - alpha * oriented(middle, mirrored)[:, None]).ravel()
-    _, other = _vote(shifts[np.abs(shifts - beta) > 2 * gate], gate)
+    left = shifts(alpha, mirrored)
+    _, other = _vote(left[np.abs(left - beta) > 2 * gate], gate)
     fits.append(refine(points, spots, guess, (alpha, other, mirrored), gate))
-    others = [fit for fit in fits if _differs(fit.pose, best.pose, gate)]
-    if any(fit.n_matched > NEARLY_ALL * best.n_matched for fit in others):
-        return None
-    return replace(best, fitted=True)
+    as_good = [fit.pose for fit in fits if fit.n_matched > NEARLY_ALL * best.n_matched]
+    return None if any(_differs(pose, best.pose, gate) for pose in as_good) else best
 
 
 def _voters(
-    points: NDArray[np.complex128], guess: Pose, gate: float, quarter_turns: tuple[int, ...]
-) -> tuple[NDArray[np.complex128], list[tuple[complex, bool]]]:
+    points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
+) -> tuple[Points, list[tuple[complex, bool]]]:
     """Points that vote, and what they vote on; nothing if there are too few of them."""
-    ranked = points[np.argsort(np.abs(points - _densest(points)))]
+    distance = np.sort(np.abs(points[:, None] - points[None, :]), axis=1)
+    densest = points[np.argmin(distance[:, min(VOTING_POINTS, len(points)) - 1])]
+    ranked = points[np.argsort(np.abs(points - densest))]
     for count in range(min(VOTING_POINTS, len(points)), FEWEST_CONTACTS - 1, -5):
         reach = float(np.abs(ranked[:count] - ranked[:count].mean()).max()) * guess.pixel_size
         grid = list(_grid(reach, guess, gate, quarter_turns))
         if len(grid) <= MOST_VOTES:
             return ranked[:count], grid
     return ranked[:0], []
-
-
-def _densest(points: NDArray[np.complex128]) -> complex:
-    """The point whose neighbours are closest together."""
-    distance = np.sort(np.abs(points[:, None] - points[None, :]), axis=1)
-    return complex(points[np.argmin(distance[:, min(VOTING_POINTS, len(points)) - 1])])
 
 
 def _differs(one: Pose, other: Pose, gate: float) -> bool:

@@ -47,8 +47,7 @@ def place_contacts(
     table = CONTACTS.conform(contacts)
     by_metres = ~np.isfinite(table[PIXEL_COLUMNS].to_numpy()).all(axis=1)
     if by_metres.any():
-        pose = scene.pose(shape)
-        rows = table.loc[by_metres]
+        pose, rows = scene.pose(shape), table.loc[by_metres]
         x_px, y_px = pose.to_pixels(rows["x_m"].to_numpy(), rows["y_m"].to_numpy())
         radius_px = rows["radius_m"].to_numpy() / pose.pixel_size
         table.loc[by_metres, PIXEL_COLUMNS] = np.column_stack([x_px, y_px, radius_px])
@@ -107,7 +106,12 @@ def contact_spots(
     outline_px = np.zeros((radius_px.size, 1))
     if "edge_roughness" in settings.effects:
         outline_px = rough_outlines(radius_px, rms_px=simulate.edge_roughness_px, rng=rng)
-    outline_px = _with_ellipses(outline_px, truth.loc[visible])
+    chosen = np.flatnonzero(truth.loc[visible, "shape"] == "ellipse")
+    if chosen.size:
+        axes = truth.loc[visible].iloc[chosen][ELLIPSE_COLUMNS].to_numpy(float).T
+        stretched = elliptic_outlines(*axes, outline_px=outline_px[chosen])
+        outline_px = np.repeat(outline_px, SECTORS // outline_px.shape[1], axis=1)
+        outline_px[chosen] = stretched
     spots = Spots(x_px, y_px, radius_px, brightness, outline_px, simulate.edge_softness_px)
     if "film" not in settings.effects:
         return spots
@@ -124,17 +128,6 @@ def contact_spots(
     )
 
 
-def _with_ellipses(outline_px: Values, truth: pd.DataFrame) -> Values:
-    """The outlines with those of ellipses stretched from circles; as they are without ellipses."""
-    chosen = np.flatnonzero(truth["shape"] == "ellipse")
-    if not chosen.size:
-        return outline_px
-    axes = truth.iloc[chosen][ELLIPSE_COLUMNS].to_numpy(float).T
-    result = np.repeat(outline_px, SECTORS // outline_px.shape[1], axis=1)
-    result[chosen] = elliptic_outlines(*axes, outline_px=outline_px[chosen])
-    return result
-
-
 def _sphere_radii(sphere_radius: ArrayLike | None, scene: Scene, count: int) -> Values:
     """Radius of curvature of each contact, as given or from the scene."""
     if sphere_radius is None:
@@ -144,8 +137,7 @@ def _sphere_radii(sphere_radius: ArrayLike | None, scene: Scene, count: int) -> 
                 "the film needs the radius of curvature of the contacts: hand over sphere_radius, or give "
                 "radius_m in [asperities]"
             )
-        curvature = 1 / asperities.radius + (1 / indenter.radius if indenter is not None else 0.0)
-        sphere_radius = 1 / curvature
+        sphere_radius = 1 / (1 / asperities.radius + (1 / indenter.radius if indenter is not None else 0.0))
     radii = np.asarray(sphere_radius, float)
     if radii.ndim and radii.shape != (count,):
         raise InputError(

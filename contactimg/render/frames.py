@@ -97,8 +97,7 @@ def render_contacts(
     >>> shot.frame.image.dtype, shot.frame.shape, float(shot.contacts["x_px"][0] - shot.shift_x_px)
     (dtype('uint8'), (60, 80), 30.0)
     """
-    spots_of = partial(contact_spots, sphere_radius=sphere_radius)
-    return _render(contacts, scene, rng, name, spots_of)
+    return _render(contacts, scene, rng, name, partial(contact_spots, sphere_radius=sphere_radius))
 
 
 def render_frame(
@@ -146,8 +145,8 @@ def render_reference(scene: Scene, *, rng: np.random.Generator, name: str = "ref
     """
     settings = read_render_settings(scene)
     shot, read = (np.random.default_rng(seed) for seed in rng.integers(2**63, size=2))
-    psf, _ = point_spread(settings)
-    return _record(_background_levels(settings, psf, (0.0, 0.0)), settings, shot, read, name)
+    levels = _background_levels(settings, point_spread(settings)[0], (0.0, 0.0))
+    return _record(levels, settings, shot, read, name)
 
 
 def render_smooth_contact(
@@ -194,16 +193,14 @@ def render_smooth_contact(
 
 @stage("rendering")
 def _render(
-    contacts: pd.DataFrame,
-    scene: Scene,
-    rng: np.random.Generator,
-    name: str,
-    spots_of: Callable[..., Spots],
+    contacts: pd.DataFrame, scene: Scene, rng: np.random.Generator, name: str, spots_of: Callable[..., Spots]
 ) -> Rendered:
     """The frame of contacts, which ``spots_of`` turns into spots of light, with the truth."""
     settings = read_render_settings(scene)
     simulate, streams = settings.simulate, [np.random.default_rng(k) for k in rng.integers(2**63, size=4)]
-    shift = _draw_shift(settings, streams[0])
+    shift = 0.0, 0.0
+    if "position_drift" in settings.effects:
+        shift = tuple(streams[0].normal(0.0, simulate.position_drift_px, 2).tolist())
     truth = place_contacts(contacts, scene, shape=simulate.shape, shift_px=shift)
     spots = spots_of(truth, scene, settings, rng=streams[1])
     psf, halo = point_spread(settings)
@@ -212,14 +209,6 @@ def _render(
     levels = drift * _background_levels(settings, psf, shift)
     levels *= 1 + simulate.contrast_levels / simulate.background_levels * light
     return Rendered(_record(levels, settings, streams[2], streams[3], name), truth, *shift)
-
-
-def _draw_shift(settings: RenderSettings, rng: np.random.Generator) -> Shift:
-    """Draw the shift (x, y) of the sample since the reference, in pixels."""
-    if "position_drift" not in settings.effects:
-        return 0.0, 0.0
-    x, y = rng.normal(0.0, settings.simulate.position_drift_px, 2)
-    return float(x), float(y)
 
 
 def _background_levels(settings: RenderSettings, psf: Psf, shift: Shift) -> Values:
@@ -249,16 +238,7 @@ def _record(
     if "shot_noise" in settings.effects:
         levels = add_shot_noise(levels, electrons_per_level=simulate.electrons_per_level, rng=shot)
     if "read_noise" in settings.effects:
-        levels = add_read_noise(
-            levels,
-            electrons=simulate.read_noise_electrons,
-            electrons_per_level=simulate.electrons_per_level,
-            rng=read,
-        )
-    return digitise(
-        levels,
-        bit_depth=simulate.bit_depth,
-        saturate="saturation" in settings.effects,
-        quantise="quantisation" in settings.effects,
-        name=name,
-    )
+        electrons, per_level = simulate.read_noise_electrons, simulate.electrons_per_level
+        levels = add_read_noise(levels, electrons=electrons, electrons_per_level=per_level, rng=read)
+    saturate, quantise = (effect in settings.effects for effect in ("saturation", "quantisation"))
+    return digitise(levels, bit_depth=simulate.bit_depth, saturate=saturate, quantise=quantise, name=name)

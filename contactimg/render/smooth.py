@@ -70,11 +70,9 @@ def smooth_contact(load: float, scene: Scene, *, name: str) -> pd.DataFrame:
     """The JKR contact of the sphere under a load, as a table of contacts with one row."""
     indenter = scene.need("indenter", "a smooth contact")
     elastic = scene.need("elastic", "a smooth contact")
+    modulus, adhesion = elastic.contact_modulus, elastic.work_of_adhesion
     radius = jkr.radius(
-        load,
-        sphere_radius=indenter.radius,
-        contact_modulus=elastic.contact_modulus,
-        work_of_adhesion=elastic.work_of_adhesion,
+        load, sphere_radius=indenter.radius, contact_modulus=modulus, work_of_adhesion=adhesion
     )
     x, y = indenter.apex
     row = {"frame": name, "label": 1, "x_m": x, "y_m": y, "radius_m": radius, "area_m2": np.pi * radius**2}
@@ -99,14 +97,10 @@ def smooth_contact_spot(
     if "film" not in settings.effects:
         return contact_spots(truth, scene, settings, sphere_radius=indenter.radius, rng=rng)
     radius = float(truth["radius_m"].iloc[0])
-    edge = edge_light(
-        radius,
-        sphere_radius=indenter.radius,
-        opening=film_opening(
-            contact_modulus=elastic.contact_modulus, work_of_adhesion=elastic.work_of_adhesion
-        ),
-        excess=excess_table(lamp(settings.simulate)),
-    )
+    adhesion = elastic.work_of_adhesion
+    opening = film_opening(contact_modulus=elastic.contact_modulus, work_of_adhesion=adhesion)
+    excess = excess_table(lamp(settings.simulate))
+    edge = edge_light(radius, sphere_radius=indenter.radius, opening=opening, excess=excess)
     x_px, y_px, radius_px = (truth[column].to_numpy(float) for column in ("x_px", "y_px", "radius_px"))
     pixel_size = scene.need("camera", "rendering the air film").pixel_size
     brightness = 1 + settings.simulate.brightness_spread * rng.standard_normal(1)
