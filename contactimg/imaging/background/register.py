@@ -253,11 +253,7 @@ def _sum_row(frame, above, below, reference, over, under, mask, middle, clip, ou
 
 
 def search_alignment(
-    frame: NDArray,
-    reference: NDArray,
-    illumination: Illumination,
-    valid: Mask,
-    near: Alignment,
+    frame: NDArray, reference: NDArray, illumination: Illumination, valid: Mask, near: Alignment
 ) -> tuple[Alignment | None, bool] | None:
     """Search shifts of up to a quarter of the image and rotations of up to a degree.
 
