@@ -147,7 +147,11 @@ def edge_light(radius: float, *, sphere_radius: float, opening: float, excess: E
             "the edge needs a positive radius and sphere radius and an opening that is not negative, "
             f"got {radius!r} m, {sphere_radius!r} m, {opening!r} sqrt(m)"
         )
-    reach = _reach(radius, sphere_radius, opening, excess)
+    reach = float(excess.reach(radius=radius, sphere_radius=sphere_radius)) - radius
+    adhesive_opening = opening * radius**0.5
+    angle = np.pi / 2 * excess.longest_gap / adhesive_opening if adhesive_opening > 0 else np.inf
+    if angle < np.pi / 2:
+        reach = min(reach, radius * (1 / np.cos(angle) - 1))
     if reach < 1e-6 * radius:  # below any pixel
         return EdgeLight(np.zeros(1), np.zeros(0))
     u = np.linspace(0, 1, FILM_NODES + 1)
@@ -156,11 +160,3 @@ def edge_light(radius: float, *, sphere_radius: float, opening: float, excess: E
     angle = np.arctan(np.sqrt(distance * (r + radius)) / radius)  # acos(a/r) without cancellation
     gap = hertz_gap(r, radius=radius, sphere_radius=sphere_radius)
     return EdgeLight(reach * u**2, excess(gap + 2 / np.pi * opening * radius**0.5 * angle))
-
-
-def _reach(radius: float, sphere_radius: float, opening: float, excess: ExcessTable) -> float:
-    """Distance outside the edge beyond which the film has no excess."""
-    reach = float(excess.reach(radius=radius, sphere_radius=sphere_radius)) - radius
-    adhesive_opening = opening * radius**0.5
-    angle = np.pi / 2 * excess.longest_gap / adhesive_opening if adhesive_opening > 0 else np.inf
-    return min(reach, radius * (1 / np.cos(angle) - 1)) if angle < np.pi / 2 else reach

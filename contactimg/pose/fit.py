@@ -206,29 +206,24 @@ def refine(
         reach = min(gate, max(OUTLIER_SIGMA * robust_std, MIN_PAIRING_PX * guess.pixel_size))
     area = np.ptp(spots.real) * np.ptp(spots.imag)
     chance = len(points) * len(spots) * np.pi * gate**2 / area if area > 0 else float(len(points))
+    size, turn = float(abs(alpha)), float(np.angle(alpha) if mirrored else -np.angle(alpha))
+    centre = (float(beta.real), float(beta.imag))
     return PoseFit(
-        pose=replace(
-            guess,
-            pixel_size=float(abs(alpha)),
-            centre=(float(beta.real), float(beta.imag)),
-            rotation=float(np.angle(alpha) if mirrored else -np.angle(alpha)),
-            mirrored=mirrored,
-        ),
+        replace(guess, pixel_size=size, centre=centre, rotation=turn, mirrored=mirrored),
         fitted=True,
         n_points=len(points),
         n_matched=len(i),
         residual=float(np.sqrt(np.mean(distance**2))) if len(i) else np.nan,
-        length_relative_std=_scale_std(turned[i], distance) / float(abs(alpha)),
+        length_relative_std=_scale_std(turned[i], distance) / size,
         chance=float(chance),
     )
 
 
 def _scale_std(points: Points, distance: NDArray[np.float64]) -> float:
     """Standard uncertainty of the modulus of alpha from the residual distances of the pairs."""
-    n = len(points)
-    if n < MIN_PAIRS:
+    if len(points) < MIN_PAIRS:
         return 0.0
-    variance = float(np.sum(distance**2)) / (2 * n - 4)
+    variance = float(np.sum(distance**2)) / (2 * len(points) - 4)
     return float(np.sqrt(variance / np.sum(np.abs(points - points.mean()) ** 2)))
 
 

@@ -58,20 +58,17 @@ def pair_points(
     >>> pair_points([[0, 0], [5, 5]], [[0.1, 0], [0.2, 0]], max_distance=1.0)[1]
     array([0])
     """
-    points = np.asarray(points, float).reshape(-1, 2)
-    targets = np.asarray(targets, float).reshape(-1, 2)
+    points, targets = (np.asarray(places, float).reshape(-1, 2) for places in (points, targets))
     n, m = len(points), len(targets)
-    none = np.empty(0, np.intp)
     if n == 0 or m == 0:
-        return none, none, np.empty(0)
+        return np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0)
     near = KDTree(points).sparse_distance_matrix(KDTree(targets), max_distance, output_type="coo_matrix")
     # a zero weight would read as "no edge": costs run from 1 (distance 0) to 2 (no partner)
     cost = np.concatenate([1 + (near.data / max_distance) ** 2, np.full(n, 2.0)])
     row = np.concatenate([near.row, np.arange(n)])
     column = np.concatenate([near.col, m + np.arange(n)])
-    rows, columns = min_weight_full_bipartite_matching(
-        coo_array((cost, (row, column)), shape=(n, m + n)).tocsr()
-    )
+    costs = coo_array((cost, (row, column)), shape=(n, m + n)).tocsr()
+    rows, columns = min_weight_full_bipartite_matching(costs)
     real = columns < m
     point, target = np.asarray(rows, np.intp)[real], np.asarray(columns, np.intp)[real]
     return point, target, np.linalg.norm(points[point] - targets[target], axis=1)
@@ -122,16 +119,13 @@ def match_contacts(
     InputError
         If ``max_distance`` is not positive.
     """
+    places = [table[["x_m", "y_m"]].to_numpy(float) for table in (measured, predicted)]
     if max_distance is None:
-        half = median_spacing(predicted[["x_m", "y_m"]].to_numpy(float)) / 2
+        half = median_spacing(places[1]) / 2
         max_distance = half or float(predicted["radius_m"].max() if len(predicted) else 1.0)
     if not max_distance > 0:
         raise InputError(f"match_contacts: max_distance must be a positive length, got {max_distance!r} m")
-    i, j, distance = pair_points(
-        measured[["x_m", "y_m"]].to_numpy(float),
-        predicted[["x_m", "y_m"]].to_numpy(float),
-        max_distance=max_distance,
-    )
+    i, j, distance = pair_points(*places, max_distance=max_distance)
     left, right = measured.iloc[i], predicted.iloc[j]
     return MATCHES.conform(
         {

@@ -129,14 +129,9 @@ def _bands_of_row(bands, y, source, column, low):
     )  # fmt: skip
     column[:2], column[2 + columns :] = inner[0], inner[columns - 1]
     _add_five(
-        bands[0],
-        column[:columns],
-        column[1 : columns + 1],
-        inner,
-        column[3 : columns + 3],
-        column[4:],
-        across,
-    )
+        bands[0], column[:columns], column[1 : columns + 1],
+        inner, column[3 : columns + 3], column[4:], across,
+    )  # fmt: skip
     _interpolate_row(bands[1], y, half, low)
     _interpolate_row(bands[2], y, quarter, low)
 

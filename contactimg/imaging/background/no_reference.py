@@ -139,13 +139,8 @@ def _flat_background(frame: Values, valid: Mask, rounding: float, sign: int) -> 
         members = labels > 0  # uneven light, or the rounding of a file, has cut the background into pieces
         if quiet < QUIET_SHARE or np.mean(members) < FLAT_SHARE * np.mean(finite):
             return None
-    light = fit_illumination(
-        np.where(members, blocks, np.float32(np.nan)),
-        frame.shape,
-        level=float(np.median(blocks[largest])),
-        scatter=2.0 * scatter,
-        least_scatter=scatter,
-    )
+    inside, middle = np.where(members, blocks, np.float32(np.nan)), float(np.median(blocks[largest]))
+    light = fit_illumination(inside, frame.shape, level=middle, scatter=2.0 * scatter, least_scatter=scatter)
     at_blocks = light.at_blocks(blocks.shape, frame.shape)
     near = np.abs(blocks - at_blocks) < BACKGROUND_CLIP_SIGMA * light.scatter
     light, level = replace(light, background=near), float(np.median(np.abs(blocks[largest])))

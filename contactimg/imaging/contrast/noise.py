@@ -15,15 +15,7 @@ from scipy import special
 
 from contactimg.imaging.pixels.blocks import is_background, sample_background, strips
 from contactimg.imaging.pixels.masks import Flags, Values
-from contactimg.imaging.pixels.robust import (
-    CLIP_SIGMA,
-    FEWEST_VALUES,
-    MAD_TO_STD,
-    MANY,
-    SAMPLE,
-    median,
-    noise_std,
-)
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST_VALUES, MANY, SAMPLE, noise_std, robust_std
 from contactimg.timings import stage
 
 LARGEST_LAG = 10
@@ -150,8 +142,8 @@ def estimate_noise(image: Values, background: Flags) -> float:
     sample = sample_background(image, background, (every, every))
     if len(sample) < FEWEST_VALUES:
         # no background: neighbouring pixels differ by the noise of both
-        difference = np.abs(np.diff(image[::every], axis=1))
-        return float(MAD_TO_STD * median(difference) / np.sqrt(2)) if difference.size else 0.0
+        difference = np.diff(image[::every], axis=1)
+        return float(robust_std(difference, centre=0.0) / np.sqrt(2)) if difference.size else 0.0
     return noise_std(sample)
 
 

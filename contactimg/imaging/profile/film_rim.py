@@ -80,8 +80,7 @@ class FilmRim:
 
     def extent_px(self, radius_px: float) -> float:
         """Distance beyond the edge at which fringes have faded."""
-        fades = excess_table(self.light).fades_at(NEGLIGIBLE_EXCESS)
-        a = radius_px * self.pixel_size
+        fades, a = excess_table(self.light).fades_at(NEGLIGIBLE_EXCESS), radius_px * self.pixel_size
         far = np.sqrt(2 * self.sphere_radius * fades + 2 * a**2)
         distance = np.linspace(0.0, (far - a) / self.pixel_size, 400)
         above = np.flatnonzero(np.abs(self.excess(distance, radius_px)) > NEGLIGIBLE_EXCESS)
@@ -236,8 +235,7 @@ def _between(rim: FilmRim, rounded: int) -> EdgeTable:
     x = place - middle
     weights = (0.5 * x * (x - 1.0), 1.0 - x * x, 0.5 * x * (x + 1.0))
     tables = [rim_table(rim, BLUR_RATIO ** (middle + k)) for k in (-1, 0, 1)]
-    columns = max(table.values.shape[1] for table in tables)
-    values = np.zeros((tables[0].values.shape[0], columns, 3), np.float32)
+    values = np.zeros((RADII, max(table.values.shape[1] for table in tables), 3), np.float32)
     for weight, table in zip(weights, tables, strict=True):
         part: NDArray[np.float32] = np.float32(weight) * table.values
         values[:, : part.shape[1]] += part
