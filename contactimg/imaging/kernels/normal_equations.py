@@ -283,13 +283,9 @@ def _add_right(pixels, n, height, cut, out):
         a += by_a[i] * share
         c += level[i] * share
         s += by_s[i] * share
-    out[GRADIENT] += x
-    out[GRADIENT + 1] += y
-    out[GRADIENT + 2] += a
-    out[GRADIENT + 3] += c
-    out[GRADIENT + 4] += s
-    out[CHI_SQUARE] += chi_square
-    out[PIXEL_COUNT] += count
+    sums = (x, y, a, c, s, chi_square, count)
+    for k in range(len(sums)):
+        out[GRADIENT + k] += sums[k]
 
 
 @njit(cache=True)
@@ -344,8 +340,7 @@ def unpack_sums(out, normal, gradient):
         for v in range(u, 4):
             normal[u, v] = normal[v, u] = out[n]
             n += 1
-    for u in range(4):
-        gradient[u] = out[GRADIENT + u]
+    gradient[:] = out[GRADIENT : GRADIENT + 4]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -416,18 +411,15 @@ def build_normal_equations(
         unpack_sums(out, normals[i], gradient[i])
         normals[i, 3, 3] += 1.0 / spread**2
         gradient[i, 3] += (expected - disks[i, 3]) / spread**2
-        for u in range(4):
-            cross[i, u] = out[CROSS + u]
+        cross[i] = out[CROSS : CROSS + 4]
         blurs[i, 0], blurs[i, 1] = out[CROSS + 4], out[GRADIENT + 4]
         pixels[i] = int(out[PIXEL_COUNT])
         chi_square[i] = out[CHI_SQUARE] / max(out[PIXEL_COUNT] - 3.0, 1.0)
         # a disk much smaller than the blur, or outside the image, has little information: keep steps finite
         floor = 1e-3 * expected**2 / levels[i, 0]
-        for u in range(4):
-            for v in range(4):
-                damped[u, v] = normals[i, u, v]
-            if u < 3:
-                damped[u, u] = damped[u, u] * (1.0 + 1e-6) + floor
+        damped[:] = normals[i]
+        for u in range(3):
+            damped[u, u] = damped[u, u] * (1.0 + 1e-6) + floor
         invert_4x4(damped, inverse[i])
 
 
@@ -457,35 +449,22 @@ def draw_disks(
         drawn[:] = False
         return
     disks, touching = np.ascontiguousarray(disks), select_close(near_pairs, disks, 0.0)
-    _draw(model, disks, s, wanted, table, change)
-    if len(touching):
-        _draw_overlaps(model, disks, s, drawn, wanted, touching)
+    _draw(model, disks, s, drawn, wanted, table, change, touching)
     drawn[change] = wanted[change]
 
 
 @njit(cache=True, error_model="numpy")
-def _draw(model, disks, s, wanted, table, change):
-    """Add or subtract the disks that ``change``."""
+def _draw(model, disks, s, drawn, wanted, table, change, pairs):
+    """Add or subtract the disks that ``change``, and what the pairs drawn after, or before, share."""
     for i in change:
         add_disk(model, disks[i], s, table, 1.0 if wanted[i] else -1.0)
-
-
-@njit(cache=True)
-def _draw_overlaps(model, disks, s, drawn, wanted, pairs):
-    """Subtract or add what the pairs that are drawn after, or were before, share."""
     for p in range(len(pairs)):
         i, j = pairs[p]
         before, after = drawn[i] and drawn[j], wanted[i] and wanted[j]
-        if before != after and overlaps(disks[i], disks[j]):
+        dx, dy = disks[j, 0] - disks[i, 0], disks[j, 1] - disks[i, 1]
+        limit = disks[i, 2] + disks[j, 2] - THINNEST_OVERLAP_PX
+        if before != after and limit > 0.0 and dx * dx + dy * dy < limit * limit:
             add_lens(model, disks[i], disks[j], s, -1.0 if after else 1.0)
-
-
-@njit(cache=True)
-def overlaps(one, two):
-    """Whether two disks overlap visibly."""
-    dx, dy = two[0] - one[0], two[1] - one[1]
-    limit = one[2] + two[2] - THINNEST_OVERLAP_PX
-    return limit > 0.0 and dx * dx + dy * dy < limit * limit
 
 
 @njit(cache=True)

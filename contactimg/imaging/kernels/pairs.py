@@ -56,23 +56,12 @@ def are_entangled(disks: NDArray[np.float64], pairs: NDArray[np.int64], blur: fl
     return bool(np.minimum(np.pi * smaller**2, pixels).sum() > MOST_SHARED * pixels)
 
 
-@njit(cache=True)
-def list_neighbours(n, pairs):
+def list_neighbours(n: int, pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Neighbours of each disk: start of its list, and rows of (pair, side in the pair, the other disk)."""
-    start, fill = np.zeros(n + 1, np.int64), np.zeros(n, np.int64)
-    for p in range(len(pairs)):
-        start[pairs[p, 0] + 1] += 1
-        start[pairs[p, 1] + 1] += 1
-    for i in range(n):
-        fill[i] = start[i]
-        start[i + 1] += start[i]
-    link = np.empty((2 * len(pairs), 3), np.int64)
-    for p in range(len(pairs)):
-        for side in range(2):
-            i = pairs[p, side]
-            link[fill[i], 0], link[fill[i], 1], link[fill[i], 2] = p, side, pairs[p, 1 - side]
-            fill[i] += 1
-    return start, link
+    ends = pairs.ravel()
+    order = np.argsort(ends, kind="stable")
+    start = np.searchsorted(ends[order], np.arange(n + 1))
+    return start, np.column_stack([order // 2, order % 2, pairs[:, ::-1].ravel()[order]])
 
 
 def overlapping(disks: NDArray, deepest: float) -> NDArray[np.bool_]:

@@ -129,21 +129,21 @@ def pad_pixels(pixels, n):
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def evaluate_profile(pixels, n, a, s, row):
     """The profile at the first ``n`` pixels, which is the derivative with respect to the contrast."""
-    if len(row) > PROFILE_DEGREE + 1:
-        _evaluate_table(pixels, n, a, s, row)
-        return
     u = pixels[PLACE, :n]
     _distance_from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
-    _evaluate_polynomial(u, row, 0, PROFILE_DEGREE, 1.0, pixels[BY_C, :n])
+    if len(row) > PROFILE_DEGREE + 1:
+        _evaluate_table(pixels, n, a, s, row)
+    else:
+        _evaluate_polynomial(u, row, 0, PROFILE_DEGREE, 1.0, pixels[BY_C, :n])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def evaluate_derivatives(pixels, n, a, c, s, row):
     """Derivatives of the model at the first ``n`` pixels with respect to x, y, a, c and s."""
-    if len(row) > PROFILE_DEGREE + 1:
-        _evaluate_table(pixels, n, a, s, row)
-    else:
-        _evaluate_polynomials(pixels, n, a, s, row)
+    evaluate_profile(pixels, n, a, s, row)
+    if len(row) <= PROFILE_DEGREE + 1:
+        _evaluate_polynomial(pixels[PLACE, :n], row, 1, SLOPE_DEGREE, 0.0, pixels[BY_A, :n])
+        _evaluate_polynomial(pixels[PLACE, :n], row, 2, SLOPE_DEGREE, 0.0, pixels[BY_S, :n])
     along, across, by_a, by_s = pixels[BY_X, :n], pixels[BY_Y, :n], pixels[BY_A, :n], pixels[BY_S, :n]
     g, per_width, least = np.float32(c / s), np.float32(1.0 / s), np.float32(1e-9)
     radius = np.float32(a)
@@ -155,16 +155,6 @@ def evaluate_derivatives(pixels, n, a, c, s, row):
         across[i] *= outwards
         by_a[i] = pa
         by_s[i] = -per_width * (radius * pa + r * pr)
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _evaluate_polynomials(pixels, n, a, s, row):
-    """Profile and derivatives from their polynomials."""
-    u = pixels[PLACE, :n]
-    _distance_from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
-    _evaluate_polynomial(u, row, 0, PROFILE_DEGREE, 1.0, pixels[BY_C, :n])
-    _evaluate_polynomial(u, row, 1, SLOPE_DEGREE, 0.0, pixels[BY_A, :n])
-    _evaluate_polynomial(u, row, 2, SLOPE_DEGREE, 0.0, pixels[BY_S, :n])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -194,7 +184,6 @@ def _evaluate_table(pixels, n, a, s, row):
     scale = np.float32(STEPS_PER_BLUR_WIDTH / s)
     offset = np.float32((INNER_BLUR_WIDTHS - a / s) * STEPS_PER_BLUR_WIDTH)
     last = np.float32(len(row) - 1.001)
-    _distance_from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, pixels[PLACE, :n])
     for i in range(n):
         r = np.sqrt(pixels[BY_X, i] ** 2 + pixels[BY_Y, i] ** 2)
         t = min(max(r * scale + offset, np.float32(0.0)), last)
