@@ -13,12 +13,8 @@ from contactimg.compiled import njit
 from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
 from contactimg.imaging.pixels.masks import for_kernel
-from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, STEPS_PER_BLUR_WIDTH, EdgeTable
-from contactimg.imaging.profile.limits import (
-    EDGE_BLUR_WIDTHS,
-    FAINT_FRACTION,
-    NEAR_BLUR_WIDTHS,
-)
+from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, STEPS_PER_BLUR_WIDTH
+from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, FAINT_FRACTION, NEAR_BLUR_WIDTHS
 
 RING_BLUR_WIDTHS = (3.0, 6.0)  # outside the rim: the surroundings
 
@@ -27,7 +23,6 @@ COLUMNS = (
     "count", "x", "y", "xx", "xy", "yy", "expected", "inside_seen", "core_chi", "border",
 )  # fmt: skip
 BATCH, ROOM = 2048, 7  # pixels that are added at once, besides those of a row, and numbers for each; accuracy
-_COLUMN = {name: k for k, name in enumerate(COLUMNS)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,29 +93,21 @@ def look_at_pixels(
     """
     chosen = np.arange(len(fit.disks)) if rows is None else rows
     disks = np.ascontiguousarray(fit.disks[chosen])
-    n = len(disks)
     level = 0.5 * disks[:, CONTRAST] if half is None else half[chosen]
     variance = problem.noise.variance / fit.brightness[chosen]
     noise = np.array([problem.noise.slope, 4.0 * problem.noise.rim, 1.0 / problem.contrast], np.float32)
-    out = np.zeros((n, len(COLUMNS)))
+    out = np.zeros((len(disks), len(COLUMNS)))
     _look(
         problem.image, fit.model, for_kernel(problem.valid), disks, fit.blur, variance, noise,
-        np.ascontiguousarray(level, float), _values(problem.profile), out,
+        np.ascontiguousarray(level, float), np.ascontiguousarray(problem.profile.values[:, :, 0]), out,
     )  # fmt: skip
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return _summarise(out, disks)
+    return _summarise(out, disks)
 
 
-def _values(profile: EdgeTable) -> NDArray[np.float32]:
-    """The heights of an edge table."""
-    return np.ascontiguousarray(profile.values[:, :, 0])
-
-
+@np.errstate(invalid="ignore", divide="ignore")
 def _summarise(out: NDArray, disks: NDArray) -> ContactPixels:
     """Means from sums."""
-    q = {name: out[:, k] for name, k in _COLUMN.items()}
-    plateau = q["core_mean"] / q["core_n"]
-    ring = q["ring_mean"] / q["ring_n"]
+    q = dict(zip(COLUMNS, out.T, strict=True))
     x, y = q["x"] / q["count"], q["y"] / q["count"]
     # a pixel is a square: its own moment is 1/12
     xx, yy, xy = q["xx"] / q["count"] - x**2, q["yy"] / q["count"] - y**2, q["xy"] / q["count"] - x * y
@@ -128,8 +115,8 @@ def _summarise(out: NDArray, disks: NDArray) -> ContactPixels:
     elongation = np.sqrt((half_trace + root + 1 / 12) / np.maximum(half_trace - root + 1 / 12, 1 / 12))
     few = q["core_n"] < 5
     return ContactPixels(
-        plateau=np.where(few, np.nan, plateau),
-        ring=np.where(q["ring_n"] < 5, np.nan, ring),
+        plateau=np.where(few, np.nan, q["core_mean"] / q["core_n"]),
+        ring=np.where(q["ring_n"] < 5, np.nan, q["ring_mean"] / q["ring_n"]),
         rim_chi_square=q["rim_chi"] / np.maximum(q["rim_n"] - 3.0, 1.0),
         core_chi_square=np.where(few, np.nan, q["core_chi"] / np.maximum(q["core_n"], 1)),
         light=q["light"],
@@ -149,6 +136,7 @@ def _look(image, model, valid, disks, s, variance, noise, half, heights, out):
     rows, columns = image.shape
     masked = valid.shape == image.shape
     profile = np.empty(heights.shape[1], np.float32)
+    # level, model, place from the centre of the disk, whether at the border, and two for `_add_pixels`
     pixels = np.empty((ROOM, columns + BATCH), np.float32)
     for i in range(len(disks)):
         x, y, a, c = disks[i]
@@ -177,30 +165,18 @@ def _look(image, model, valid, disks, s, variance, noise, half, heights, out):
                 for column in range(first, end):
                     if not masked or valid[row, column] > 0:
                         outside = border or column == 0 or column == columns - 1
-                        _put(pixels, n, image[row, column], model[row, column], column - x, row - y, outside)
+                        pixels[0, n], pixels[1, n] = image[row, column], model[row, column]
+                        pixels[2, n], pixels[3, n], pixels[4, n] = column - x, row - y, outside
                         n += 1
             else:
-                n = _put_row(pixels, n, image[row, first:end], model[row, first:end], first - x, row - y)
+                begin, n = n, n + end - first
+                pixels[0, begin:n], pixels[1, begin:n] = image[row, first:end], model[row, first:end]
+                pixels[3, begin:n], pixels[4, begin:n] = row - y, 0.0
+                for j in range(end - first):
+                    pixels[2, begin + j] = np.float32(first - x) + np.float32(j)
             if n > BATCH or row == bottom:
                 _add_pixels(pixels, n, radii, scale, start, light, profile, out[i])
                 n = 0
-
-
-@njit(cache=True, forceinline=True)
-def _put(pixels, n, value, modelled, x, y, border):
-    """Put one pixel into the room, at (x, y) from the centre of the disk."""
-    pixels[0, n], pixels[1, n], pixels[2, n], pixels[3, n], pixels[4, n] = value, modelled, x, y, border
-
-
-@njit(cache=True, forceinline=True)
-def _put_row(pixels, n, values, modelled, x, y):
-    """Put pixels of a row away from the border into the room, the first at (x, y); return their number."""
-    end = n + len(values)
-    pixels[0, n:end], pixels[1, n:end] = values, modelled
-    pixels[3, n:end], pixels[4, n:end] = y, 0.0
-    for k in range(len(values)):
-        pixels[2, n + k] = np.float32(x) + np.float32(k)
-    return end
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
