@@ -31,17 +31,9 @@ from contactimg.imaging.fit.edge_scores import (
     parameters_of,
     with_plain_edges,
 )
-from contactimg.imaging.fit.problem import RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem, touches
+from contactimg.imaging.fit.problem import RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
-from contactimg.imaging.profile.edge_shape import (
-    DOME,
-    FAMILIES,
-    FIELD,
-    RESPONSE,
-    RIM,
-    SOFTNESS,
-    TREND,
-)
+from contactimg.imaging.profile.edge_shape import DOME, FAMILIES, FIELD, RESPONSE, RIM, SOFTNESS, TREND
 from contactimg.imaging.profile.limits import FEW, FEWEST, ROUGH_STD, SETTLED_SIGMA
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 from contactimg.timings import stage
@@ -197,7 +189,9 @@ def learn_edge(
     if len(scores.score) < FEWEST_SCORES:
         return search.finish(current, search.unseen(current))
     if not current.learned.families:
-        if not search.may_learn(joint, isolated):
+        # others fit any edge with another contrast
+        wide = joint.fit.disks[isolated, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * joint.fit.blur
+        if len(isolated) < FEW or np.count_nonzero(wide) < FEWEST:
             return search.finish(current, scores)
         others = search.others(current, scores)
         if not any(step.excess(FAMILIES[name], SUSPICION) > 1.0 for name, step in others.items()):
@@ -239,22 +233,17 @@ class _Search:
             return True
         return any({name, *families} >= pair for pair in INDISTINCT)
 
-    def _with_prior(self, joint: JointFit) -> FitProblem:
-        """The problem with the contrast and spread of a fit."""
-        return replace(self.problem, prior=joint.prior)
-
     def isolated(self, joint: JointFit) -> NDArray[np.int64]:
         """Contacts with the contrast of the frame whose profile nothing disturbs."""
         disks = joint.fit.disks
-        isolated = isolated_disks(disks, self.problem.image.shape, blur=joint.fit.blur)
-        isolated = isolated[joint.prior.is_odd(disks)[isolated] < 0]
-        # a plateau that is cut off by the sensor looks like another edge
-        return isolated[~touches(self.problem.saturated, 1, disks, disks[:, RADIUS])[isolated]]
+        isolated = isolated_disks(self.problem, disks, blur=joint.fit.blur)
+        return isolated[joint.prior.is_odd(disks)[isolated] < 0]
 
     def scores(self, current: EdgeFit, chosen: NDArray[np.int64]) -> EdgeScores:
         """The scores of some contacts, as far as no hole disturbs them."""
         joint, edge = current.joint, current.learned.edge
-        scores = EdgeScores.of(self._with_prior(joint), joint.fit.disks[chosen], edge, self.placement)
+        problem = replace(self.problem, prior=joint.prior)
+        scores = EdgeScores.of(problem, joint.fit.disks[chosen], edge, self.placement)
         return self._with_noise(scores, joint, chosen)
 
     def unseen(self, current: EdgeFit) -> EdgeScores:
@@ -263,19 +252,13 @@ class _Search:
         Their information is the expected one, their scores are 0; where other frames lend their edge, these
         alone count.
         """
-        joint = current.joint
+        joint, edge = current.joint, current.learned.edge
         chosen = evenly(np.arange(len(joint.fit.disks)), FEW_CONTACTS)
-        scores = EdgeScores.expected(
-            self._with_prior(joint), joint.fit.disks[chosen], current.learned.edge, self.placement
-        )
+        problem = replace(self.problem, prior=joint.prior)
+        scores = EdgeScores.expected(problem, joint.fit.disks[chosen], edge, self.placement)
         share = 0.0 if current.learned.families else 1.0
-        information, nothing = share * scores.information, np.zeros_like(scores.score)
-        return self._with_noise(replace(scores, score=nothing, information=information), joint, chosen)
-
-    def may_learn(self, joint: JointFit, isolated: NDArray[np.int64]) -> bool:
-        """Whether enough contacts are isolated, and wide: others fit any edge with another contrast."""
-        wide = joint.fit.disks[isolated, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * joint.fit.blur
-        return len(isolated) >= FEW and int(np.count_nonzero(wide)) >= FEWEST
+        scores = replace(scores, score=0.0 * scores.score, information=share * scores.information)
+        return self._with_noise(scores, joint, chosen)
 
     def learn(
         self, current: EdgeFit, isolated: NDArray[np.int64], refine: Refine
@@ -285,7 +268,10 @@ class _Search:
             scores = self.scores(current, isolated)
             edge, families, prior = current.learned.edge, current.learned.families, self.prior(current)
             step = scores.step(parameters_of(families), prior)
-            if not families or _has_settled(edge, step):
+            # blur and shape need no other fit; a parameter at its limit does not move any more
+            change = (edge.moved(step.chosen, step.delta).shared - edge.shared)[step.chosen]
+            rest = change[1:] @ np.linalg.solve(step.covariance[1:, 1:], change[1:])
+            if not families or rest < SETTLED_SIGMA**2 * len(change):
                 found = self.next_family(current, scores)
                 if not found or len(scores.score) < FEW:
                     break
@@ -304,21 +290,15 @@ class _Search:
 
     def prior(self, current: EdgeFit, *, own: bool = False) -> tuple[Values, Values]:
         """Prior of the shared quantities, score and information; ``own``: without what other frames tell."""
-        edge = current.learned.edge
-        score, information = self._optics(current)
+        edge, optics, contrast = current.learned.edge, self.optics_prior, current.joint.contrast
         if own:
-            score, information = 0.0 * score, 1e-6 * np.diag([1.0, edge.blur**-2])
-        score, information = edge_prior(edge, (score, information))
+            here = np.array([np.log(contrast), edge.blur])
+            optics = OpticsPrior(here, 1e-6 * np.diag([1.0, edge.blur**-2]))
+        score, information = edge_prior(edge, optics, contrast)
         if self.lent is not None and not own:
             score[SHARED:FILM] += self.lent.score_at(edge.shape)
             information[SHARED:FILM, SHARED:FILM] += self.lent.information
         return score, information
-
-    def _optics(self, current: EdgeFit) -> tuple[Values, Values]:
-        """Score and information of the prior of contrast and blur."""
-        prior, blur = self.optics_prior, current.learned.edge.blur
-        score = prior.information @ (prior.mean - np.array([np.log(current.joint.contrast), blur]))
-        return score, prior.information
 
     def others(self, current: EdgeFit, scores: EdgeScores) -> Steps:
         """The steps of the shared quantities with one family more, for each that may be there."""
@@ -347,37 +327,33 @@ class _Search:
     def _fit_with(self, joint: JointFit, learned: LearnedEdge, step: SharedStep, refine: Refine) -> EdgeFit:
         """Fit the disks with another edge, to which a step has led."""
         disks, edge = joint.fit.disks.copy(), learned.edge
-        problem, chosen, radius = self._with_prior(joint), step.chosen, disks[:, RADIUS]
+        chosen, radius = step.chosen, disks[:, RADIUS]
+        problem = replace(self.problem, prior=joint.prior)
         response = EdgeScores.expected(problem, disks, edge, self.placement, chosen).response[:, chosen]
         disks[:, RADIUS] = np.clip(radius + response @ step.delta, 0.5 * radius, 2.0 * radius)
-        problem = replace(
-            self.problem, image=with_plain_edges(self.problem.image, disks, edge, self.placement)
-        )
+        image = with_plain_edges(self.problem.image, disks, edge, self.placement)
+        problem = replace(self.problem, image=image)
         fit = replace(joint.fit, disks=disks, blur=edge.blur)
         prior = self.optics_prior.with_exact_blur(edge.blur)
         return EdgeFit(problem, refine(problem, fit, prior), learned)
 
     def finish(
-        self,
-        current: EdgeFit,
-        scores: EdgeScores,
-        others: dict[str, SharedStep] | None = None,
-        *,
-        of: int = 0,
+        self, current: EdgeFit, scores: EdgeScores, others: Steps | None = None, *, of: int = 0
     ) -> EdgeFit:
         """The fit with the uncertainties that the edge brings to all radii.
 
         ``scores`` may be those of a sample of ``of`` contacts; ``others`` are the steps with one family more.
         """
-        families = current.learned.families
-        joint = self._learned(current, scores) if families else current.joint
+        families, joint = current.learned.families, current.joint
+        step = scores.step(parameters_of(families), self.prior(current))
+        if families:
+            joint = self._learned(current, scores, step)
         share = max(of / max(len(scores.score), 1), 1.0)
-        score, information = scores.total(parameters_of(families))
+        score, information = scores.total(step.chosen)
         # the others are expected to look the same: as significant together as the sample is
         score, information = np.sqrt(share) * score, share * information
         seen = int(np.count_nonzero(scores.score.any(axis=1)))
         knowledge = self._knowledge(current, score, information, max(of, seen))
-        step = scores.step(parameters_of(families), self.prior(current))
         std = np.zeros(SHARED + len(current.learned.edge.shape))
         std[step.chosen] = np.sqrt(np.diag(step.covariance))
         undecided = np.zeros(len(joint.fit.disks))
@@ -398,27 +374,31 @@ class _Search:
         blur, shape = learned.edge.blur * self.problem.binning, learned.edge.shape
         return EdgeKnowledge(learned.families, blur, shape, own, own @ shape + pull, count)
 
-    def _learned(self, current: EdgeFit, scores: EdgeScores) -> JointFit:
+    def _learned(self, current: EdgeFit, scores: EdgeScores, step: SharedStep) -> JointFit:
         """The fit with the uncertainties that a learned edge brings to all radii."""
-        joint, edge, families = current.joint, current.learned.edge, current.learned.families
-        step, problem = scores.step(parameters_of(families), self.prior(current)), self._with_prior(joint)
-        disks, chosen = joint.fit.disks, step.chosen
+        joint, edge, chosen = current.joint, current.learned.edge, step.chosen
+        disks, problem = joint.fit.disks, replace(self.problem, prior=joint.prior)
         learned, plain = (
             EdgeScores.expected(problem, disks, each, self.placement, at)
             for each, at in ((edge, chosen), (Edge.plain(edge.blur), chosen[:1]))
         )
         response = learned.response
         own = joint.fit.std * np.maximum(learned.radius_std / plain.radius_std, 1.0)[:, None]
-        modes = response[:, chosen] @ np.linalg.cholesky(step.covariance)
+        shifts = response[:, chosen] @ np.linalg.cholesky(step.covariance)
         # a family describes an edge only so far
-        modes = np.column_stack([modes, ROUGH_STD * response[:, SHARED:FILM] @ edge.shape])
+        modes = [*shifts.T[1:], ROUGH_STD * response[:, SHARED:FILM] @ edge.shape]
         if edge.shape[SOFTNESS] > 0 and not self.known:
             # where in its soft zone the rim of a contact lies cannot be seen
-            modes = np.column_stack([modes, np.sqrt(edge.shape[SOFTNESS]) * disks[:, RADIUS]])
+            modes.append(np.sqrt(edge.shape[SOFTNESS]) * disks[:, RADIUS])
         if edge.shape[RIM] and not self.known:
             # whether the light outside belongs to the contact cannot be seen
-            modes = np.column_stack([modes, edge.shape[RIM] * response[:, SHARED + RIM]])
-        common, rest = _common_mode(modes[:, 1:], disks[:, RADIUS])
+            modes.append(edge.shape[RIM] * response[:, SHARED + RIM])
+        # what is common to all radii, as one error with the same effect on the sum of areas, and what is left
+        every = np.column_stack(modes)
+        along = every.T @ disks[:, RADIUS]
+        along /= max(float(np.linalg.norm(along)), 1e-30)
+        common = every @ along
+        rest = np.sqrt(np.maximum(np.sum(every**2, axis=1) - common**2, 0.0))
         own[:, RADIUS] = np.hypot(own[:, RADIUS], rest)
         own_step = scores.step(chosen, self.prior(current, own=True))
         return replace(
@@ -426,7 +406,7 @@ class _Search:
             fit=replace(joint.fit, std=own),
             covariance=_of_optics(step, edge),
             own_covariance=_of_optics(own_step, edge),
-            radius_shifts=np.column_stack([modes[:, 0], common]),
+            radius_shifts=np.column_stack([shifts[:, 0], common]),
         )
 
 
@@ -472,14 +452,6 @@ def _of_optics(step: SharedStep, edge: Edge) -> Values:
     return covariance
 
 
-def _common_mode(modes: Values, radius: Values) -> tuple[Values, Values]:
-    """Errors common to all radii as one column with the same effect on the sum of areas, and what is left."""
-    along = modes.T @ radius
-    along /= max(float(np.linalg.norm(along)), 1e-30)
-    common = modes @ along
-    return common, np.sqrt(np.maximum(np.sum(modes**2, axis=1) - common**2, 0.0))
-
-
 def _matters(scores: EdgeScores, step: SharedStep) -> bool:
     """Whether a step of the edge moves the radii, or the sum of the areas."""
     weights = scores.response[:, step.chosen]
@@ -488,10 +460,3 @@ def _matters(scores: EdgeScores, step: SharedStep) -> bool:
     # of a contact a weight proportional to a^(1/2) or more: the sum is about as well known as this
     whole = abs(np.sum(shift)) / np.sqrt(np.sum(scores.radius_std**2))
     return bool(single > SETTLED_SIGMA or whole > RELEVANT_SUM_SIGMA)
-
-
-def _has_settled(edge: Edge, step: SharedStep) -> bool:
-    """Whether blur and shape need no other fit; a parameter at its limit does not move any more."""
-    change = (edge.moved(step.chosen, step.delta).shared - edge.shared)[step.chosen]
-    rest = change[1:] @ np.linalg.solve(step.covariance[1:, 1:], change[1:])
-    return bool(rest < SETTLED_SIGMA**2 * len(change))

@@ -12,13 +12,13 @@ Wald's test of this step.
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y, touches
+from contactimg.imaging.fit.shared_optics import OpticsPrior
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.radial_sums import add_profiles, radial_nodes, sum_residuals
 from contactimg.imaging.pixels.masks import for_kernel
@@ -37,12 +37,7 @@ from contactimg.imaging.profile.edge_shape import (
     look_up,
 )
 from contactimg.imaging.profile.film_rim import FilmRim, film_table
-from contactimg.imaging.profile.limits import (
-    EDGE_BLUR_WIDTHS,
-    FAINT_FRACTION,
-    FEW,
-    LONGEST_BLUR_STEP,
-)
+from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, FAINT_FRACTION, FEW, LONGEST_BLUR_STEP
 
 Values = NDArray[np.float64]
 
@@ -111,7 +106,7 @@ class Edge:
         blur = max(self.blur + float(np.clip(change[1], -longest, longest)), PIXEL_VARIANCE**0.5)
         steps = np.clip(change[SHARED:FILM], -LONGEST_SHAPE_STEP * LARGEST, LONGEST_SHAPE_STEP * LARGEST)
         light = self.light + float(np.clip(change[FILM], -1.0, 1.0))
-        light = min(max(light, -LARGEST_LIGHT), LARGEST_LIGHT)
+        light = float(np.clip(light, -LARGEST_LIGHT, LARGEST_LIGHT))
         return replace(self, blur=blur, shape=np.clip(shape + steps, -LARGEST, LARGEST), light=light)
 
     @property
@@ -206,15 +201,17 @@ class PlacedNodes:
         return np.asarray(2.0 * np.pi * r * np.gradient(r, axis=1))
 
 
-def isolated_disks(disks: Values, shape: tuple[int, int], *, blur: float) -> NDArray[np.int64]:
+def isolated_disks(problem: FitProblem, disks: Values, *, blur: float) -> NDArray[np.int64]:
     """Contacts whose profile no neighbour and no border disturbs, from the narrowest to the widest."""
-    reach = INNER_BLUR_WIDTHS * blur
+    reach, (rows, columns) = INNER_BLUR_WIDTHS * blur, problem.image.shape
     alone = np.ones(len(disks), np.bool_)
     alone[find_pairs(disks, 0.5 * (reach + EDGE_BLUR_WIDTHS * blur)).ravel()] = False
     x, y, margin = disks[:, X], disks[:, Y], disks[:, RADIUS] + reach
-    alone &= (x > margin) & (y > margin) & (x < shape[1] - 1 - margin) & (y < shape[0] - 1 - margin)
+    alone &= (x > margin) & (y > margin) & (x < columns - 1 - margin) & (y < rows - 1 - margin)
     chosen = np.flatnonzero(alone & (disks[:, RADIUS] > SMALLEST_BLUR_WIDTHS * blur))
-    return evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], MOST_CONTACTS)
+    chosen = evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], MOST_CONTACTS)
+    # a plateau that is cut off by the sensor looks like another edge
+    return chosen[~touches(problem.saturated, 1, disks, disks[:, RADIUS])[chosen]]
 
 
 def evenly(chosen: NDArray, most: int) -> NDArray:
@@ -248,7 +245,7 @@ class SharedStep:
         at = np.flatnonzero(np.isin(self.chosen - SHARED, columns))
         part = self.delta[at]
         statistic = part @ np.linalg.solve(self.covariance[np.ix_(at, at)], part)
-        return float(statistic) / _chi_square_limit(false_alarm, len(at))
+        return float(statistic / special.chdtri(len(at), false_alarm))
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,22 +297,17 @@ class EdgeScores:
             (fine.step, nodes.step), nodes.count, clip,
         )  # fmt: skip
         whole = np.isfinite(rest[:, 0])
-        return replace(cls._solve(problem, disks[whole], edge, placement, rest[whole], chosen), kept=whole)
+        return replace(cls.expected(problem, disks[whole], edge, placement, chosen, rest[whole]), kept=whole)
 
     @classmethod
     def expected(
         cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement,
-        chosen: NDArray[np.int64] = EVERY,
+        chosen: NDArray[np.int64] = EVERY, rest: Values | float = 0.0,
     ) -> "EdgeScores":  # fmt: skip
-        """The scores without the pixels, which are 0, with the information and the responses."""
-        return cls._solve(problem, disks, edge, placement, None, chosen)
+        """Information and responses, radius and contrast of each disk eliminated.
 
-    @classmethod
-    def _solve(
-        cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement, rest: Values | None,
-        chosen: NDArray[np.int64] = EVERY,
-    ) -> "EdgeScores":  # fmt: skip
-        """Eliminate radius and contrast of each disk; ``chosen``: which shared quantities, ln C the first."""
+        ``chosen``: which shared quantities, ln C the first; ``rest``: residuals at the nodes, none expected.
+        """
         nodes = placement.place(disks, blur=edge.blur)
         profile, templates = edge.profile(nodes.disks), edge.templates(nodes.disks, chosen[1:])
         contrast, tight = problem.prior.mean, 1.0 / problem.prior.std**2
@@ -324,8 +316,7 @@ class EdgeScores:
         weight = 1.0 / (variance * problem.noise.at(np.clip(profile, 0.0, 1.0)))
         # columns: own contrast, radius and background, then the blur and the parameters of the edge
         columns = np.empty((len(disks), OWN + templates.shape[1], profile.shape[1]))
-        columns[:, 0], columns[:, 1] = profile, c * edge.by_radius(nodes.disks)
-        columns[:, 2] = 1.0
+        columns[:, 0], columns[:, 1], columns[:, 2] = profile, c * edge.by_radius(nodes.disks), 1.0
         columns[:, OWN:] = c[:, None] * templates
         products = columns @ np.swapaxes(columns * (weight * nodes.areas)[:, None], 1, 2)
         normal, by_edge = products[:, :OWN, :OWN], chosen[1:]
@@ -336,9 +327,7 @@ class EdgeScores:
         cross[:, 0, 0], cross[:, :, by_edge] = -tight * contrast, products[:, :OWN, OWN:]
         information[:, 0, 0] = tight * contrast**2
         information[:, by_edge[:, None], by_edge] = products[:, OWN:, OWN:]
-        gradient = np.zeros((len(disks), columns.shape[1]))
-        if rest is not None:
-            gradient = (columns @ (weight * rest)[:, :, None])[:, :, 0]
+        gradient = (columns @ (weight * rest)[:, :, None])[:, :, 0]
         excess = disks[:, CONTRAST] - contrast
         gradient[:, 0] -= tight * excess
         score[:, 0], score[:, by_edge] = tight * contrast * excess, gradient[:, OWN:]
@@ -347,13 +336,9 @@ class EdgeScores:
         return cls(
             score + (gradient[:, None, :OWN] @ response)[:, 0],
             information + np.swapaxes(cross, 1, 2) @ response,
-            response[:, 1],
-            np.sqrt(inverse[:, 1, 1]),
-            disks[:, RADIUS],
-            (inverse @ gradient[:, :OWN, None])[:, :, 0],
-            response,
-            np.ones(len(disks), np.bool_),
-        )
+            response[:, 1], np.sqrt(inverse[:, 1, 1]), disks[:, RADIUS],
+            (inverse @ gradient[:, :OWN, None])[:, :, 0], response, np.ones(len(disks), np.bool_),
+        )  # fmt: skip
 
     def step(self, chosen: NDArray[np.int64], prior: tuple[Values, Values]) -> SharedStep:
         """The step of some shared quantities; ``prior`` is (score, information) of a prior of all of them."""
@@ -391,17 +376,11 @@ def with_plain_edges(
     return image
 
 
-@lru_cache(maxsize=64)
-def _chi_square_limit(false_alarm: float, freedom: int) -> float:
-    """Chi-square that is exceeded with a probability."""
-    return float(special.chdtri(freedom, false_alarm))
-
-
-def edge_prior(edge: Edge, optics: tuple[Values, Values]) -> tuple[Values, Values]:
-    """Score and information of the priors, none of the light; ``optics`` are those of (ln C, s)."""
-    score = np.array([*optics[0], *(-edge.shape / PRIOR_STD**2), 0.0])
+def edge_prior(edge: Edge, optics: OpticsPrior, contrast: float) -> tuple[Values, Values]:
+    """Score and information of the priors, none of the light; ``optics``: that of (ln C, s)."""
+    score = np.array([*optics.score(contrast, edge.blur), *(-edge.shape / PRIOR_STD**2), 0.0])
     information = np.diag(np.array([0.0, 0.0, *(1.0 / PRIOR_STD**2), 0.0]))
-    information[:SHARED, :SHARED] = optics[1]
+    information[:SHARED, :SHARED] = optics.information
     return score, information
 
 

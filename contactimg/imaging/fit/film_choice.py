@@ -36,7 +36,7 @@ from contactimg.imaging.fit.edge_scores import (
     isolated_disks,
     parameters_of,
 )
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, touches
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.imaging.profile.limits import (
@@ -112,20 +112,23 @@ class FilmVerdict:
     def remark(self) -> str:
         """A sentence about the film; empty where none was found and nothing is left open, or by hand only."""
         rims = f"{self.rims} rims show {self.light:.2g} +- {self.std:.2g} of its light"
-        other = "without it" if self.taken else "with it"
-        area = f"{other} the area would be {100 * abs(self.area_change):.2g} % "
-        area += "larger" if self.area_change > 0 else "smaller"
+        other, size = (
+            "without it" if self.taken else "with it",
+            "larger" if self.area_change > 0 else "smaller",
+        )
+        area = f"{other} the area would be {100 * abs(self.area_change):.2g} % {size}"
         if self.contradicted:
             return f'[effects] film = "{self.asked}", but the rims say the opposite ({rims}): {area}'
         if self.doubt > DECIDED_DOUBT:
             what = "assumed" if self.taken else "not assumed"
-            undecided = (
-                f"the rims cannot tell whether an air film surrounds the contacts ({rims}): it is {what}"
+            reason, advice = "as set", ""
+            if self.asked == "auto":
+                reason = "as the contrast suggests"
+                advice = ': state [effects] film = "on" or "off" if you know'
+            return (
+                f"the rims cannot tell whether an air film surrounds the contacts ({rims}): it is {what}, "
+                f"{reason}, and {area}, of which {self.part:.2g} is part of the uncertainties{advice}"
             )
-            reason = "as the contrast suggests" if self.asked == "auto" else "as set"
-            advice = ': state [effects] film = "on" or "off" if you know' if self.asked == "auto" else ""
-            part = f"of which {self.part:.2g} is part of the uncertainties"
-            return f"{undecided}, {reason}, and {area}, {part}{advice}"
         return f"an air film surrounds the contacts ({rims}): {area}" if self.taken else ""
 
 
@@ -169,13 +172,11 @@ class WeighedFilm:
 
     def errors(self, radius: Values) -> Values:
         """Change of radii, as measured by the choice taken, by one standard uncertainty of it."""
-        start = self.radius + (self.shift if self.verdict.taken else 0.0)
-        order = np.argsort(start)
-        if not len(order):
+        if not len(self.radius):
             return np.zeros(len(radius))
-        sign = -1.0 if self.verdict.taken else 1.0
-        step = np.interp(radius, start[order], self.shift[order])
-        return np.asarray(sign * self.verdict.part * step)
+        start, sign = (self.radius + self.shift, -1.0) if self.verdict.taken else (self.radius, 1.0)
+        order = np.argsort(start)
+        return np.asarray(sign * self.verdict.part * np.interp(radius, start[order], self.shift[order]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,13 +228,11 @@ class FilmTrial:
         Each rim has a radius, a contrast and a background of its own.
         """
         fit, problem = self.joint.fit, replace(self.problem, prior=self.joint.prior)
-        isolated = isolated_disks(fit.disks, problem.image.shape, blur=fit.blur)
-        cut = touches(problem.saturated, 1, fit.disks, fit.disks[:, RADIUS])
-        every_rim = fit.disks[isolated[~cut[isolated]]]
+        every_rim = fit.disks[isolated_disks(problem, fit.disks, blur=fit.blur)]
         disks = evenly(every_rim, FEW_CONTACTS)  # until they have settled, for time
         chosen = np.union1d([0, 1], parameters_of(families))
         chosen = np.append(chosen, FILM) if free else chosen
-        last, known = np.zeros(len(chosen)), self.optics_prior
+        last = np.zeros(len(chosen))
         covariance = own_covariance = np.diag([1.0, fit.blur**2, *np.ones(len(chosen) - 2)])
         most = min(problem.largest_contrast, problem.shown_contrast)
         for _ in range(MOST_STEPS):
@@ -241,8 +240,7 @@ class FilmTrial:
             disks = disks[scores.kept]
             if not len(disks):
                 break
-            away = known.mean - np.array([np.log(problem.prior.mean), edge.blur])
-            score, information = edge_prior(edge, (known.information @ away, known.information))
+            score, information = edge_prior(edge, self.optics_prior, problem.prior.mean)
             own_covariance = scores.step(chosen, (0.0 * score, 1e-9 * information)).covariance
             step = scores.step(chosen, (score, information))
             back = last @ np.linalg.solve(step.covariance, step.delta) < 0.0
@@ -266,31 +264,23 @@ class FilmTrial:
         common_sigma = MODEL_ERROR * problem.prior.mean / problem.pixel_noise * np.sqrt(pixels)
         return Rims(edge, covariance, own_covariance, len(disks), float(common_sigma))
 
-    @property
-    def _expected(self) -> bool:
-        """Whether a film is the likelier case before the pixels are looked at."""
-        return self.setting.asked == "on" or (self.setting.asked == "auto" and self.likely)
-
-    @property
-    def _prior_doubt(self) -> float:
-        """Probability of the less likely case, before the pixels are looked at."""
-        by_hand = self.setting.asked != "auto"
-        return max(self.setting.doubt, LEAST_DOUBT) if by_hand else 1.0 / (1.0 + ODDS)
-
     def _verdict(self, rims: Rims, radius: Values, shift: Values) -> FilmVerdict:
         """The verdict from the light that the rims show."""
         asked, light, data = self.setting.asked, rims.edge.light, 0.0
+        # before the pixels are looked at
+        expected = asked == "on" or (asked == "auto" and self.likely)
+        prior_doubt = 1.0 / (1.0 + ODDS) if asked == "auto" else max(self.setting.doubt, LEAST_DOUBT)
         std = float(np.sqrt(rims.covariance[-1, -1])) * np.hypot(1.0, rims.common_sigma)
         std = float(np.hypot(std, min(abs(light), abs(1.0 - light))))
         if rims.count >= FEWEST:
             data = float(np.clip((light - 0.5) / std**2, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS))
-        odds = data + float(special.logit(1.0 - self._prior_doubt)) * (1.0 if self._expected else -1.0)
+        odds = data + float(special.logit(1.0 - prior_doubt)) * (1.0 if expected else -1.0)
         other_cause = asked == "auto" and not self.likely
         taken = data > np.log(TAKEN_ODDS) if other_cause else odds > 0 if asked == "auto" else asked == "on"
         doubt = float(special.expit(-odds if taken else odds))
         open_choice = asked != "auto" or (other_cause and not taken)
         if open_choice and special.expit(-data if taken else data) > DECIDED_DOUBT:
-            doubt = max(doubt, self._prior_doubt)  # rims that cannot tell do not speak for either case
+            doubt = max(doubt, prior_doubt)  # rims that cannot tell do not speak for either case
         with_film = float(np.sum((radius + shift) ** 2) / np.sum(radius**2))
         change = 1.0 / with_film - 1.0 if taken else with_film - 1.0
         return FilmVerdict(asked, bool(taken), light, std, rims.count, doubt, change)

@@ -18,6 +18,7 @@ plateau has that of the frame, with the spread of all.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,6 @@ from contactimg.imaging.profile.limits import (
     LONGEST_BLUR_STEP,
     NEAR_BLUR_WIDTHS,
     NEGLIGIBLE_FRACTION,
-    POOR_CHI_SQUARE,
     ROUNDS,
     SETTLED_SIGMA,
     USUAL_CHI_SQUARE,
@@ -161,6 +161,10 @@ class OpticsPrior:
             correlation[0, 1] = correlation[1, 0] = optics.correlation
         return cls(mean, np.asarray(np.linalg.inv(correlation * np.outer(std, std)), float))
 
+    def score(self, contrast: float, blur: float) -> NDArray[np.float64]:
+        """Derivative of the logarithm of its probability, shape (2,)."""
+        return np.asarray(self.information @ (self.mean - np.array([np.log(contrast), blur])))
+
     def with_exact_blur(self, blur: float) -> "OpticsPrior":
         """The prior with a blur that is held fixed."""
         information = np.diag([self.information[0, 0], 1.0 / (NEGLIGIBLE_FRACTION * blur) ** 2])
@@ -198,42 +202,37 @@ def settle_optics(
         A fit with contrast and blur right to a fraction of their uncertainties stays as it is. Where no
         contact shows its contrast, see `contactimg.imaging.fit.unseen_contrast`.
     """
-    joint = None
-    few = steps < ITERATIONS
+    newton = partial(_newton, optics_prior=optics_prior, inflation=inflation, wide_contrast=wide_contrast)
+    joint, few = None, steps < ITERATIONS
     if few or not _is_unseen(problem, fit, optics_prior):
-        joint = _newton(
-            problem, fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast, steps=steps
+        joint = newton(problem, fit, steps=steps)
+        problem, fit = replace(problem, prior=joint.prior), joint.fit
+    if joint is None or (not few and _is_unseen(problem, fit, optics_prior)):
+        problem, fit, covariance, shift = profile_contrast(
+            problem, fit, inflation=float(np.median(inflation)), kurtosis_std=KURTOSIS_STD
         )
-        problem = replace(problem, prior=joint.prior)
-    if joint is None or (not few and _is_unseen(problem, joint.fit, optics_prior)):
-        start = fit if joint is None else joint.fit
-        return _profiled(problem, start, float(np.median(inflation)))
+        prior, shifts = problem.prior, np.column_stack([shift, np.zeros(len(shift))])
+        return JointFit(fit, prior.mean, prior.std, covariance, covariance, radius_shifts=shifts, prior=prior)
     if joint.contrast > problem.shown_contrast:
-        problem = replace(
-            problem, prior=problem.prior.at(problem.shown_contrast), largest_contrast=problem.shown_contrast
-        )
-        return _newton(problem, joint.fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast)
+        prior = problem.prior.at(problem.shown_contrast)
+        return newton(replace(problem, prior=prior, largest_contrast=problem.shown_contrast), fit)
     return joint
 
 
 def _newton(
-    problem: FitProblem,
-    fit: FittedDisks,
-    optics_prior: OpticsPrior,
-    *,
-    inflation: NDArray[np.float64],
-    wide_contrast: float,
-    steps: int = ITERATIONS,
-) -> JointFit:
+    problem: FitProblem, fit: FittedDisks, *, optics_prior: OpticsPrior, inflation: NDArray[np.float64],
+    wide_contrast: float, steps: int = ITERATIONS,
+) -> JointFit:  # fmt: skip
     """Newton steps of contrast and blur with fits of the disks in between, see `settle_optics`."""
     most = problem.largest_contrast
-    contrast, prior = min(problem.prior.mean, most), problem.prior.at(min(problem.prior.mean, most))
+    contrast = min(problem.prior.mean, most)
+    prior = problem.prior.at(contrast)
     noise_slope, least_factor = problem.noise.slope / contrast, float(np.median(inflation))
     last_step = np.zeros(2)
     for remaining in reversed(range(steps)):
         scores = DiskScores.of(fit, prior)
         gradient, own = scores.total(least_factor, float(np.log(wide_contrast / contrast)))
-        gradient += optics_prior.information @ (optics_prior.mean - np.array([np.log(contrast), fit.blur]))
+        gradient += optics_prior.score(contrast, fit.blur)
         covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
         step = covariance @ gradient
         bounds = np.array([np.log(most / contrast), NARROWEST_BLUR_PX - fit.blur])
@@ -248,13 +247,12 @@ def _newton(
         if abs(step[0]) < LINEAR_STEP and abs(step[1]) < LINEAR_STEP * blur:
             fit = replace(fit, disks=fit.disks + scores.response @ step, blur=blur)
             break
-        stepped = replace(
-            problem,
-            noise=replace(problem.noise, slope=noise_slope * contrast),
-            prior=prior,
-        )
+        stepped = replace(problem, noise=replace(problem.noise, slope=noise_slope * contrast), prior=prior)
+        disks, radius = fit.disks.copy(), fit.disks[:, RADIUS]
+        disks[:, RADIUS] = np.maximum(radius + scores.radius_response @ step, 0.3 * radius)
+        disks[:, CONTRAST] *= np.exp(step[0])
         fit = fit_disks(
-            stepped, _follow(fit.disks, scores, step), blur=blur, control=CONTROL, brightness=fit.brightness,
+            stepped, disks, blur=blur, control=CONTROL, brightness=fit.brightness,
             start=ModelImage.over(fit.model, len(fit.disks), complete=False),
         )  # fmt: skip
     own = _without_point_spread_shape(own, fit)
@@ -273,23 +271,6 @@ def _is_unseen(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> boo
     std = np.sqrt(np.diag(np.linalg.inv(prior.information))) / np.array([1.0, prior.mean[1]])
     free = bool((std >= LEAST_PRIOR_STD).all()) and bool(len(problem.profile.powers))
     return free and hides_contrast(fit)
-
-
-def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float) -> JointFit:
-    """The fit at the most probable contrast of small contacts.
-
-    Where disks do not fit, one beyond what the frame shows is uncertain at least by how far it lies beyond.
-    """
-    profile = profile_contrast(problem, fit, inflation=inflation, kurtosis_std=KURTOSIS_STD)
-    if float(np.median(profile.fit.chi_square)) > POOR_CHI_SQUARE:
-        beyond = float(np.log(profile.contrast / problem.shown_contrast))
-        profile = replace(profile, log_std=max(profile.log_std, beyond))
-    covariance, prior = profile.covariance, profile.problem.prior
-    shifts = np.column_stack([profile.radius_shift, np.zeros(len(fit.disks))])
-    return JointFit(
-        profile.fit, profile.contrast, prior.std, covariance, covariance,
-        radius_shifts=shifts, prior=prior,
-    )  # fmt: skip
 
 
 def hides_contrast(fit: FittedDisks) -> bool:
@@ -323,22 +304,12 @@ def _without_point_spread_shape(information: NDArray, fit: FittedDisks) -> NDArr
 
 def _within_bounds(step: NDArray, gradient: NDArray, information: NDArray, bounds: NDArray) -> NDArray:
     """The Newton step of (ln contrast, blur) up to an upper and a lower bound, the other one following."""
-    for k, beyond in ((0, step[0] > bounds[0]), (1, step[1] < bounds[1])):
+    step = step.copy()
+    for k, other, beyond in ((0, 1, step[0] > bounds[0]), (1, 0, step[1] < bounds[1])):
         if beyond:
-            other = 1 - k
-            step = step.copy()
             step[k] = bounds[k]
             step[other] = (gradient[other] - information[0, 1] * step[k]) / information[other, other]
     return np.array([min(step[0], bounds[0]), max(step[1], bounds[1])])
-
-
-def _follow(disks: NDArray, scores: "DiskScores", step: NDArray) -> NDArray[np.float64]:
-    """Disks to start from after a step of contrast and blur."""
-    disks = disks.copy()
-    radius = disks[:, RADIUS]
-    disks[:, RADIUS] = np.maximum(radius + scores.radius_response @ step, 0.3 * radius)
-    disks[:, CONTRAST] *= np.exp(step[0])
-    return disks
 
 
 def _is_worth_a_fit(step: NDArray, fit: FittedDisks, scores: "DiskScores", covariance: NDArray) -> bool:
@@ -383,7 +354,7 @@ class DiskScores:
         excess = fit.disks[:, CONTRAST] - mean
         normal = fit.information[:, :4, :4].copy()
         cross = np.zeros((len(normal), 4, 2))
-        cross[:, 3, 0], cross[:, :, 1] = -tight * contrast, fit.information[:, :4, 4]
+        cross[:, CONTRAST, 0], cross[:, :, 1] = -tight * contrast, fit.information[:, :4, 4]
         # a disk outside the image or under a mask has no information: keep its matrix regular
         normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(4)
         response = -np.asarray(np.linalg.solve(normal, cross), float)
@@ -391,7 +362,10 @@ class DiskScores:
         information[:, 0, 0] += tight * contrast**2
         information[:, 1, 1] += fit.information[:, 4, 4]
         score = np.stack([tight * contrast * excess, fit.blur_score], axis=-1)
-        return cls(score, _nearest_semidefinite(information), response)
+        # rounding leaves negative eigenvalues
+        values, vectors = np.linalg.eigh(information)
+        information = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+        return cls(score, information, response)
 
     def total(self, least_factor: float, plateau_offset: float) -> tuple[NDArray, NDArray]:
         """Score and information of all disks, with variances as large as the disks disagree.
@@ -399,29 +373,19 @@ class DiskScores:
         Where they disagree, edges are not those assumed. The plateau of wide contacts does not depend on the
         edges: it then enters as a datum, ``plateau_offset`` being the logarithm of its ratio to the contrast.
         """
-        factor = self._variance_factor(least_factor)
+        factor, whole = max(least_factor, 1.0), self.information.sum(axis=0)
+        if len(self.score) >= FEW:
+            # where every disk is lost, nothing is known of contrast or blur, and nothing disagrees
+            total = np.linalg.pinv(whole, hermitian=True)
+            # what each would still change after the step that suits all best
+            rest = self.score - self.information @ (total @ self.score.sum(axis=0))
+            factor = max(factor, 0.5 * float(np.einsum("ni,ij,nj->", rest, total, rest)))
         weight = max(1.0 - USUAL_CHI_SQUARE / factor, 0.0) / PLATEAU_STD_FRACTION**2
         weight = weight if np.isfinite(plateau_offset) else 0.0
-        information = self.information.sum(axis=0) / factor + np.diag([weight, 0.0])
+        information = whole / factor + np.diag([weight, 0.0])
         score = self.score.sum(axis=0) / factor
         score[0] += weight * plateau_offset if weight else 0.0
         return score, information
-
-    def _variance_factor(self, least: float) -> float:
-        """Mean squared disagreement of the disks over its expectation, at least ``least`` and 1."""
-        if len(self.score) < FEW:
-            return max(least, 1.0)
-        # where every disk is lost, nothing is known of contrast or blur, and nothing disagrees
-        total = np.linalg.pinv(self.information.sum(axis=0), hermitian=True)
-        # what each would still change after the step that suits all best
-        rest = self.score - self.information @ (total @ self.score.sum(axis=0))
-        return max(least, 0.5 * float(np.einsum("ni,ij,nj->", rest, total, rest)), 1.0)
-
-
-def _nearest_semidefinite(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Symmetric matrices with the negative eigenvalues that rounding leaves set to zero."""
-    values, vectors = np.linalg.eigh(matrices)
-    return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2))
 
 
 def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[np.float64]) -> ContrastPrior:
@@ -443,7 +407,6 @@ def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[
         spread = SPREAD_FRACTION * default
         return ContrastPrior(default, spread, spread, problem.prior.odd)
     middle = float(np.median(values))
-    usual = np.ones(len(values), np.bool_)
     excess = (MAD_TO_STD * float(np.median(np.abs(values - middle)))) ** 2
     for _ in range(ROUNDS):
         limit = np.maximum(SIGNIFICANT_SIGMA * np.sqrt(excess + stds**2), SPREAD_FRACTION * middle)
@@ -458,7 +421,5 @@ def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[
         middle = float(np.average(values[usual], weights=1.0 / (stds[usual] ** 2 + excess)))
     weights = 1.0 / (stds[usual] ** 2 + excess)
     std = float(np.sqrt(excess + 1.0 / weights.sum() + (NEGLIGIBLE_FRACTION * middle) ** 2))
-    small = std
-    if not usual.all():
-        small = float(np.hypot(std, np.sqrt(np.mean(np.where(usual, 0.0, values - middle) ** 2))))
+    small = float(np.hypot(std, np.sqrt(np.mean(np.where(usual, 0.0, values - middle) ** 2))))
     return ContrastPrior(middle, std, small, fit.disks[np.flatnonzero(wide)[~usual]])

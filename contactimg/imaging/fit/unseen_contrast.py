@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks, render_disks
+from contactimg.imaging.fit.disks import FitControl, FittedDisks, fit_disks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA, median
-from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, ROUNDS
+from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE, ROUNDS
 
 Values = NDArray[np.float64]
 
@@ -34,43 +34,6 @@ CONTROL = FitControl(free_blur=True, iterations=15, tolerance=0.003)
 
 
 @dataclass(frozen=True, eq=False)
-class ContrastProfile:
-    """The likelihood of the contrast from contacts that do not show it.
-
-    Parameters
-    ----------
-    problem : FitProblem
-        At the most probable contrast.
-    fit : FittedDisks
-        Disks and blur there.
-    log_std : float
-        Uncertainty of the logarithm of the contrast.
-    blur_slope : float
-        Change of the blur, px, with that logarithm.
-    radius_shift : ndarray, shape (n,), px
-        Root mean square change of each radius over all contrasts.
-    """
-
-    problem: FitProblem
-    fit: FittedDisks
-    log_std: float
-    blur_slope: float
-    radius_shift: Values
-
-    @property
-    def contrast(self) -> float:
-        """Most probable common contrast, grey levels."""
-        return self.problem.prior.mean
-
-    @property
-    def covariance(self) -> Values:
-        """Covariance of (ln contrast, blur in px of the fit), shape (2, 2), narrow across its valley."""
-        beside = (1e-3 * self.fit.blur) ** 2
-        slope = self.blur_slope
-        return self.log_std**2 * np.array([[1.0, slope], [slope, slope**2]]) + np.diag([0.0, beside])
-
-
-@dataclass(frozen=True, eq=False)
 class _Tried:
     """A contrast, the fit there, and its chi-square."""
 
@@ -78,20 +41,10 @@ class _Tried:
     fit: FittedDisks
     chi_square: float
 
-    @property
-    def radius(self) -> float:
-        return float(np.median(self.fit.disks[:, RADIUS]))
-
-    @property
-    def kurtosis(self) -> float:
-        """Excess kurtosis of the median contact, without its sign."""
-        disk = 0.25 * self.radius**2
-        return float((disk / (disk + self.fit.blur**2)) ** 2)
-
 
 def profile_contrast(
     problem: FitProblem, fit: FittedDisks, *, inflation: float, kurtosis_std: float
-) -> ContrastProfile:
+) -> tuple[FitProblem, FittedDisks, Values, Values]:
     """Find the most probable contrast of contacts that do not show it, and how well it is known.
 
     Parameters
@@ -107,23 +60,29 @@ def profile_contrast(
 
     Returns
     -------
-    ContrastProfile
-        At the maximum of the likelihood. The uncertainty of the radii is the farther end of the interval that
-        holds the middle 68 % of the probability.
+    problem : FitProblem
+        At the maximum of the likelihood: the mean of its prior is the most probable contrast.
+    fit : FittedDisks
+        Disks and blur there.
+    covariance : ndarray, shape (2, 2)
+        Of (ln contrast, blur in px of the fit), narrow across its valley. Where disks do not fit, a contrast
+        beyond what the frame shows is uncertain at least by how far it lies beyond.
+    radius_shift : ndarray, shape (n,), px
+        Uncertainty of each radius: its change at the farther end of the interval that holds the middle 68 %
+        of the probability.
     """
     height = np.median(fit.disks[:, CONTRAST] * -np.expm1(-0.5 * (fit.disks[:, RADIUS] / fit.blur) ** 2))
     largest = max(problem.largest_contrast, float(height))
     low, high = np.log(height), np.log(min(largest, LARGEST_CONTRAST_RATIO * height))
-    tries = _Tries.of(problem, fit, inflation)
+    tries = _Tries(problem, fit, inflation)
     if high - low < PLATEAU_STD_FRACTION:
         return _conclude(tries, [tries.at(high, fit)], (low, high), kurtosis_std)
     found = tries.sweep(np.linspace(low + 0.1 * (high - low), high, COARSE_STEPS), fit)
     step = 0.9 * (high - low) / (COARSE_STEPS - 1)
     for _ in range(ROUNDS):
         best = min(found, key=lambda each: each.chi_square)
-        smooth = sum(each.chi_square < best.chi_square + SMOOTH_RISE for each in found) > FEWEST_TRIED
-        if smooth:
-            break
+        if sum(each.chi_square < best.chi_square + SMOOTH_RISE for each in found) > FEWEST_TRIED:
+            break  # it is smooth
         places = best.log_contrast + step * np.linspace(-1.0, 1.0, FINE_STEPS + 1)
         known = np.array([each.log_contrast for each in found])
         new = [x for x in places if low < x <= high and np.abs(known - x).min() > 0.1 * step]
@@ -132,11 +91,10 @@ def profile_contrast(
     return _conclude(tries, found, (low, high), kurtosis_std)
 
 
-@dataclass(frozen=True, eq=False)
 class _Tries:
     """Fits of one problem at several contrasts.
 
-    Parameters
+    Attributes
     ----------
     problem : FitProblem
     spread : float
@@ -144,27 +102,20 @@ class _Tries:
     pixels : ndarray of int
         At and beside the contacts, in the flattened image.
     variance : ndarray
-        Of these pixels.
+        Of these pixels, larger where the first fit is bad.
     """
 
-    problem: FitProblem
-    spread: float
-    pixels: NDArray[np.intp]
-    variance: Values
-
-    @classmethod
-    def of(cls, problem: FitProblem, fit: FittedDisks, inflation: float) -> "_Tries":
-        """About a fit, with its variances, larger where it fits badly."""
+    def __init__(self, problem: FitProblem, fit: FittedDisks, inflation: float):
+        self.problem, self.spread = problem, problem.prior.std / problem.prior.mean
         reach = 2 * int(np.ceil(NEAR_BLUR_WIDTHS * fit.blur)) + 1
         model = render_disks(fit.disks, fit.blur, problem.image.shape, profile=problem.profile)
         near = cv2.dilate((model > 0).view(np.uint8), np.ones((reach, reach), np.uint8))
         if problem.valid is not None:
             near[problem.valid == 0] = 0
-        pixels = np.flatnonzero(near)
-        height = np.clip(model.ravel()[pixels] / problem.prior.mean, 0.0, 1.0)
+        self.pixels = np.flatnonzero(near)
+        height = np.clip(model.ravel()[self.pixels] / problem.prior.mean, 0.0, 1.0)
         scale = max(inflation * max(median(fit.chi_square), 1.0), 1.0)
-        variance = scale * problem.noise.variance * problem.noise.at(height)
-        return cls(problem, problem.prior.std / problem.prior.mean, pixels, variance)
+        self.variance = scale * problem.noise.variance * problem.noise.at(height)
 
     def sweep(self, logs: Values, fit: FittedDisks) -> list[_Tried]:
         """Fits at several contrasts, each from that at the nearest contrast so far."""
@@ -194,24 +145,17 @@ class _Tries:
         variance = start.blur**2 + 0.25 * float(np.median(disks[:, RADIUS])) ** 2
         disks[:, CONTRAST] *= ratio
         disks[:, RADIUS] /= np.sqrt(ratio)
-        narrow = 0.1 * variance
-        blur = np.sqrt(max(variance - 0.25 * float(np.median(disks[:, RADIUS])) ** 2, narrow))
-        fit = fit_disks(
-            problem, disks, blur=float(blur), control=CONTROL, brightness=start.brightness,
-            start=ModelImage.blank(problem.image.shape, len(disks), complete=True),
-        )  # fmt: skip
-        return _Tried(log_contrast, fit, self._chi_square(fit, float(np.exp(log_contrast))))
-
-    def _chi_square(self, fit: FittedDisks, contrast: float) -> float:
-        """Chi-square of the pixels and of the scatter of the contrasts."""
-        rest = self.problem.image.ravel()[self.pixels] - fit.model.ravel()[self.pixels]
-        excess = (fit.disks[:, CONTRAST] / contrast - 1.0) / self.spread
-        return float(np.sum(rest.astype(float) ** 2 / self.variance) + np.sum(excess**2))
+        blur = np.sqrt(max(variance - 0.25 * float(np.median(disks[:, RADIUS])) ** 2, 0.1 * variance))
+        fit = fit_disks(problem, disks, blur=float(blur), control=CONTROL, brightness=start.brightness)
+        rest = problem.image.ravel()[self.pixels] - fit.model.ravel()[self.pixels]
+        excess = (fit.disks[:, CONTRAST] / problem.contrast - 1.0) / self.spread
+        chi_square = np.sum(rest.astype(float) ** 2 / self.variance) + np.sum(excess**2)
+        return _Tried(log_contrast, fit, float(chi_square))
 
 
 def _conclude(
     tries: _Tries, found: list[_Tried], limits: tuple[float, float], kurtosis_std: float
-) -> ContrastProfile:
+) -> tuple[FitProblem, FittedDisks, Values, Values]:
     """The fit at the most probable contrast, and the uncertainties by the probability of all that were tried.
 
     A contrast is excluded by the pixels and, if the point spread function is a Gaussian, by the kurtosis: the
@@ -224,23 +168,24 @@ def _conclude(
         curved, tilted, _ = np.polyfit(x - x[1], chi_square, 2)
         lowest = float(np.clip(x[1] - 0.5 * tilted / curved if curved > 0 else x[1], x[0], x[2]))
         found[k] = min(found[k], tries.at(lowest, found[k].fit), key=lambda each: each.chi_square)
-    best = found[k]
-    columns = [
-        [each.log_contrast, each.chi_square, each.kurtosis, each.radius, each.fit.blur] for each in found
-    ]
-    x, chi_square, kurtosis, radius, blur = np.array(columns).T
-    decrease, difference = np.maximum(chi_square - best.chi_square, 0.0), (kurtosis - best.kurtosis) ** 2
+    fit, problem = found[k].fit, tries.with_contrast(found[k].log_contrast)
+    x, chi_square, blur = np.array([[each.log_contrast, each.chi_square, each.fit.blur] for each in found]).T
+    radius = np.array([np.median(each.fit.disks[:, RADIUS]) for each in found])
+    disk = 0.25 * radius**2
+    kurtosis = (disk / (disk + blur**2)) ** 2  # of the median contact, without its sign
+    decrease, difference = np.maximum(chi_square - chi_square[k], 0.0), (kurtosis - kurtosis[k]) ** 2
     allowed = difference + decrease * kurtosis_std**2
     excess = np.divide(decrease * difference, allowed, out=np.zeros(len(x)), where=allowed > 0)
     ends = np.clip(np.concatenate([limits[:1], 0.5 * (x[1:] + x[:-1]), limits[1:]]), *limits)
     weight = np.exp(-0.5 * excess) * np.maximum(np.diff(ends), 1e-9)
     weight /= weight.sum()
     sides = np.interp(CENTRAL, np.append(0.0, np.cumsum(weight)), ends)
-    relative = np.abs(np.interp(sides, x, radius) / best.radius - 1.0).max()
+    relative = float(np.abs(np.interp(sides, x, radius) / radius[k] - 1.0).max())
     off = x - weight @ x
-    return ContrastProfile(
-        tries.with_contrast(best.log_contrast), best.fit,
-        max(float(np.sqrt(np.mean((sides - best.log_contrast) ** 2))), PLATEAU_STD_FRACTION / 2.0),
-        float(weight @ (off * blur) / max(weight @ off**2, 1e-12)),
-        -max(float(relative), PLATEAU_STD_FRACTION / 4.0) * best.fit.disks[:, RADIUS],
-    )  # fmt: skip
+    slope = float(weight @ (off * blur) / max(weight @ off**2, 1e-12))  # of the blur, px
+    std = max(float(np.sqrt(np.mean((sides - x[k]) ** 2))), PLATEAU_STD_FRACTION / 2.0)
+    if float(np.median(fit.chi_square)) > POOR_CHI_SQUARE:
+        std = max(std, float(np.log(problem.contrast / problem.shown_contrast)))
+    covariance = std**2 * np.array([[1.0, slope], [slope, slope**2]])
+    covariance[1, 1] += (1e-3 * fit.blur) ** 2
+    return problem, fit, covariance, -max(relative, PLATEAU_STD_FRACTION / 4.0) * fit.disks[:, RADIUS]
