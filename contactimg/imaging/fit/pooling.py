@@ -7,7 +7,6 @@ variance between frames.
 
 from array import array
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,16 +49,16 @@ def pool_optics(frames: Iterable[SharedOptics]) -> SharedOptics | None:
     if best is None:
         return None
     contrasts, relative_stds, blurs, blur_stds = np.frombuffer(values).reshape(-1, 4).T.copy()
-    contrast = _mean(np.log(contrasts), relative_stds)
-    blur = _mean(blurs, blur_stds)
-    level = float(np.exp(contrast.value))
+    log_contrast, contrast_std, contrast_shared = _mean(np.log(contrasts), relative_stds)
+    blur, blur_std, blur_shared = _mean(blurs, blur_stds)
+    level = float(np.exp(log_contrast))
     return SharedOptics(
         contrast=level,
-        contrast_std=level * contrast.std,
+        contrast_std=level * contrast_std,
         spread=level * best.spread / best.contrast,
-        blur_px=blur.value,
-        blur_std_px=blur.std,
-        correlation=best.correlation * contrast.shared * blur.shared,
+        blur_px=blur,
+        blur_std_px=blur_std,
+        correlation=best.correlation * contrast_shared * blur_shared,
         halo=best.halo,
         relative=best.relative,
     )
@@ -88,9 +87,8 @@ def pool_edges(frames: Sequence[EdgeKnowledge]) -> EdgeKnowledge | None:
     vector = np.sum([frame.vector for frame in donors], axis=0)
     at = np.array([k for name in best.families for k in FAMILIES[name]], int)
     shape = np.zeros(len(vector))
-    if len(at):
-        shape[at] = np.linalg.solve(information[np.ix_(at, at)], vector[at])
-        shape = np.clip(shape, -LARGEST, LARGEST)
+    shape[at] = np.linalg.solve(information[np.ix_(at, at)], vector[at])
+    shape = np.clip(shape, -LARGEST, LARGEST)
     scatter = 1.0
     if len(at) and len(donors) > 1:
         away = np.array([frame.shape - shape for frame in donors])
@@ -102,22 +100,18 @@ def pool_edges(frames: Sequence[EdgeKnowledge]) -> EdgeKnowledge | None:
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Mean:
-    """Weighted mean, standard deviation of one more value about it, and the part of that due to the mean."""
-
-    value: float
-    std: float
-    shared: float
-
-
-def _mean(values: NDArray[np.float64], stds: NDArray[np.float64]) -> _Mean:
+def _mean(values: NDArray[np.float64], stds: NDArray[np.float64]) -> tuple[float, float, float]:
     """Weighted mean of the values without outliers, with a variance between frames (Paule and Mandel).
 
-    The variance between frames is such that the weighted sum of squares equals its expectation
+    Returned with it are the standard deviation of one more value about it, and the part of that due to the
+    mean. Outliers lie off the weighted median by more than a few standard deviations, their own and those of
+    the scatter. The variance between frames is such that the weighted sum of squares equals its expectation
     (doi:10.6028/jres.087.022).
     """
-    kept = _inliers(values, stds)
+    order = np.argsort(values)
+    weight = np.cumsum(1.0 / stds[order] ** 2)
+    away = np.abs(values - values[order][np.searchsorted(weight, 0.5 * weight[-1])])
+    kept = away <= SIGNIFICANT_SIGMA * np.hypot(stds, MAD_TO_STD * np.median(away))
     values, stds = values[kept], stds[kept]
 
     def excess_chi_square(variance_between: float) -> float:
@@ -131,16 +125,5 @@ def _mean(values: NDArray[np.float64], stds: NDArray[np.float64]) -> _Mean:
     weights = 1.0 / (stds**2 + between)
     statistical = 1.0 / float(weights.sum())
     total = statistical + between
-    return _Mean(
-        float(np.average(values, weights=weights)),
-        float(np.sqrt(total)),
-        float(np.sqrt(statistical / total)),
-    )
-
-
-def _inliers(values: NDArray[np.float64], stds: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Values within a few standard deviations, their own and those of the scatter, of the weighted median."""
-    order = np.argsort(values)
-    weight = np.cumsum(1.0 / stds[order] ** 2)
-    away = np.abs(values - values[order][np.searchsorted(weight, 0.5 * weight[-1])])
-    return np.asarray(away <= SIGNIFICANT_SIGMA * np.hypot(stds, MAD_TO_STD * np.median(away)))
+    mean = float(np.average(values, weights=weights))
+    return mean, float(np.sqrt(total)), float(np.sqrt(statistical / total))

@@ -265,9 +265,11 @@ def find_ellipses(
     kept, fitted = [], []
     for row in chosen:
         ellipse = _fit_one(problem, fit, prior, covariance, int(row))
-        if ellipse is not None and (
-            everywhere or rows is not None or _is_better(ellipse, float(fit.chi_square[row]))
-        ):
+        if ellipse is None:
+            continue
+        least, disk = float(ellipse.chi_square[0]), float(fit.chi_square[row])
+        better = least < min(max(BETTER_RATIO * disk, POOR_CHI_SQUARE), disk)
+        if everywhere or rows is not None or (better and ellipse.significance > ELLIPSE_SIGNIFICANCE):
             kept.append(int(row))
             fitted.append(ellipse)
     return Ellipses(np.array(kept, np.intp), fitted, fit.blur)
@@ -280,15 +282,6 @@ def poor_disks(fit: FittedDisks, chi_square: float = POOR_CHI_SQUARE) -> NDArray
     return np.flatnonzero(wide & (count_touching(fit.disks, fit.blur) == 0))
 
 
-def _is_better(ellipse: FittedEllipse, disk_chi_square: float) -> bool:
-    """Whether an ellipse describes a contact that its disk does not."""
-    chi_square = float(ellipse.chi_square[0])
-    better = (
-        chi_square < max(BETTER_RATIO * disk_chi_square, POOR_CHI_SQUARE) and chi_square < disk_chi_square
-    )
-    return bool(better and ellipse.significance > ELLIPSE_SIGNIFICANCE)
-
-
 def _fit_one(
     problem: FitProblem, fit: FittedDisks, prior: ContrastPrior, covariance: NDArray[np.float64], row: int
 ) -> FittedEllipse | None:
@@ -296,35 +289,27 @@ def _fit_one(
     x, y, a, c = fit.disks[row]
     reach = 1.5 * a + REACH_BLUR_WIDTHS * fit.blur
     rows, columns = problem.image.shape
-    box = (
-        slice(max(int(y - reach), 0), min(int(y + reach) + 2, rows)),
-        slice(max(int(x - reach), 0), min(int(x + reach) + 2, columns)),
-    )
-    if box[0].stop - box[0].start < 4 or box[1].stop - box[1].start < 4:
+    left, top = max(int(x - reach), 0), max(int(y - reach), 0)
+    box = slice(top, min(int(y + reach) + 2, rows)), slice(left, min(int(x + reach) + 2, columns))
+    if box[0].stop - top < 4 or box[1].stop - left < 4:
         return None
-    own = np.array([[x - box[1].start, y - box[0].start, a, c]])
+    own = np.array([[x - left, y - top, a, c]])
     disk = render_disks(own, fit.blur, problem.image[box].shape, profile=problem.profile)
     image = np.asarray(problem.image[box] - fit.model[box] + disk, np.float32)
     window = problem.window(box, image, float(fit.brightness[row]))
     moments = cv2.moments((window.image > 0.5 * c).astype(np.uint8), binaryImage=True)
     angle = 0.5 * np.arctan2(2 * moments["mu11"], moments["mu20"] - moments["mu02"])
-    corner, e = np.array([*window.corner, 0.0, 0.0, 0.0, 0.0]), 0.1
-    start = np.array([x, y, a, e * np.cos(2 * angle), e * np.sin(2 * angle), c]) - corner
+    start = np.array([*own[0, :2], a, 0.1 * np.cos(2 * angle), 0.1 * np.sin(2 * angle), c])
     (mean,), (spread,) = prior.of_disks(fit.disks[[row]], fit.blur)
-    ellipse = fit_ellipse(
-        window, start, blur=fit.blur, prior=(float(mean), float(spread)), covariance=covariance,
-        inflation=_inflation(fit, row),
-    )  # fmt: skip
-    return (
-        ellipse if np.isfinite(ellipse.parameters).all() and np.isfinite(ellipse.covariance).all() else None
-    )
-
-
-def _inflation(fit: FittedDisks, row: int) -> float:
-    """Factor of the variances of one contact for noise that pixels share."""
+    # variances are larger by the noise that pixels share
     chi_square = max(float(fit.chi_square[row]), 1.0)
     bare = float(np.linalg.pinv(fit.information[row, :4, :4])[RADIUS, RADIUS])
-    return max(float(fit.std[row, RADIUS] ** 2) / max(bare * chi_square, 1e-300), 1.0)
+    ellipse = fit_ellipse(
+        window, start, blur=fit.blur, prior=(float(mean), float(spread)), covariance=covariance,
+        inflation=max(float(fit.std[row, RADIUS] ** 2) / max(bare * chi_square, 1e-300), 1.0),
+    )  # fmt: skip
+    finite = np.isfinite(ellipse.parameters).all() and np.isfinite(ellipse.covariance).all()
+    return ellipse if finite else None
 
 
 def made_round(
