@@ -46,11 +46,11 @@ def mechanisms():
     nothing = {"remove_halo": lambda problem, fit, **_: (problem, fit, None, np.empty((0, 3)))}
     foreign = importlib.import_module(BASE + "detect.foreign").NONE
     table = {
-        "better covers of groups": [("fit.assemble", "_Assembly.improve_covers", lambda _self: None)],
+        "better covers of groups": [("fit.assemble", "Assembly.improve_covers", lambda _self: None)],
         "coarser look at groups": [("fit.covers", "_simpler", lambda *_a: None)],
-        "one ellipse for touching disks": [("fit.assemble", "_Assembly.join_ellipses", lambda _self: None)],
+        "one ellipse for touching disks": [("fit.assemble", "Assembly.join_ellipses", lambda _self: None)],
         "falls along outlines": [("evidence.rules", "_fall_of_rims", fall_of_disks)],
-        "wide residuals": [("fit.assemble", "_Assembly.add_wide_residuals", lambda _self: None)],
+        "wide residuals": [("fit.assemble", "Assembly.add_wide_residuals", lambda _self: None)],
         "faint regions": [
             ("detect.candidates", "_faint_regions", lambda *a: ([], np.zeros(len(a[2]), np.bool_)))
         ],
@@ -64,7 +64,7 @@ def mechanisms():
         ],
         "ellipses": [
             ("fit.method", "_Frame.with_ellipses", lambda _self, plain, **_: plain),
-            ("fit.assemble", "_Assembly.find_ellipses", lambda _self, _tried: None),
+            ("fit.assemble", "Assembly.find_ellipses", lambda _self, _tried: None),
         ],
         "foreign objects": [("foreground", "find_foreign", lambda *_a, **_o: foreign)],
         "uneven background": [

@@ -4,7 +4,7 @@ What is left is looked at as the image was at first: wide regions of the residua
 matched filter finds small ones. Groups that fit badly get other covers of the same pixels.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +22,15 @@ from contactimg.imaging.fit.covers import (
 )
 from contactimg.imaging.fit.disks import (
     FitControl,
-    FittedDisks,
     ModelImage,
     allow_for_coarse_rims,
     erase_disks,
     find_insignificant,
     fit_disks,
+    largest_radii,
     reach_of,
 )
-from contactimg.imaging.fit.problem import RADIUS, FitProblem
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
 from contactimg.imaging.pixels.blocks import SignedImage, block_means
@@ -50,36 +50,10 @@ ROUGH_RATIO = 1.5
 By hand: compression and sharpening ring beside contacts."""
 
 
-@dataclass(frozen=True, eq=False)
-class Assembled:
-    """Disks that together explain an image.
-
-    Parameters
-    ----------
-    problem : FitProblem
-    fit : FittedDisks
-    dropped : ndarray, shape (m, 3)
-        x, y, radius (px) of disks that were tried and are not needed.
-    smallest : float, px
-        Radius of the smallest isolated disk that stands out of the noise.
-    limited : bool
-        Whether there were more candidates than are fitted.
-    ellipses : Ellipses
-        Disks that stand for ellipses in the image of the problem.
-    """
-
-    problem: FitProblem
-    fit: FittedDisks
-    dropped: NDArray[np.float64]
-    smallest: float
-    limited: bool
-    ellipses: Ellipses
-
-
 @stage("detection")
 def assemble_disks(
     problem: FitProblem, seen: SignedImage, *, blur: float, free_blur: bool, shapes: str
-) -> Assembled:
+) -> "Assembly":
     """Find and fit the disks of an image, with a loose prior of the contrasts.
 
     Parameters
@@ -97,33 +71,29 @@ def assemble_disks(
     contrast = problem.contrast
     found = find_candidates(seen, contrast, blur=blur)
     most = min(int(MOST_DISKS_PER_PX2 * problem.image.size) + 1, MOST_DISKS)
-    limited = len(found.places) > most
-    (x, y, a), shape = found.places[:most].T, problem.image.shape
-    disks = np.column_stack([found.places[:most], np.full(len(a), contrast)])
-    # a disk cut by the border may be much larger than what is inscribed
-    cut = np.minimum.reduce([x, y, shape[1] - 1 - x, shape[0] - 1 - y]) < a + blur
-    largest = np.where(cut, np.inf, GROWTH_RATIO * a + blur)
-    work = _Assembly(problem, disks, largest, found.whole[:most], blur=blur, free_blur=free_blur)
+    disks, whole = found.places[:most], found.whole[:most]
+    disks = np.column_stack([disks, np.full(len(disks), contrast)])
+    largest = largest_radii(disks, problem.image.shape, blur, GROWTH_RATIO, 1.0)
+    work = Assembly(problem, disks, largest, whole, blur=blur, free_blur=free_blur)
     if shapes == "auto":
-        work.find_ellipses(found.whole[:most])
+        work.find_ellipses(whole)
     work.drop_insignificant()
-    limited |= work.is_entangled()
-    if limited:
+    work.limited = len(found.places) > most or work.is_entangled()
+    if work.limited:
         most = len(work.fit.disks)
     else:
         work.add_wide_residuals()
-    smallest, too_many = work.add_peaks(most)
-    limited |= too_many
-    if not limited and work.improve_covers():
+    work.add_peaks(most)
+    if not work.limited and work.improve_covers():
         work.add_peaks(most, outside=True)
     if shapes == "auto":
         work.join_ellipses()
     work.drop_insignificant(final=True)
-    return Assembled(work.problem, work.fit, np.vstack(work.dropped), smallest, limited, work.ellipses)
+    return work
 
 
-class _Assembly:
-    """The disks of an image while some are added, dropped and replaced.
+class Assembly:
+    """Disks that together explain an image, while some are added, dropped and replaced.
 
     Attributes
     ----------
@@ -133,9 +103,14 @@ class _Assembly:
         Upper bounds of the radii.
     whole : ndarray of bool, shape (n,)
         Disks that stand for a region that is no disk, but one contact.
-    dropped : list of ndarray, shape (m, 3)
-        x, y, radius of the disks dropped so far.
+    dropped : ndarray, shape (m, 3)
+        x, y, radius (px) of disks that were tried and are not needed.
     ellipses : Ellipses
+        Disks that stand for ellipses in the image of the problem.
+    smallest : float, px
+        Radius of the smallest isolated disk that stands out of the noise.
+    limited : bool
+        Whether there were more candidates than are fitted.
     """
 
     def __init__(
@@ -146,21 +121,18 @@ class _Assembly:
         wanted = free_blur and bool(2 * np.count_nonzero(~whole) > len(disks))
         control = FitControl(wanted, robust=False, iterations=3)
         self.largest, self.whole, self.ellipses = largest, whole, NO_ELLIPSES
+        self.dropped, self.smallest, self.limited = np.empty((0, 3)), 0.0, False
         fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
         self.problem = allow_for_coarse_rims(problem, fit)
         if self.problem.noise.rim > 0.0:
             fit = fit_disks(self.problem, disks, blur=fit.blur, control=control, largest=largest)
             self.problem = allow_for_coarse_rims(problem, fit)
         self.fit = fit
-        self.dropped = [np.empty((0, 3))]
 
     def add(self, disks: NDArray[np.float64]) -> None:
         """Add disks, which are free to grow, and drop those near them that are not significant."""
-        rows = np.concatenate([np.arange(len(self.fit.disks)), np.full(len(disks), -1)])
-        self.largest = np.concatenate([self.largest, 2.0 * disks[:, RADIUS] + 4.0 * self.fit.blur])
-        self.whole = np.concatenate([self.whole, np.zeros(len(disks), np.bool_)])
-        active = self._refit(np.vstack([self.fit.disks, disks]), rows, 5)
-        self.drop_insignificant(active)
+        added = Replacement(np.zeros(len(self.fit.disks), np.bool_), disks)
+        self.drop_insignificant(self._exchange(added, 2.0 * disks[:, RADIUS] + 4.0 * self.fit.blur))
 
     def is_entangled(self) -> bool:
         """Whether the disks share so many pixels with their neighbours that no more are added."""
@@ -178,34 +150,31 @@ class _Assembly:
             return
         seen = SignedImage(rest, problem.pixel_noise, problem.valid, rounding=problem.rounding)
         found = find_candidates(seen, problem.contrast, blur=fit.blur)
-        wide = (found.places[:, 2] > 2.0 * fit.blur) & (found.plateau > least)
-        if not wide.any():
-            return
-        places, plateau = found.places[wide], found.plateau[wide]
-        inside = _near_rims(places, fit.disks, 0.0)
-        places, plateau = places[~inside], plateau[~inside]
-        if not len(places):
-            return
-        disks = np.column_stack([places, plateau])
-        odd = np.vstack([problem.prior.odd, disks[np.abs(plateau / problem.contrast - 1.0) > 0.15]])
-        self.problem = replace(problem, prior=replace(problem.prior, odd=odd))
-        self.add(disks)
+        wide = (found.places[:, RADIUS] > 2.0 * fit.blur) & (found.plateau > least)
+        wide &= ~_near_rims(found.places, fit.disks, 0.0)
+        disks = np.column_stack([found.places, found.plateau])[wide]
+        if len(disks):
+            differs = np.abs(disks[:, CONTRAST] / problem.contrast - 1.0) > 0.15
+            odd = np.vstack([problem.prior.odd, disks[differs]])
+            self.problem = replace(problem, prior=replace(problem.prior, odd=odd))
+            self.add(disks)
 
-    def add_peaks(self, most: int, *, outside: bool = False) -> tuple[float, bool]:
+    def add_peaks(self, most: int, *, outside: bool = False) -> None:
         """Add a disk for each peak that the disks leave, at most ``most`` in all.
 
-        ``outside`` leaves out peaks in contacts of other shapes. Returned are the radius of the smallest
-        isolated disk that stands out of the noise, and whether peaks were left.
+        ``outside`` leaves out peaks in contacts of other shapes.
         """
         problem, fit, contrast = self.problem, self.fit, self.problem.contrast
         smooth = filter_residual(problem.image, fit.model, fit.blur)
         lowest = least_peak(smooth, problem.background, problem.rounding)
         peaks = find_peaks(smooth, lowest, fit.blur)
-        smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
         if outside:
             peaks = peaks[~are_parts(peaks, fit.disks[self.whole], problem.image, 0.5 * contrast)]
+        else:
+            of_lowest = _disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)
+            self.smallest = float(of_lowest[0, RADIUS])
         at_rim = _near_rims(peaks, fit.disks, REACH_BLUR_WIDTHS * fit.blur)
-        peaks = peaks[(peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0)))]
+        peaks = peaks[peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0))]
         scatter = _scatter_around(problem.image, fit.model, peaks, fit.blur)
         # behind the filter white noise is smaller by this; rests of compression are less so
         behind = 2.0 / (2.0 * np.sqrt(np.pi) * fit.blur)
@@ -214,20 +183,17 @@ class _Assembly:
         room = max(most - len(fit.disks), 0)
         if len(peaks[:room]):
             self.add(_disks_of_peaks(peaks[:room], fit.blur, contrast))
-        return smallest, len(peaks) > room
+        self.limited |= not outside and len(peaks) > room
 
     def drop_insignificant(self, among: NDArray[np.bool_] | None = None, *, final: bool = False) -> None:
         """Drop the disks (all, or among some) that the pixels do not need."""
         dropped = find_insignificant(self.fit, self.problem, final=final)
         dropped = dropped if among is None else among & dropped
-        if not dropped.any():
-            return
-        self.dropped.append(self.fit.disks[dropped, :3])
-        erase_disks(self.problem, self.fit, dropped)
-        active = _near(self.fit.disks, dropped, self.fit.blur)[~dropped]
-        self.largest, self.whole = self.largest[~dropped], self.whole[~dropped]
-        self.ellipses = self.ellipses.kept(~dropped)
-        self._refit(self.fit.disks[~dropped], np.flatnonzero(~dropped), 4, active)
+        if dropped.any():
+            disks = self.fit.disks
+            self.dropped = np.vstack([self.dropped, disks[dropped, :3]])
+            active = _neighbours(disks, dropped, EDGE_BLUR_WIDTHS * self.fit.blur)[~dropped]
+            self._exchange(Replacement(dropped, disks[:0]), np.empty(0), 4, active)
 
     def find_ellipses(self, tried: NDArray[np.bool_]) -> None:
         """Replace the regions that are ellipses by disks of equal area in the image."""
@@ -250,11 +216,8 @@ class _Assembly:
         changed = np.isin(np.arange(len(self.fit.disks)), found.rows)
         erase_disks(self.problem, self.fit, changed)
         self.problem, disks = made_round(self.problem, self.fit, found)
-        self.ellipses = Ellipses(
-            np.concatenate([self.ellipses.rows, found.rows]),
-            [*self.ellipses.fitted, *found.fitted],
-            found.blur,
-        )
+        rows = np.concatenate([self.ellipses.rows, found.rows])
+        self.ellipses = Ellipses(rows, [*self.ellipses.fitted, *found.fitted], found.blur)
         self.largest = np.where(changed, 1.5 * disks[:, RADIUS] + 2.0 * self.fit.blur, self.largest)
         self._refit(disks, np.where(changed, -1, np.arange(len(disks))), 3)
 
@@ -262,33 +225,36 @@ class _Assembly:
         """Replace the disks of groups that fit badly by better covers; whether some are simpler ones."""
         covers = find_better_covers(self.problem, self.fit, self.whole)
         self._replace(covers)
-        return bool(covers.whole.any())
+        return bool(np.any(covers.whole))
 
     def _replace(self, covers: Replacement) -> None:
-        """Put other disks in the place of some, and fit them and their neighbours."""
-        if not covers.replaced.any():
-            return
-        erase_disks(self.problem, self.fit, covers.replaced)
+        """Put other disks of about the right size in the place of some."""
+        if covers.replaced.any():
+            self._exchange(covers, SETTLED_GROWTH_RATIO * covers.new[:, RADIUS])
+
+    def _exchange(
+        self, covers: Replacement, largest: NDArray, iterations: int = 5, active: NDArray | None = None
+    ) -> NDArray[np.bool_]:
+        """Put other disks, up to radii ``largest``, in the place of some, and fit: see `_refit`."""
         kept, new = np.flatnonzero(~covers.replaced), covers.new
+        if covers.replaced.any():
+            erase_disks(self.problem, self.fit, covers.replaced)
         self.ellipses = self.ellipses.kept(~covers.replaced)
-        self.whole = np.concatenate([self.whole[kept], covers.whole])
-        self.largest = np.concatenate([self.largest[kept], SETTLED_GROWTH_RATIO * new[:, RADIUS]])
+        self.whole = np.concatenate([self.whole[kept], np.broadcast_to(covers.whole, len(new))])
+        self.largest = np.concatenate([self.largest[kept], largest])
         rows = np.concatenate([kept, np.full(len(new), -1)])
-        self._refit(np.vstack([self.fit.disks[kept], new]), rows, 5)
+        return self._refit(np.vstack([self.fit.disks[kept], new]), rows, iterations, active)
 
     def _refit(
-        self,
-        disks: NDArray[np.float64],
-        rows: NDArray[np.int64],
-        iterations: int,
-        active: NDArray[np.bool_] | None = None,
+        self, disks: NDArray, rows: NDArray[np.int64], iterations: int, active: NDArray | None = None
     ) -> NDArray[np.bool_]:
         """Fit the active disks, by default the new ones and their neighbours; which are active.
 
         ``rows`` are the rows of the disks in the present fit, -1 for new ones.
         """
         old = self.fit
-        active = _near(disks, rows < 0, old.blur) if active is None else active
+        if active is None:
+            active = _neighbours(disks, rows < 0, EDGE_BLUR_WIDTHS * old.blur)
         # those farther off neither change the fit nor are changed by it
         part = _neighbours(disks, active, 2.0 * reach_of(self.problem.profile) * old.blur)
         control = FitControl(free_blur=False, robust=False, iterations=iterations)
@@ -333,11 +299,6 @@ def _disks_of_peaks(peaks: NDArray, blur: float, contrast: float) -> NDArray[np.
     height = np.clip(peaks[:, 2] / contrast, 1e-3, 0.9)
     radius = np.sqrt(-4.0 * blur**2 * np.log1p(-height))
     return np.column_stack([peaks[:, :2], radius, np.full(len(peaks), contrast)])
-
-
-def _near(disks: NDArray, changed: NDArray[np.bool_], blur: float) -> NDArray[np.bool_]:
-    """The changed disks, and those whose rim they influence."""
-    return _neighbours(disks, changed, EDGE_BLUR_WIDTHS * blur)
 
 
 def _neighbours(disks: NDArray, changed: NDArray[np.bool_], gap: float) -> NDArray[np.bool_]:

@@ -33,7 +33,7 @@ from contactimg.imaging.fit.disks import (
     fit_disks,
     render_disks,
 )
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, pixel_at
 from contactimg.imaging.fit.shapes import (
     EXACT_OPTICS,
     LEAST_ELONGATION,
@@ -95,13 +95,14 @@ class GroupWindow:
     problem : FitProblem
         Of the window.
     blur : float, px
+    pixels : int
+        Number of them.
     offset : ndarray, shape (4,)
         Parameters of a disk in the image minus those in the window.
     """
 
     def __init__(self, problem: FitProblem, blur: float):
-        self.problem = problem
-        self.blur = blur
+        self.problem, self.blur, self.pixels = problem, blur, problem.image.size
         self.offset = np.array([*problem.corner, 0.0, 0.0])
         self._misfits: dict[bytes, NDArray[np.float32]] = {}
 
@@ -123,12 +124,7 @@ class GroupWindow:
         brightness = float(np.median(problem.brightness_at(disks)))
         return cls(problem.window(box, image, brightness), fit.blur)
 
-    @property
-    def pixels(self) -> int:
-        """Number of pixels."""
-        return self.problem.image.size
-
-    def fit(self, disks: NDArray, largest: NDArray) -> tuple[NDArray[np.float64], float]:
+    def fit(self, disks: NDArray, largest: NDArray) -> Cover:
         """The disks fitted, without the insignificant ones, and their chi-square.
 
         ``largest`` are upper bounds of the radii, px.
@@ -167,16 +163,6 @@ class GroupWindow:
             squares[(problem.saturated == 1) & (residual < 0.0)] = 0.0
         return np.asarray(squares, np.float32)
 
-    def highest_residual(self, disks: NDArray) -> tuple[int, int]:
-        """Column and row of the highest residual behind the blur."""
-        smooth = filter_residual(self.problem.image, self.model(disks), self.blur)
-        row, column = np.unravel_index(np.argmax(smooth), smooth.shape)
-        return int(column), int(row)
-
-    def small_disk(self, x: float, y: float) -> NDArray[np.float64]:
-        """A disk as small as the blur, with the expected contrast."""
-        return np.array([x, y, self.blur, self.problem.contrast])
-
     def pixels_of(self, disk: NDArray) -> NDArray[np.bool_]:
         """The pixels on and about a disk."""
         x, y = self.from_centre(disk)
@@ -197,13 +183,13 @@ class Replacement:
     replaced : ndarray of bool, shape (n,)
     new : ndarray, shape (m, 4)
         x, y, radius (px), contrast.
-    whole : ndarray of bool, shape (m,)
+    whole : ndarray of bool, shape (m,), or bool
         Those that stand for one contact of another shape.
     """
 
     replaced: NDArray[np.bool_]
     new: NDArray[np.float64]
-    whole: NDArray[np.bool_]
+    whole: NDArray[np.bool_] | bool = False
 
 
 def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.bool_]) -> Replacement:
@@ -225,18 +211,15 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
     replaced, new, one = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))], [np.empty(0, np.bool_)]
     median = float(np.median(fit.chi_square)) if len(fit.disks) else 1.0
     usual = float(np.clip(median, 1.0, USUAL_CHI_SQUARE))
-    limit = np.maximum(
-        SUSPICIOUS_CHI_SQUARE, 1.0 + FALSE_ALARM_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1))
-    )
+    chance = FALSE_ALARM_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1))
+    limit = np.maximum(SUSPICIOUS_CHI_SQUARE, 1.0 + chance)
     bad = fit.chi_square > limit * usual
     # the smallest groups first: most of them are resolved if the work does not suffice for all
     coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
-    groups = sorted(_groups_with(bad, fit.disks, NEAR_BLUR_WIDTHS * fit.blur), key=len)
-    for members in groups:
+    for members in sorted(_groups_with(bad, fit.disks, NEAR_BLUR_WIDTHS * fit.blur), key=len):
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
-        usual_single = len(members) == 1 and whole[members[0]]
-        usual_single |= len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
-        if usual_single:
+        usual_ones = whole[members] | (fit.chi_square[members] < limit[members] * median)
+        if len(members) == 1 and usual_ones[0]:
             continue
         window = GroupWindow.about(coarse, fit, members)
         if window is None:
@@ -248,7 +231,7 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
         better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
         if len(members) == 1 and len(better) == 2:
             found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
-            if any(_misfit(window, each, fit.blur) < window.chi_square(better) for each in found.fitted):
+            if any(_misfit(window, each) < window.chi_square(better) for each in found.fitted):
                 continue
         simple = _simpler(window, better, usual)
         better, shaped = (better, np.zeros(len(better), np.bool_)) if simple is None else simple
@@ -273,8 +256,7 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     coarse, region = _coarser_cover(window, disks)
     if not len(coarse):
         return None
-    x, y = (np.clip(np.rint(disks[:, k]), 0, region.shape[1 - k] - 1).astype(int) for k in (0, 1))
-    beside = (region[y, x] == 0) & (disks[:, CONTRAST] > 0.5 * coarse[0, CONTRAST])
+    beside = (region[pixel_at(disks, region.shape)] == 0) & (disks[:, CONTRAST] > 0.5 * coarse[0, CONTRAST])
     beside &= disks[:, RADIUS] < coarse[:, RADIUS].max()
     fewer = np.vstack([coarse, disks[beside]])
     moved = len(fewer) == len(disks) == 1 and np.abs(fewer - disks)[0, :3].max() > window.blur
@@ -294,10 +276,7 @@ def are_parts(places: NDArray, disks: NDArray, image: NDArray[np.float32], level
     if not len(disks) or not len(places):
         return np.zeros(len(places), np.bool_)
     labels = cv2.connectedComponents((image > level).astype(np.uint8), connectivity=8)[1]
-    numbers = [
-        labels[tuple(np.clip(np.rint(points[:, k]), 0, image.shape[1 - k] - 1).astype(int) for k in (1, 0))]
-        for points in (places, disks)
-    ]
+    numbers = [labels[pixel_at(points, image.shape)] for points in (places, disks)]
     apart = np.hypot(*(places[:, None, k] - disks[:, k] for k in (0, 1)))
     return (apart < disks[:, RADIUS]).any(axis=1) | np.isin(numbers[0], np.setdiff1d(numbers[1], [0]))
 
@@ -308,20 +287,17 @@ def _coarser_cover(window: GroupWindow, disks: NDArray) -> tuple[NDArray[np.floa
     The level is half of the median height within the disks of the group; a blur moves a rim there only in
     second order.
     """
-    image = window.problem.image
-    smooth = cv2.GaussianBlur(
-        image, (0, 0), COARSE_BLUR_WIDTHS * window.blur, borderType=cv2.BORDER_REPLICATE
-    )
+    image, blur = window.problem.image, COARSE_BLUR_WIDTHS * window.blur
+    smooth = cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
     inside = window.model(disks) > 0.5 * window.problem.contrast
     if not inside.any():
         return np.empty((0, 4)), np.zeros_like(inside, np.uint8)
     plateau = float(np.median(smooth[inside]))
     above = (smooth > 0.5 * plateau).astype(np.uint8)
-    count, labels = cv2.connectedComponents(above, connectivity=8)
+    labels = cv2.connectedComponents(above, connectivity=8)[1]
     found, region = [np.empty((0, 3))], np.zeros_like(above)
-    for own in ((labels == k).astype(np.uint8) for k in range(1, count)):
-        if not (own & inside).any():
-            continue
+    for k in np.setdiff1d(labels[inside], [0]):
+        own = (labels == k).astype(np.uint8)
         cut = tuple(bool(side.any()) for side in (own[0], own[-1], own[:, 0], own[:, -1]))
         filled = fill(own, find_holes(own), LARGEST_WHOLE_HOLES * float(own.sum()))
         disks = inscribed_in(filled, cut)
@@ -341,8 +317,8 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
     common = replace(_no_finer_than_shapes(problem), prior=ContrastPrior.loose(problem.contrast))
     for row, ellipse in zip(ellipses.rows, ellipses.fitted, strict=True):
         major, minor = ellipse.half_axes
-        margin = major - fit.disks[row, RADIUS]
-        window = GroupWindow.about(common, fit, np.array([row]), margin=max(float(margin), 0.0))
+        margin = max(float(major - fit.disks[row, RADIUS]), 0.0)
+        window = GroupWindow.about(common, fit, np.array([row]), margin=margin)
         if window is None or major < LEAST_ELONGATION * minor:
             continue
         x, y = ellipse.parameters[:2] - window.offset[:2]
@@ -350,11 +326,10 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
         away = max(major - a, 0.5 * a) * np.array([np.cos(ellipse.angle), np.sin(ellipse.angle)])
         start = np.array([[x + side * away[0], y + side * away[1], a, problem.contrast] for side in (-1, 1)])
         two, chi_square = window.fit(start, np.full(2, 1.5 * major))
-        if len(two) == 2 and chi_square < _misfit(window, ellipse, fit.blur):
+        if len(two) == 2 and chi_square < _misfit(window, ellipse):
             replaced[row] = True
             new.append(two + window.offset)
-    pairs = np.vstack(new)
-    return Replacement(replaced, pairs, np.zeros(len(pairs), np.bool_))
+    return Replacement(replaced, np.vstack(new))
 
 
 def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
@@ -362,11 +337,10 @@ def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Rep
 
     An ellipse takes their place unless they lower chi-square by the price of more disks.
     """
-    n = len(fit.disks)
-    replaced, new = np.zeros(n, np.bool_), [np.empty((0, 4))]
+    replaced, new = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))]
     touching = count_touching(fit.disks, fit.blur) > 0
     if not touching.any() or 2 * len(ellipses.rows) <= np.count_nonzero(~touching):
-        return Replacement(replaced, new[0], np.zeros(0, np.bool_))
+        return Replacement(replaced, new[0])
     touching[ellipses.rows] = False
     for members in _groups_with(touching, fit.disks, fit.blur):
         window = GroupWindow.about(_no_finer_than_shapes(problem), fit, members)
@@ -383,18 +357,17 @@ def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Rep
             covariance=EXACT_OPTICS,
         )  # fmt: skip
         price = DISK_PRICE * (len(members) - 1)
-        if _misfit(window, ellipse, fit.blur) < window.chi_square(disks) + price:
+        if _misfit(window, ellipse) < window.chi_square(disks) + price:
             replaced[members] = True
             x, y, a, _, _, c = ellipse.parameters
             new.append(np.array([[x, y, a, c]]))
-    joined = np.vstack(new)
-    return Replacement(replaced, joined, np.ones(len(joined), np.bool_))
+    return Replacement(replaced, np.vstack(new), whole=True)
 
 
-def _misfit(window: GroupWindow, ellipse: FittedEllipse, blur: float) -> float:
+def _misfit(window: GroupWindow, ellipse: FittedEllipse) -> float:
     """Chi-square of an ellipse in a window."""
     corner = np.append(window.offset[:2], np.zeros(4))
-    model = render_ellipse(ellipse.parameters - corner, blur, window.problem.image.shape)
+    model = render_ellipse(ellipse.parameters - corner, window.blur, window.problem.image.shape)
     return float(window.misfit_of(model).sum())
 
 
@@ -403,8 +376,8 @@ def _no_finer_than_shapes(problem: FitProblem) -> FitProblem:
 
     Where there is hardly any noise, the pixel that a digitised disk has more on one side is significant.
     """
-    least = (LEAST_NOISE_FRACTION * problem.contrast) ** 2
-    return problem.with_noise(max(problem.noise.variance, least))
+    variance = max(problem.noise.variance, (LEAST_NOISE_FRACTION * problem.contrast) ** 2)
+    return replace(problem, noise=replace(problem.noise, variance=variance))
 
 
 def _groups_with(bad: NDArray[np.bool_], disks: NDArray, gap: float) -> Iterator[NDArray[np.int64]]:
@@ -431,29 +404,33 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     for number in range(-1 if unsettled else 0, ROUNDS):
         if chi_square < expected + slack:
             break
+        count, before = len(best), chi_square
         # at first the same disks again
-        same_again = [window.fit(best, np.full(len(best), np.inf))] if number < 0 else []
-        covers = same_again or list(_larger_covers(window, best))
-        costs = [value + DISK_PRICE * (len(cover) - len(best)) for cover, value in covers]
-        gain, same = chi_square - min(costs, default=np.inf), True
-        before = chi_square
+        again = number < 0
+        covers = [window.fit(best, np.full(count, np.inf))] if again else list(_larger_covers(window, best))
+        costs = [value + DISK_PRICE * (len(cover) - count) for cover, value in covers]
+        gain = chi_square - min(costs)
         if gain > 0.0:
-            disks_before, (best, chi_square) = best, covers[int(np.argmin(costs))]
-            same = len(best) == len(disks_before) and gain < LEAST_GAIN
+            best, chi_square = covers[int(np.argmin(costs))]
+        same = len(best) == count and gain < LEAST_GAIN
         # rounds that gain as much as this one are not enough
         hopeless = chi_square - (before - chi_square) * (ROUNDS - 1 - number) > allowed
-        if number >= 0 and (same or hopeless):
+        if not again and (same or hopeless):
             break
     return disks if chi_square > allowed else best
 
 
 def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
     """Covers with one disk or two more than before."""
-    more = np.vstack([disks, window.small_disk(*window.highest_residual(disks))])
+    # a disk as small as the blur where the residual behind the blur is highest
+    model = window.model(disks)
+    smooth = filter_residual(window.problem.image, model, window.blur)
+    row, column = np.unravel_index(np.argmax(smooth), smooth.shape)
+    more = np.vstack([disks, np.array([column, row, window.blur, window.problem.contrast])])
     yield window.fit(more, np.full(len(more), np.inf))
-    residual = window.problem.image - window.model(disks)
-    parts = [window.pixels_of(disk) for disk in disks]
-    mean_squares = [np.sum(residual[part] ** 2) / max(np.count_nonzero(part), 1) for part in parts]
+    residual = window.problem.image - model
+    parts = (residual[window.pixels_of(disk)] for disk in disks)
+    mean_squares = [np.sum(part**2) / max(part.size, 1) for part in parts]
     worst = int(np.argmax(mean_squares))
     others = np.delete(disks, worst, axis=0)
     for count in (2, 3):

@@ -117,14 +117,17 @@ class ModelImage:
     complete: bool = True
 
     @classmethod
-    def blank(cls, shape: tuple[int, ...], n: int, *, complete: bool = True) -> "ModelImage":
-        """A model image without a disk; left incomplete, it is not to be used after the fit."""
+    def blank(cls, shape: tuple[int, ...], n: int) -> "ModelImage":
+        """A model image without a disk."""
         # the zeros of `numpy.zeros` become memory page by page as they are drawn on, which is slower
-        return cls.over(np.empty(shape, np.float32), n, complete=complete)
+        return cls.over(np.empty(shape, np.float32), n)
 
     @classmethod
     def over(cls, model: NDArray[np.float32], n: int, *, complete: bool = True) -> "ModelImage":
-        """Blank a model image that is not used any more; its memory is there already, which is faster."""
+        """Blank a model image that is not used any more; its memory is there already, which is faster.
+
+        Left incomplete, it is not to be used after the fit.
+        """
         model.fill(0.0)
         return cls(model, np.zeros(n, np.bool_), complete)
 
@@ -147,9 +150,6 @@ class FittedDisks:
         Standard deviation of the profile's Gaussian, pixel included.
     model : ndarray, shape (rows, columns)
         Union of all disks.
-    iterations : int
-    settled : ndarray of bool, shape (n,)
-        Whether the last step was below tolerance.
     information : ndarray, shape (n, 5, 5)
         Fisher information of x, y, radius, contrast (with its prior) and blur.
     blur_score : ndarray, shape (n,)
@@ -164,8 +164,6 @@ class FittedDisks:
     pixels: NDArray[np.int64]
     blur: float
     model: NDArray[np.float32]
-    iterations: int
-    settled: NDArray[np.bool_]
     information: NDArray[np.float64]
     blur_score: NDArray[np.float64]
     brightness: NDArray[np.float64]
@@ -177,7 +175,7 @@ class FittedDisks:
         values: dict[str, Any] = {}
         kept = rows >= 0
         for name, value in vars(self).items():
-            if name not in ("blur", "model", "iterations"):
+            if name not in ("blur", "model"):
                 values[name] = np.empty((len(rows), *value.shape[1:]), value.dtype)
                 values[name][kept] = value[rows[kept]]
                 values[name][fitted] = vars(part)[name][of]
@@ -263,7 +261,8 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     image, weight, table = problem.image, for_kernel(problem.valid, problem.saturated), problem.profile
     brightness = problem.brightness_at(disks) if brightness is None else brightness
     prior = _contrast_bounds(problem, disks, blur, brightness)
-    largest = _largest_radii(problem, disks, blur) if largest is None else largest
+    if largest is None:
+        largest = largest_radii(disks, image.shape, blur, GROWTH_RATIO, GROWTH_BLUR_WIDTHS)
     start = start or ModelImage.blank(image.shape, n)
     model, drawn = start.model, start.drawn.copy()
     started, before = np.ones(n, np.bool_) if active is None else active, disks
@@ -302,9 +301,8 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
         change = 0.0
         if free_blur:
             chosen = moving & (disks[:, RADIUS] > s)
-            if (
-                iteration > 0
-            ):  # disks that fit worse than most, two taken for one say, would increase the blur
+            if iteration > 0:
+                # disks that fit worse than most, two taken for one say, would increase the blur
                 usual = float(np.median(chi_square[moving]))
                 chosen &= chi_square < max(WELL_FITTED_CHI_SQUARE, 2.0 * usual)
             change = _blur_step(s, *(part[chosen] for part in (inverse, cross, gradient, blurs, chi_square)))
@@ -335,9 +333,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     std = np.sqrt(marginal_variances(normals, inverse, pairs, blocks, started))
     # the kernel takes derivatives of whole disks, but the part of a rim inside a neighbour has no information
     std = std / visible_share(disks)[:, None]
-    return FittedDisks(
-        disks, std, chi_square, pixels, s, model, count, ~moving, information, blurs[:, 1].copy(), brightness
-    )
+    return FittedDisks(disks, std, chi_square, pixels, s, model, information, blurs[:, 1].copy(), brightness)
 
 
 def reach_of(table: EdgeTable) -> float:
@@ -374,16 +370,16 @@ def _moved(disks: NDArray, steps: NDArray, s: float, prior: NDArray, largest: ND
     ])  # fmt: skip
 
 
-def _largest_radii(problem: FitProblem, disks: NDArray, blur: float) -> NDArray[np.float64]:
-    """Upper bounds of the radii of disks that are about right; none for those cut by the border."""
-    (x, y, a), (rows, columns) = disks[:, :3].T, problem.image.shape
-    cut = np.minimum.reduce([x, y, columns - 1 - x, rows - 1 - y]) < a + blur
-    return np.where(cut, np.inf, GROWTH_RATIO * a + GROWTH_BLUR_WIDTHS * blur)
-
-
-def _contrast_bounds(
-    problem: FitProblem, disks: NDArray, blur: float, brightness: NDArray[np.float64]
+def largest_radii(
+    disks: NDArray, shape: tuple[int, ...], blur: float, ratio: float, blur_widths: float
 ) -> NDArray[np.float64]:
+    """Upper bounds of the radii; none for disks cut by the border, which may be larger than what is seen."""
+    (x, y, a), (rows, columns) = disks[:, :3].T, shape
+    cut = np.minimum.reduce([x, y, columns - 1 - x, rows - 1 - y]) < a + blur
+    return np.where(cut, np.inf, ratio * a + blur_widths * blur)
+
+
+def _contrast_bounds(problem: FitProblem, disks: NDArray, blur: float, brightness: NDArray) -> NDArray:
     """Mean and width of the prior of each contrast, and its upper bound, which is higher in dim light."""
     mean, std = problem.prior.of_disks(disks, blur)
     possible = problem.largest_contrast / np.minimum(brightness, 1.0)

@@ -30,15 +30,10 @@ from contactimg.imaging.fit.disks import (
 from contactimg.imaging.fit.edge_profile import LearnedEdge, learn_edge
 from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement, with_plain_edges
 from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
-from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round, poor_disks
-from contactimg.imaging.fit.shared_optics import (
-    JointFit,
-    OpticsPrior,
-    contrast_prior,
-    settle_optics,
-)
+from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, contrast_prior, settle_optics
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -135,58 +130,45 @@ def measure_by_fit(
     linear : bool
         Whether the camera is known to be linear.
     """
-    frame = replace(_Frame.of(foreground, film, edits, shape), linear=linear)
+    frame = _Frame(foreground, film, edits, shape, linear=linear)
     best = frame.settle(frame.problem, frame.blur, frame.prior)
     if shape in ("auto", "ellipse"):
         best = frame.with_ellipses(best, everywhere=shape == "ellipse")
     best = frame.with_edge(best)
-    model = render_disks(best.fit.disks, best.fit.blur, best.problem.image.shape)
     known = foreground.prior_optics.known_edge
-    return replace(best, fit=replace(best.fit, model=model), known_edge=known)
+    return replace(best, fit=_shown(best.fit, best.problem), known_edge=known)
 
 
-@dataclass(frozen=True, eq=False)
 class _Frame:
-    """The quantities that all fits of a frame share."""
+    """The quantities that all fits of a frame share.
 
-    foreground: Foreground
-    problem: FitProblem
-    seen: SignedImage
-    blur: float
-    free_blur: bool
-    prior: OpticsPrior
-    level: float
-    film: FilmSetting | None
-    edits: Sequence[HandEdit]
-    shape: str
-    linear: bool = False
+    The problem, binned where the blur is wide, a first guess of the blur, and the priors.
+    """
 
-    @classmethod
-    def of(
-        cls, foreground: Foreground, film: FilmSetting | None, edits: Sequence[HandEdit], shape: str
-    ) -> "_Frame":
-        """The problem, binned where the blur is wide, a first guess of the blur, and the priors."""
+    def __init__(
+        self, foreground: Foreground, film: FilmSetting | None, edits: Sequence[HandEdit], shape: str, *,
+        linear: bool,
+    ):  # fmt: skip
+        self.foreground, self.film, self.edits, self.shape = foreground, film, edits, shape
         image, contrast = foreground.image, foreground.contrast.plateau
-        given = foreground.prior_optics.blur_px
-        free = not np.isfinite(given)
+        given, self.linear = foreground.prior_optics.blur_px, linear
+        self.free_blur = free = not np.isfinite(given)
         blur = estimate_blur(image, contrast) if free else float(np.hypot(given, PIXEL_VARIANCE**0.5))
         full = contrast > FULL_CONTRAST_RATIO * foreground.largest_contrast
         if free and full and not foreground.contrast.resolved:
             blur = min(blur, widest_spot_blur(image, contrast))  # no blur has made these spots fainter
-        coarsest = min(foreground.image.shape)
-        binning = int(np.clip(blur // BINNED_BLUR_PX, 1, coarsest))
+        binning = int(np.clip(blur // BINNED_BLUR_PX, 1, min(image.shape)))
         problem = FitProblem.of(foreground, binning=binning)
         noise = foreground.noise if binning == 1 else estimate_noise(problem.image, problem.background)
         noise = max(noise, LEAST_NOISE_FRACTION * contrast)
-        blur = float(blur / binning if free else np.hypot(given / binning, PIXEL_VARIANCE**0.5))
-        level = max(foreground.difference.level, LEAST_LEVEL_FRACTION * contrast)
+        self.blur = float(blur / binning if free else np.hypot(given / binning, PIXEL_VARIANCE**0.5))
+        self.level = max(foreground.difference.level, LEAST_LEVEL_FRACTION * contrast)
         # shot noise, and texture that a contact makes brighter, go with the light
-        problem = replace(problem, noise=Noise(noise**2, contrast / level))
-        prior = OpticsPrior.of(foreground.prior_optics, problem, blur=blur)
-        seen = foreground.seen
+        self.problem = replace(problem, noise=Noise(noise**2, contrast / self.level))
+        self.prior = OpticsPrior.of(foreground.prior_optics, self.problem, blur=self.blur)
+        self.seen = foreground.seen
         if binning > 1 or noise > foreground.noise:
-            seen = SignedImage(problem.image, noise, problem.valid, rounding=problem.rounding)
-        return cls(foreground, problem, seen, blur, free, prior, level, film, edits, shape)
+            self.seen = SignedImage(problem.image, noise, problem.valid, rounding=problem.rounding)
 
     def settle(
         self, problem: FitProblem, blur: float, prior: OpticsPrior, *, has_film: bool = False
@@ -213,8 +195,7 @@ class _Frame:
         joint = self.refine(problem, fit, prior, free_blur=free, steps=steps)
         if joint.fit.blur < SHARPEST_BLUR_PX < fit.blur:  # seen only now that the contrast has settled
             for _ in range(2):
-                model = render_disks(joint.fit.disks, joint.fit.blur, problem.image.shape)
-                shown = replace(joint.fit, model=model)
+                shown = _shown(joint.fit, problem)
                 problem = allow_for_coarse_rims(problem, shown, share=0.5)
                 joint = self.refine(problem, shown, prior, free_blur=free)
         return FrameFit(
@@ -270,16 +251,13 @@ class _Frame:
                 break
             if not (everywhere or len(best.ellipses.rows) or len(poor_disks(best.fit))):
                 break
-            model = render_disks(best.fit.disks, best.fit.blur, best.problem.image.shape)
-            shown = replace(best.fit, model=model)
-            more = find_ellipses(
-                best.problem, shown, best.joint.prior, best.joint.covariance, everywhere=everywhere
-            )
+            shown, optics = _shown(best.fit, best.problem), (best.joint.prior, best.joint.covariance)
+            more = find_ellipses(best.problem, shown, *optics, everywhere=everywhere)
             rows = np.union1d(best.ellipses.rows, more.rows).astype(np.intp)
             if not len(rows):
                 break
             original, _ = made_round(best.problem, shown, best.ellipses, -1.0)
-            found = find_ellipses(original, shown, best.joint.prior, best.joint.covariance, rows=rows)
+            found = find_ellipses(original, shown, *optics, rows=rows)
             problem, disks = made_round(original, shown, found)
             joint = self.refine(problem, replace(shown, disks=disks), self.prior)
             best = replace(best, problem=problem, fit=joint.fit, joint=joint, ellipses=found)
@@ -291,9 +269,8 @@ class _Frame:
         """The fit with the edge that describes the contacts best: plain, learned, or that of a film."""
         if plain.joint is None:
             return plain
-
         refine = partial(self.refine, correlation=plain.joint.correlation)
-        trial = weighed = None
+        trial = None
         if self.film is not None:
             placement = Placement(plain.problem.image.shape, plain.ratio)
             likely = film_makes_contrast(self.film.rim, plain.ratio)
@@ -322,8 +299,8 @@ class _Frame:
         bare = Edge.plain(plain.fit.blur)
         rims = trial.settle(replace(bare, film=trial.setting.rim, light=1.0), free=False)
         edge, exact = rims.edge, self.prior.with_exact_blur(rims.edge.blur)
-        with_rims = replace(self.problem, profile=film_table(trial.setting.rim, edge.blur))
-        with_rims = replace(with_rims, prior=plain.problem.prior)
+        profile = film_table(trial.setting.rim, edge.blur)
+        with_rims = replace(self.problem, profile=profile, prior=plain.problem.prior)
         result = self.settle(with_rims, edge.blur, exact, has_film=True)
         if result.joint is None:
             return result
@@ -344,20 +321,23 @@ class _Frame:
         return replace(result, problem=problem, fit=joint.fit, joint=joint, film=weighed)
 
 
+def _shown(fit: FittedDisks, problem: FitProblem) -> FittedDisks:
+    """The fit with all its disks in the model image."""
+    return replace(fit, model=render_disks(fit.disks, fit.blur, problem.image.shape))
+
+
 def fit_edited(
     problem: FitProblem, fit: FittedDisks, edits: Sequence[HandEdit]
 ) -> tuple[FittedDisks, EditedDisks]:
     """The fit after the corrections, and which of its disks they concern."""
-    binning, offset = problem.binning, (problem.binning - 1) / 2
-    places = np.column_stack([problem.in_frame(fit.disks[:, [X, Y]]), fit.disks[:, RADIUS] * binning])
+    binning, offset = problem.binning, (problem.binning - 1) / 2 * np.array([1.0, 1.0, 0.0])
+    places = fit.disks[:, :CONTRAST] * binning + offset
     image = problem.image if binning == 1 else np.kron(problem.image, np.ones((binning, binning), np.float32))
     edited = edit_disks(places, edits, image)
-    new = edited.places[edited.new]
-    fresh = np.column_stack(
-        [(new[:, :2] - offset) / binning, new[:, 2] / binning, np.full(len(new), problem.contrast)]
-    )
+    new = (edited.places[edited.new] - offset) / binning
     if not len(new) and len(edited.source) == len(fit.disks):
         return fit, edited  # an excluded disk goes on explaining its light
+    fresh = np.column_stack([new, np.full(len(new), problem.contrast)])
     disks = np.vstack([fit.disks[edited.source[~edited.new]], fresh])
     control = FitControl(free_blur=False, robust=False, iterations=ITERATIONS)
     return fit_disks(problem, disks, blur=fit.blur, control=control), edited

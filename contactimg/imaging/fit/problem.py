@@ -164,17 +164,16 @@ class FitProblem:
 
     def window(self, box: tuple[slice, slice], image: NDArray[np.float32], brightness: float) -> "FitProblem":
         """A part of the image, with other pixels there and one illumination for all its disks."""
-        return FitProblem(
-            image,
-            replace(self.noise, variance=self.noise.variance / brightness),
-            replace(self.prior, odd=self.prior.odd - np.array([box[1].start, box[0].start, 0.0, 0.0])),
+        corner = box[1].start, box[0].start
+        return replace(
+            self,
+            image=image,
+            noise=replace(self.noise, variance=self.noise.variance / brightness),
+            prior=replace(self.prior, odd=self.prior.odd - np.array([*corner, 0.0, 0.0])),
             valid=None if self.valid is None else self.valid[box],
             saturated=None if self.saturated is None else self.saturated[box],
-            profile=self.profile,
-            binning=self.binning,
-            corner=(box[1].start, box[0].start),
-            largest_contrast=self.largest_contrast,
-            shown_contrast=self.shown_contrast,
+            brightness=np.ones((1, 1), np.float32),
+            corner=corner,
         )
 
     @property
@@ -186,14 +185,6 @@ class FitProblem:
     def pixel_noise(self) -> float:
         """Standard deviation of a background pixel."""
         return float(np.sqrt(self.noise.variance))
-
-    def with_noise(self, variance: float) -> "FitProblem":
-        """The problem with another variance of a background pixel."""
-        return replace(self, noise=replace(self.noise, variance=variance))
-
-    def with_contrast(self, contrast: float) -> "FitProblem":
-        """The problem with a loose prior about another contrast."""
-        return replace(self, prior=ContrastPrior.loose(contrast, self.prior.odd))
 
     def brightness_at(self, disks: NDArray) -> NDArray[np.float64]:
         """Relative illumination at the centres of disks."""
@@ -213,9 +204,13 @@ def touches(mask: Mask, value: int, disks: NDArray, reach: NDArray) -> NDArray[n
     if other is None or other.all():
         return np.zeros(len(disks), np.bool_)
     distance = cv2.distanceTransform(other, cv2.DIST_L2, cv2.DIST_MASK_5)
-    x = np.clip(np.rint(disks[:, X]), 0, other.shape[1] - 1).astype(int)
-    y = np.clip(np.rint(disks[:, Y]), 0, other.shape[0] - 1).astype(int)
-    return np.asarray(distance[y, x] < reach)
+    return np.asarray(distance[pixel_at(disks, other.shape)] < reach)
+
+
+def pixel_at(places: NDArray, shape: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row and column of the pixel of an image that is nearest to each place (x, y, ...)."""
+    x, y = (np.clip(np.rint(places[:, k]), 0, shape[1 - k] - 1).astype(int) for k in (X, Y))
+    return y, x
 
 
 def _binned(mask: Mask, binning: int, combine: Callable[..., NDArray]) -> Mask:

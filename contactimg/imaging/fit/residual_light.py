@@ -18,7 +18,7 @@ from scipy import special
 from contactimg.compiled import njit
 from contactimg.imaging.background.illumination import Illumination, fit_illumination
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, find_insignificant, fit_disks
-from contactimg.imaging.fit.problem import CONTRAST, FitProblem
+from contactimg.imaging.fit.problem import CONTRAST, ContrastPrior, FitProblem
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION, ROUNDS
@@ -79,8 +79,7 @@ def remove_halo(
     dropped : ndarray, shape (m, 3)
         x, y, radius of the disks that were dropped.
     """
-    image, fraction, removed = problem.image, 0.0, None
-    dropped = [np.empty((0, 3))]
+    image, fraction, removed, dropped = problem.image, 0.0, None, [np.empty((0, 3))]
     given = bool(np.isfinite([prior_optics.contrast, prior_optics.blur_px]).all())
     for _ in range(ROUNDS):
         halo = prior_optics.halo
@@ -134,9 +133,8 @@ def remove_background(
             break
         rest = float(illumination.coefficients[0, 0])
         # the fit takes part of the remainder for contrast and blur: a secant step accounts for that
-        factor = 1.0
-        if removed and last != rest:
-            factor = float(np.clip(removed / (last - rest), 1.0, LONGEST_SECANT_RATIO))
+        secant = removed / (last - rest) if removed and last != rest else 1.0
+        factor = float(np.clip(secant, 1.0, LONGEST_SECANT_RATIO))
         removed, last = factor * rest, rest
         if removed > LARGEST_BACKGROUND_FRACTION * problem.contrast:
             break
@@ -144,7 +142,8 @@ def remove_background(
         problem = replace(problem, image=left.subtract_from(problem.image))
         if abs(removed) < SETTLED_FRACTION * problem.contrast:
             break
-        problem = problem.with_contrast(problem.contrast - removed)
+        prior = ContrastPrior.loose(problem.contrast - removed, problem.prior.odd)
+        problem = replace(problem, prior=prior)
         fit = _refit(problem, fit, np.ones(len(fit.disks), np.bool_), free_blur=free_blur)
     return problem, fit
 
@@ -190,12 +189,7 @@ def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo 
 
 
 def _best_halo(
-    means: BlockMeans,
-    contrast: float,
-    side: int,
-    widths: tuple[float, ...],
-    *,
-    parts: int,
+    means: BlockMeans, contrast: float, side: int, widths: tuple[float, ...], *, parts: int
 ) -> Halo | None:
     """The halo, of those of some widths, that explains most of the block means of a side."""
     image, core = means(side)
@@ -224,8 +218,7 @@ def subtract_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: 
 
 def _blurred(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     """Through a Gaussian of a width in pixels; the border repeats."""
-    blurred = cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(blurred, np.float32)
+    return np.asarray(cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE), np.float32)
 
 
 @njit(cache=True)
