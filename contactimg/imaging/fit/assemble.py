@@ -78,7 +78,10 @@ def assemble_disks(
     if shapes == "auto":
         work.find_ellipses(whole)
     work.drop_insignificant()
-    work.limited = len(found.places) > most or work.is_entangled()
+    # no more are added where they share so many pixels with their neighbours
+    pairs = find_pairs(work.fit.disks, 0.5 * EDGE_BLUR_WIDTHS * work.fit.blur)
+    entangled = are_entangled(work.fit.disks, pairs, work.fit.blur, problem.image.size)
+    work.limited = entangled or len(found.places) > most
     if work.limited:
         most = len(work.fit.disks)
     else:
@@ -133,12 +136,6 @@ class Assembly:
         """Add disks, which are free to grow, and drop those near them that are not significant."""
         added = Replacement(np.zeros(len(self.fit.disks), np.bool_), disks)
         self.drop_insignificant(self._exchange(added, 2.0 * disks[:, RADIUS] + 4.0 * self.fit.blur))
-
-    def is_entangled(self) -> bool:
-        """Whether the disks share so many pixels with their neighbours that no more are added."""
-        fit = self.fit
-        pairs = find_pairs(fit.disks, 0.5 * EDGE_BLUR_WIDTHS * fit.blur)
-        return are_entangled(fit.disks, pairs, fit.blur, self.problem.image.size)
 
     def add_wide_residuals(self) -> None:
         """Add candidates from what the disks leave of the image: contacts that others hid or outshone."""

@@ -474,7 +474,10 @@ def add_lens(model, one, two, s, sign):
     d = math.sqrt(dx * dx + dy * dy)
     ex, ey = (dx / d, dy / d) if d > 0.0 else (1.0, 0.0)
     a, b = one[2], two[2]
-    tall, count = lens_nodes(a, b, d, s)
+    # half the height of the lens, and the nodes of the integral over it
+    foot = 0.5 * (d + (a * a - b * b) / d) if d > 0.0 else -1.0
+    tall = math.sqrt(max(a * a - foot * foot, 0.0)) if 0.0 <= foot <= d else min(a, b)
+    count = max(math.ceil(2.0 * tall / (NODE_SPACING_BLUR_WIDTHS * s)), LEAST_NODES)
     step = 2.0 * tall / count
     low, high = np.empty(count), np.empty(count)
     for k in range(count):
@@ -482,14 +485,6 @@ def add_lens(model, one, two, s, sign):
         u, v = math.sqrt(max(a * a - t * t, 0.0)), math.sqrt(max(b * b - t * t, 0.0))
         low[k], high[k] = max(-u, d - v), max(min(u, d + v), -u, d - v)
     _draw_lens(model, (one[0], one[1], ex, ey), (a, b, d), low, high, tall, s, sign * 0.5 * (one[3] + two[3]))
-
-
-@njit(cache=True)
-def lens_nodes(a, b, d, s):
-    """Half the height of the lens of two disks at a distance d, and the nodes of the integral over it."""
-    foot = 0.5 * (d + (a * a - b * b) / d) if d > 0.0 else -1.0
-    tall = math.sqrt(max(a * a - foot * foot, 0.0)) if 0.0 <= foot <= d else min(a, b)
-    return tall, max(math.ceil(2.0 * tall / (NODE_SPACING_BLUR_WIDTHS * s)), LEAST_NODES)
 
 
 @njit(cache=True)

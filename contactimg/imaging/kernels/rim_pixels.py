@@ -131,10 +131,21 @@ def evaluate_profile(pixels, n, a, s, row):
     """The profile at the first ``n`` pixels, which is the derivative with respect to the contrast."""
     u = pixels[PLACE, :n]
     _distance_from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
-    if len(row) > PROFILE_DEGREE + 1:
-        _evaluate_table(pixels, n, a, s, row)
-    else:
+    if len(row) <= PROFILE_DEGREE + 1:
         _evaluate_polynomial(u, row, 0, PROFILE_DEGREE, 1.0, pixels[BY_C, :n])
+        return
+    # with a film, linear interpolation in the table, the derivatives as well
+    scale = np.float32(STEPS_PER_BLUR_WIDTH / s)
+    offset = np.float32((INNER_BLUR_WIDTHS - a / s) * STEPS_PER_BLUR_WIDTH)
+    last = np.float32(len(row) - 1.001)
+    for i in range(n):
+        r = np.sqrt(pixels[BY_X, i] ** 2 + pixels[BY_Y, i] ** 2)
+        t = min(max(r * scale + offset, np.float32(0.0)), last)
+        k = np.int32(t)
+        f = t - np.float32(k)
+        pixels[BY_C, i] = row[k, 0] + f * (row[k + 1, 0] - row[k, 0])
+        pixels[BY_A, i] = row[k, 1] + f * (row[k + 1, 1] - row[k, 1])
+        pixels[BY_S, i] = row[k, 2] + f * (row[k + 1, 2] - row[k, 2])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -176,19 +187,3 @@ def _evaluate_polynomial(u, powers, column, degree, inside, out):
             value = value * place + powers[k, column]
         limit = within if place < -one else beyond
         out[i] = value if abs(place) <= one else limit
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _evaluate_table(pixels, n, a, s, row):
-    """Profile and derivatives by linear interpolation in the table."""
-    scale = np.float32(STEPS_PER_BLUR_WIDTH / s)
-    offset = np.float32((INNER_BLUR_WIDTHS - a / s) * STEPS_PER_BLUR_WIDTH)
-    last = np.float32(len(row) - 1.001)
-    for i in range(n):
-        r = np.sqrt(pixels[BY_X, i] ** 2 + pixels[BY_Y, i] ** 2)
-        t = min(max(r * scale + offset, np.float32(0.0)), last)
-        k = np.int32(t)
-        f = t - np.float32(k)
-        pixels[BY_C, i] = row[k, 0] + f * (row[k + 1, 0] - row[k, 0])
-        pixels[BY_A, i] = row[k, 1] + f * (row[k + 1, 1] - row[k, 1])
-        pixels[BY_S, i] = row[k, 2] + f * (row[k + 1, 2] - row[k, 2])
