@@ -42,8 +42,8 @@ class Foreground:
         To measure with: the prior, unless the frame contradicts it; else the one shown.
     prior_optics : SharedOptics
         Prior knowledge of contrast and blur, without what the frame contradicts.
-    refused_contrast : float
-        Prior contrast that the frame contradicts; NaN if there is none.
+    refused : SharedOptics
+        Prior contrast and blur that the frame contradicts.
     foreign : Foreign
         Objects that are no contacts, which are holes in the frame.
     dust : bool
@@ -57,7 +57,7 @@ class Foreground:
     shown: Contrast
     contrast: Contrast
     prior_optics: SharedOptics
-    refused_contrast: float
+    refused: SharedOptics
     foreign: Foreign = NONE
     dust: bool = True
 
@@ -106,7 +106,7 @@ def find_foreground(
     noise = estimate_noise(image, difference.illumination.background)
     noise = max(frame_pair.with_rounding(noise), difference.rounding)
     seen = SignedImage(image, noise, frame_pair.valid, rounding=difference.rounding)
-    shown, refused, foreign = Contrast(0.0, resolved=False), float("nan"), NONE
+    shown, refused, foreign = Contrast(0.0, resolved=False), SharedOptics(), NONE
     largest = frame_pair.shown_contrast(difference.level, sign)
     if not frame_pair.trivial:
         shown = measure_contrast(seen).within(largest)
@@ -120,7 +120,7 @@ def find_foreground(
     contrast = shown
     if np.isfinite(prior.contrast) and not frame_pair.trivial:
         if shown.resolved and shown.plateau > ODD_RATIO * prior.contrast:
-            refused = prior.contrast
+            refused = SharedOptics(prior.contrast)
             prior = prior.without_contrast()
         else:
             contrast = Contrast(prior.contrast, shown.resolved, prior.contrast_std)

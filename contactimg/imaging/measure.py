@@ -7,6 +7,7 @@ and measure the contacts by one of the two methods, decide on each and on the fr
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -22,7 +23,7 @@ from contactimg.imaging.count.method import choose_threshold, measure_by_count
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.evidence.rules import OWN_RISE, PLACE, Columns, Judged, judge_contacts, own_rise
-from contactimg.imaging.evidence.status import LIGHT_CHANGE, RESOLVED, judge_frame
+from contactimg.imaging.evidence.status import LIGHT_CHANGE, judge_frame
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.foreground import Foreground, find_foreground
@@ -37,6 +38,7 @@ from contactimg.imaging.pixels.field_of_view import (
 from contactimg.imaging.pixels.frame_pair import FramePair, keep_freed_memory
 from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
+from contactimg.imaging.profile.limits import RESOLVED
 from contactimg.imaging.profile.optics import KnownEdge, SharedOptics
 from contactimg.tables import Flag, Reason
 
@@ -244,7 +246,12 @@ def measure_image(
         counted = count_again(foreground, fraction, fraction_std=threshold_std, edits=edits)
         return counted if method == "threshold" else replace(counted, threshold=float("nan"))
     setting = film if film is None or isinstance(film, FilmSetting) else FilmSetting(film)
-    result = measure_by_fit(foreground, film=setting, edits=edits, shape=shape, linear=linearity == 0.0)
+    fit = partial(measure_by_fit, film=setting, edits=edits, shape=shape, linear=linearity == 0.0)
+    result = fit(foreground)
+    if result.contradicts_prior:
+        refused, prior = prior, SharedOptics(known_edge=prior.known_edge)
+        foreground = replace(find_foreground(pair, difference, sign, prior, dust=dust), refused=refused)
+        result = fit(foreground)
     unknown = film is None and "film" not in absent
     judged = judge_contacts(foreground, result, shape=shape, linearity=linearity, film_unknown=unknown)
     return _tabulate(judged)

@@ -423,12 +423,37 @@ def test_a_contrast_that_the_frame_contradicts_is_refused_and_said(usual, measur
     pd.testing.assert_frame_equal(result.disks, alone.disks)
 
 
+@pytest.mark.parametrize("contrast", [0.9, 1.0, 1.15])
+@pytest.mark.parametrize("blur", [0.7, 1.0, 1.5])
+def test_optics_of_other_frames_are_used_only_where_the_frame_agrees(usual, measured, contrast, blur):
+    _, frame, reference = usual
+    alone = measured["disk"]
+    known = SharedOptics(contrast * alone.contrast, 1e-3 * alone.contrast, np.nan, blur * alone.blur_px, 2e-3)
+    result = measure_image(frame, reference, optics=known)
+    refused = "given, which were not used" in result.message
+    assert refused == ((contrast, blur) != (1.0, 1.0))
+    if refused:
+        pd.testing.assert_frame_equal(result.disks, alone.disks)
+        assert f"{known.blur_px:.3g} given" in result.message
+
+
+def test_an_exact_blur_is_used_whatever_the_frame_shows(usual, measured):
+    _, frame, reference = usual
+    blur = 1.3 * measured["disk"].blur_px
+    result = measure_image(frame, reference, blur_px=blur)
+    assert "not used" not in result.message
+    assert result.blur_px == pytest.approx(blur, rel=1e-3)
+
+
 @pytest.mark.parametrize("factor", [2.0, 10.0])
 def test_a_contrast_that_the_frame_does_not_reach_is_doubted(usual, measured, factor):
     _, frame, reference = usual
     contrast = factor * measured["disk"].contrast
     message = measure_image(frame, reference, optics=SharedOptics(contrast, 0.01 * contrast)).message
-    doubts = ("radii depend on a contrast of", "do not look like disks", "no contact for the assumed optics")
+    doubts = (
+        "given, which were not used", "radii depend on a contrast of", "do not look like disks",
+        "no contact for the assumed optics",
+    )  # fmt: skip
     assert any(doubt in message for doubt in doubts)
 
 

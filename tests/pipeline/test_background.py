@@ -3,6 +3,7 @@
 import shutil
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -168,9 +169,16 @@ def test_measured_again_on_the_pooled_background_only_where_something_changed(se
 def test_of_a_long_series_only_the_frames_of_the_pool_are_measured_twice(tmp_path):
     loads = np.linspace(0.02, 0.06, 24).tolist()
     folder = write_small_series(tmp_path / "long", loads_N=loads, shape=list(SHAPE), seed=24)
+    # one frame out of focus: it is measured once more, with optics of its own
+    source = FrameSource("frame_02.tif", folder / "frame_02.tif")
+    rng = np.random.default_rng(1)
+    soft = cv2.GaussianBlur(source.read().image.astype(float), (0, 0), 2.0) + rng.normal(0, 1.5, SHAPE)
+    write_frame(Frame(np.clip(np.rint(soft), 0, 255).astype(np.uint8)), source.path)
     with collect() as timings:
         run = measured(folder)
-    assert timings.calls["quality"] == 16 + 24
+    assert timings.calls["quality"] == 16 + 24 + 1
+    refused = run.frames["frame"][run.frames["message"].str.contains("given, which were not used")]
+    assert refused.tolist() == ["frame_02.tif"]
     message = run.frames["message"]
     assert message.str.contains("background pooled from 1[67] images").all()
     assert message.str.contains("noise").sum() == 16

@@ -14,11 +14,9 @@ from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
 from contactimg.imaging.pixels.blocks import SignedImage
+from contactimg.imaging.profile.limits import RESOLVED
 from contactimg.tables import Flag, Reason, Status
 
-RESOLVED = 0.05
-"""Relative standard uncertainty of the contrast above which a frame counts as not showing it. By hand: 2.5
-% of the radius of a small contact and 7.5 % of its force."""
 FEWEST_CONTACTS = 3
 """Contacts that say something about a frame, at least. By hand."""
 SPOILED_SHARE = 0.2
@@ -318,11 +316,15 @@ def _remarks(seen: Judged) -> Iterator[str]:
         yield (
             f"{100 * hidden:.2g} % of the frame were left out: no light, a margin, a foreign object or a mask"
         )
-    if np.isfinite(foreground.refused_contrast):
-        yield (
-            f"the frame shows a contrast of {foreground.shown.plateau * unit:.3g} grey levels, not the "
-            f"{foreground.refused_contrast * unit:.3g} given, which were not used"
-        )
+    refused = foreground.refused
+    compared = [
+        ("a contrast of {:.3g} grey levels", foreground.shown.plateau * unit, refused.contrast * unit),
+        ("a blur of {:.3g} px", seen.optics.blur_px, refused.blur_px),
+    ]
+    if known := [part for part in compared if np.isfinite(part[2])]:
+        here = " and ".join(text.format(value) for text, value, _ in known)
+        there = " and ".join(f"{value:.3g}" for _, _, value in known)
+        yield f"the frame shows {here}, not the {there} given, which were not used"
     given, shown = foreground.prior_optics.contrast, foreground.shown
     if seen.count and shown.resolved and given > ODD_RATIO * shown.plateau:
         yield (

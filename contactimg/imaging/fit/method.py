@@ -90,6 +90,8 @@ class FrameFit:
         Contrast over background level; negative for dark contacts.
     known_edge : KnownEdge or None
         What a reference contact has told of the edge, px of the frame.
+    contradicts_prior : bool
+        Whether the frame shows another contrast or blur than was given with uncertainties.
     """
 
     problem: FitProblem
@@ -105,6 +107,7 @@ class FrameFit:
     ellipses: Ellipses = NO_ELLIPSES
     ratio: float = 0.0
     known_edge: KnownEdge | None = None
+    contradicts_prior: bool = False
 
 
 @stage("quality")
@@ -134,9 +137,17 @@ def measure_by_fit(
     best = frame.settle(frame.problem, frame.blur, frame.prior)
     if shape in ("auto", "ellipse"):
         best = frame.with_ellipses(best, everywhere=shape == "ellipse")
-    best = frame.with_edge(best)
-    known = foreground.prior_optics.known_edge
-    return replace(best, fit=_shown(best.fit, best.problem), known_edge=known)
+    plain, best = best, frame.with_edge(best)
+    given = foreground.prior_optics
+    # another edge than that of the other frames, or a film, may hide another blur
+    film_taken = best.film is not None and best.film.verdict.taken
+    joint = best.joint if given.edge is not None and given.edge.families else plain.joint
+    contradicts = False
+    if given.is_uncertain and joint is not None and not film_taken:
+        contradicts = frame.prior.is_contradicted_by(joint)
+    return replace(
+        best, fit=_shown(best.fit, best.problem), known_edge=given.known_edge, contradicts_prior=contradicts
+    )
 
 
 class _Frame:

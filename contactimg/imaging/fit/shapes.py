@@ -27,6 +27,7 @@ from contactimg.imaging.profile.limits import (
     LEAST_FRACTION,
     POOR_CHI_SQUARE,
     REACH_BLUR_WIDTHS,
+    TWO_SIGNIFICANT,
 )
 
 E1, E2, LIGHT = 3, 4, 5
@@ -42,9 +43,6 @@ WIDEST_ELLIPTICITY = 1.2
 LEAST_ELONGATION = 1.12
 """Ratio of the axes of the counted pixels from which an ellipse is tried, and then a pair of disks. By hand:
 pixels and noise make 1.05, two disks that are told apart 1.24."""
-ELLIPSE_SIGNIFICANCE = 30.0
-"""``e' V^-1 e`` of an ellipticity that is not chance. False-alarm rate 3e-7: chi-square of two degrees of
-freedom."""
 BETTER_RATIO = 0.7
 """Chi-square of an ellipse over that of the disk that it must go below, unless it fits well. By hand."""
 MOST_ELLIPSES = 400
@@ -269,7 +267,7 @@ def find_ellipses(
             continue
         least, disk = float(ellipse.chi_square[0]), float(fit.chi_square[row])
         better = least < min(max(BETTER_RATIO * disk, POOR_CHI_SQUARE), disk)
-        if everywhere or rows is not None or (better and ellipse.significance > ELLIPSE_SIGNIFICANCE):
+        if everywhere or rows is not None or (better and ellipse.significance > TWO_SIGNIFICANT):
             kept.append(int(row))
             fitted.append(ellipse)
     return Ellipses(np.array(kept, np.intp), fitted, fit.blur)

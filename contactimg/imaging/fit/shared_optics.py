@@ -47,8 +47,10 @@ from contactimg.imaging.profile.limits import (
     LONGEST_BLUR_STEP,
     NEAR_BLUR_WIDTHS,
     NEGLIGIBLE_FRACTION,
+    RESOLVED,
     ROUNDS,
     SETTLED_SIGMA,
+    TWO_SIGNIFICANT,
     USUAL_CHI_SQUARE,
 )
 from contactimg.imaging.profile.optics import SharedOptics
@@ -94,6 +96,8 @@ class JointFit:
         disks.
     prior : ContrastPrior
         Of the contrasts, with those contacts that have their own.
+    alone : ndarray, shape (2,)
+        ln contrast and blur (px of the fit, pixel included) that this frame alone shows, to first order.
     correlation : NoiseCorrelation
         Of the noise that neighbouring pixels share.
     """
@@ -105,6 +109,7 @@ class JointFit:
     own_covariance: NDArray[np.float64]
     radius_shifts: NDArray[np.float64]
     prior: ContrastPrior
+    alone: NDArray[np.float64]
     correlation: NoiseCorrelation = field(default_factory=NoiseCorrelation.independent)
 
     def optics(self, covariance: NDArray[np.float64], *, binning: int) -> SharedOptics:
@@ -165,6 +170,12 @@ class OpticsPrior:
         """Derivative of the logarithm of its probability, shape (2,)."""
         return np.asarray(self.information @ (self.mean - np.array([np.log(contrast), blur])))
 
+    def is_contradicted_by(self, joint: "JointFit") -> bool:
+        """Whether the frame alone shows its contrast, and another contrast or blur."""
+        away, own = joint.alone - self.mean, joint.own_covariance
+        excess = away @ np.linalg.solve(own + np.linalg.inv(self.information), away)
+        return bool(own[0, 0] < RESOLVED**2 and excess > TWO_SIGNIFICANT)
+
     def with_exact_blur(self, blur: float) -> "OpticsPrior":
         """The prior with a blur that is held fixed."""
         information = np.diag([self.information[0, 0], 1.0 / (NEGLIGIBLE_FRACTION * blur) ** 2])
@@ -212,7 +223,8 @@ def settle_optics(
             problem, fit, inflation=float(np.median(inflation)), kurtosis_std=KURTOSIS_STD
         )
         prior, shifts = problem.prior, np.column_stack([shift, np.zeros(len(shift))])
-        return JointFit(fit, prior.mean, prior.std, covariance, covariance, radius_shifts=shifts, prior=prior)
+        alone = np.array([np.log(prior.mean), fit.blur])
+        return JointFit(fit, prior.mean, prior.std, covariance, covariance, shifts, prior, alone)
     if joint.contrast > problem.shown_contrast:
         prior = problem.prior.at(problem.shown_contrast)
         return newton(replace(problem, prior=prior, largest_contrast=problem.shown_contrast), fit)
@@ -232,6 +244,7 @@ def _newton(
     for remaining in reversed(range(steps)):
         scores = DiskScores.of(fit, prior)
         gradient, own = scores.total(least_factor, float(np.log(wide_contrast / contrast)))
+        here, by_itself = np.array([np.log(contrast), fit.blur]), gradient.copy()
         gradient += optics_prior.score(contrast, fit.blur)
         covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
         step = covariance @ gradient
@@ -263,6 +276,7 @@ def _newton(
     return JointFit(
         fit, contrast, prior.std, covariance, own_covariance,
         radius_shifts=scores.radius_response @ np.linalg.cholesky(covariance), prior=prior,
+        alone=here + own_covariance @ by_itself,
     )  # fmt: skip
 
 

@@ -23,6 +23,12 @@ POOR_CHI_SQUARE = 1.5
 USUAL_CHI_SQUARE = 2.0
 """The largest one of a frame that is ascribed to its noise model. By hand."""
 
+RESOLVED = 0.05
+"""Relative standard uncertainty of the contrast above which a frame counts as not showing it. By hand: 2.5
+% of the radius of a small contact and 7.5 % of its force."""
+TWO_SIGNIFICANT = 30.0
+"""Chi-square of two quantities that is not chance. False-alarm rate 3e-7: two degrees of freedom."""
+
 FEWEST = 3
 """Values that give a scatter. Theory: two degrees of freedom."""
 FEW = 10

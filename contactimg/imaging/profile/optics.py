@@ -117,6 +117,12 @@ class SharedOptics:
         return self if shift_std_px is None else replace(self, known_edge=KnownEdge(shift_px, shift_std_px))
 
     @property
+    def is_uncertain(self) -> bool:
+        """Whether contrast or blur are known, and none of them exactly."""
+        known = np.isfinite([self.contrast, self.blur_px])
+        return bool(known.any() and np.array([self.contrast_std, self.blur_std_px])[known].min() > 0.0)
+
+    @property
     def contrast_relative_std(self) -> float:
         """Standard uncertainty of the contrast over the contrast."""
         return self.contrast_std / self.contrast
