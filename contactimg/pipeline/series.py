@@ -214,9 +214,10 @@ def _lent_optics(
     Contrast and blur are those of all frames; of the edge a frame gets what the others
     show: its own adds nothing to it. Nothing is lent where no frame determines its contrast.
     """
-    own = (part.relative_optics for part in parts.values())
+    # a pixel count takes each frame's own plateau
+    own = [part.relative_optics for part in parts.values()] if method == "disk" else []
     pooled = pool_optics(replace(optics, edge=None) for optics in own if optics is not None)
-    if method != "disk" or pooled is None:  # a pixel count takes each frame's own plateau
+    if pooled is None:
         return None, {}
     edges = {k: optics.edge for k in sorted(parts) if (optics := parts[k].own_optics) is not None}
     seen = {k: edge for k, edge in edges.items() if edge is not None and edge.count >= FEWEST_SCORES}
