@@ -93,6 +93,9 @@ class Pool:
         It is used whether or not it gains: it was asked for, or the reference is at fault.
     spots : int
         Spots of the reference that look like contacts and that no frame confirms.
+    before : dict
+        Name of a frame that was measured before -> its noise (grey levels) and the median uncertainty of its
+        radii (px).
     """
 
     background: PooledBackground
@@ -104,12 +107,12 @@ class Pool:
     differing: frozenset[int]
     needed: bool
     spots: int
+    before: dict[str, tuple[float, float]]
 
-    def gains(self, before: Mapping[int, MeasuredFrame], after: Mapping[int, MeasuredFrame]) -> bool:
+    def gains(self, after: Mapping[int, MeasuredFrame]) -> bool:
         """Whether it is needed, or the frames measured on it show less noise than before."""
-        ratios = [
-            before[k].row["noise"] / part.row["noise"] for k, part in after.items() if part.row["noise"] > 0
-        ]
+        rows = [part.row for part in after.values() if part.row["noise"] > 0]
+        ratios = [self.before[row["frame"]][0] / row["noise"] for row in rows]
         return self.needed or bool(ratios and np.median(ratios) > LEAST_GAIN)
 
     def remarks_on(self, number: int) -> str:
@@ -129,7 +132,7 @@ class Pool:
         return background, others
 
 
-def noise_and_std(part: MeasuredFrame) -> tuple[float, float]:
+def _noise_and_std(part: MeasuredFrame) -> tuple[float, float]:
     """Noise of a frame (grey levels) and median uncertainty of its radii (px)."""
     return part.row["noise"], float(part.contacts["radius_std_px"].median())
 
@@ -140,24 +143,6 @@ def is_measured(part: MeasuredFrame) -> bool:
 
 
 # --- what is done with each frame
-
-
-def place_frame(
-    frame: Frame,
-    _reference: NDArray | None,
-    contacts: Contacts,
-    *,
-    anchor: NDArray,
-    sign: int,
-    registered: bool,
-) -> PlacedView | None:
-    """Place a frame on the anchor and bin what it shows of the background; None if it does not show it."""
-    level = BACKGROUND_IS["bright" if sign > 0 else "dark"]
-    placement = Placement.of(frame.image, anchor, background_is=level, registered=registered)
-    if placement is None:
-        return None
-    placed = PlacedFrame(contacts, placement, digest_of(frame.image))
-    return placed, placed.view(frame.image).squares()
 
 
 def contribute_view(
@@ -173,24 +158,20 @@ def measure_on_pool(
     _reference: NDArray | None,
     optics: SharedOptics | None,
     edits: Edits,
-    before: tuple[float, float] | None,
     *,
     pool: Pool,
 ) -> MeasuredFrame:
-    """Measure a frame on the mean of the other views, and say what that changed.
-
-    ``before`` are the noise and the median uncertainty of a radius as measured with the reference, if known.
-    """
+    """Measure a frame on the mean of the other views, and say what that changed."""
     background, others = pool.without(frame.image)
     measured = measure_scene_frame(frame, background.mean(), optics, edits, options=pool.options)
     measured = _with_excess(measured, pool, background, others)
     views = int(np.median(background.count[::4, ::4]))
     text = f"background pooled from {views} images{pool.source}"
-    if before is not None:
-        noise, std = noise_and_std(measured)
-        text += f": noise {before[0]:.3g} -> {noise:.3g} grey levels"
-        if np.isfinite([before[1], std]).all():
-            text += f", uncertainty of a radius {before[1]:.2g} -> {std:.2g} px"
+    if frame.name in pool.before:
+        (noise, std), (less, lower) = pool.before[frame.name], _noise_and_std(measured)
+        text += f": noise {noise:.3g} -> {less:.3g} grey levels"
+        if np.isfinite([std, lower]).all():
+            text += f", uncertainty of a radius {std:.2g} -> {lower:.2g} px"
     return measured.with_remarks(text)
 
 
@@ -236,8 +217,7 @@ def contacts_of(part: MeasuredFrame, options: FrameOptions) -> Contacts:
         return contacts.left_out()
     contrast = float(np.sign(part.row["contrast"]) * optics.contrast / part.level)
     blur = float(np.sqrt(optics.blur_px**2 + PIXEL_VARIANCE))
-    rim = part.film is not None and part.film.taken and options.film is not None
-    film = options.film.rim if rim and options.film else None
+    film = options.film.rim if options.film and part.film is not None and part.film.taken else None
     known = np.isfinite(contrast * blur)
     return replace(contacts, contrast=contrast, blur=blur, film=film) if known else contacts.left_out()
 
@@ -283,16 +263,27 @@ def pool_background(
         return None
     try:
         anchored = _place_views(experiment, options, parts, workers)
-        shown, agreement, has_reference = anchored.shown, anchored.agreement, bool(anchored.references)
+        agreement, has_reference = anchored.agreement, bool(anchored.references)
         views = {
             k: replace(own, used=agreement.used[n], light=agreement.light[n])
-            for n, (k, (own, _)) in enumerate(shown.items(), start=has_reference)
+            for n, (k, (own, _)) in enumerate(anchored.shown.items(), start=has_reference)
             if not agreement.left_out[n]
         }
         if len(views) < FEWEST_VIEWS:
             raise FrameError(f"only {len(views)} different frames show it and agree on it")
-        brightness = smooth_brightness(anchored.image)
-        pooled, corrections = _add_up(experiment, anchored, views, brightness, workers)
+        brightness, equations = smooth_brightness(anchored.image), list[RimSums]()
+        pooled = PooledBackground.empty(brightness.shape)
+        for view in anchored.first:
+            pooled = pooled.plus(view.restricted(agreement.used[0], agreement.light[0]), anchored.references)
+        call = partial(contribute_view, brightness=brightness)
+        for result in _each(experiment, call, views, workers).values():
+            if isinstance(result, FailedFrame):
+                raise FrameError(str(result.row["message"]))
+            pooled = pooled.plus(result[0])
+            equations.append(result[1])
+        corrections = correct_radii(equations, pooled, brightness, noise=agreement.pixel_noise)
+        for sums, correction in zip(equations, corrections, strict=True):
+            pooled = pooled.without_rings(sums.templates, correction)
     except FrameError as error:
         logger.info("the background is not pooled: %s", error)
         return None
@@ -302,12 +293,17 @@ def pool_background(
     elif fault or (experiment.references and not has_reference):
         remark = f"{fault or 'the reference does not show the surface of the frames'}: not used"
     placed = zip(views.values(), corrections, strict=True)
-    corrected = tuple(replace(own, correction=correction) for own, correction in placed)
-    spots = agreement.spots_of(0, sign=anchored.sign) if has_reference else 0
-    needed = bool(fault) or wish == "pooled"
-    differing = frozenset(shown) - frozenset(views)
     return Pool(
-        pooled, brightness, corrected, options, anchored.source, remark, differing, needed=needed, spots=spots
+        background=pooled,
+        brightness=brightness,
+        views=tuple(replace(own, correction=correction) for own, correction in placed),
+        options=options,
+        source=anchored.source,
+        remark=remark,
+        differing=frozenset(anchored.shown) - frozenset(views),
+        needed=bool(fault) or wish == "pooled",
+        spots=agreement.spots_of(0, sign=anchored.sign) if has_reference else 0,
+        before={str(part.row["frame"]): _noise_and_std(part) for part in parts.values()},
     )
 
 
@@ -342,11 +338,19 @@ def _place_views(
     sign = 1 if light >= 0 else -1  # whether most contacts are brighter than the background
     contacts = {k: contacts_of(parts[k], options) for k in evenly_spread(usable, MOST_VIEWS)}
     registered = bool(options.scene.effects.switched_off("position_drift"))
+    level = BACKGROUND_IS["bright" if sign > 0 else "dark"]
 
     def place(contacts: dict[int, Contacts], anchor: NDArray) -> dict[int, PlacedView]:
         """The series without frames that do not show the surface of the anchor, and copies of a frame."""
-        call = partial(place_frame, anchor=anchor, sign=sign, registered=registered)
-        found = _each(experiment, call, contacts, workers)
+
+        def placed(frame: Frame, _reference: NDArray | None, own: Contacts) -> PlacedView | None:
+            placement = Placement.of(frame.image, anchor, background_is=level, registered=registered)
+            if placement is None:
+                return None
+            on_anchor = PlacedFrame(own, placement, digest_of(frame.image))
+            return on_anchor, on_anchor.view(frame.image).squares()
+
+        found = _each(experiment, placed, contacts, workers)
         shown = {k: one for k, one in found.items() if one is not None and not isinstance(one, FailedFrame)}
         first = {own.digest: k for k, (own, _) in reversed(shown.items())}
         return {k: one for k, one in shown.items() if first[one[0].digest] == k}
@@ -371,30 +375,6 @@ def _place_views(
         hidden = {k: own.contacts.left_out() for k, (own, _) in anchored.shown.items()}
         anchored = replace(anchored, shown=place(hidden, anchored.image))
     return anchored
-
-
-def _add_up(
-    experiment: Experiment,
-    anchored: _Anchored,
-    views: dict[int, PlacedFrame],
-    brightness: NDArray[np.float32],
-    workers: int | None,
-) -> tuple[PooledBackground, list[NDArray[np.float64]]]:
-    """The sums of the views, and the corrections of the radii in each."""
-    agreement, equations = anchored.agreement, list[RimSums]()
-    pooled = PooledBackground.empty(brightness.shape)
-    for view in anchored.first:
-        pooled = pooled.plus(view.restricted(agreement.used[0], agreement.light[0]), anchored.references)
-    call = partial(contribute_view, brightness=brightness)
-    for result in _each(experiment, call, views, workers).values():
-        if isinstance(result, FailedFrame):
-            raise FrameError(str(result.row["message"]))
-        pooled = pooled.plus(result[0])
-        equations.append(result[1])
-    corrections = correct_radii(equations, pooled, brightness, noise=agreement.pixel_noise)
-    for sums, correction in zip(equations, corrections, strict=True):
-        pooled = pooled.without_rings(sums.templates, correction)
-    return pooled, corrections
 
 
 def _each(

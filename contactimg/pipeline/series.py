@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import pandas as pd
 
@@ -29,7 +28,6 @@ from contactimg.pipeline.background import (
     evenly_spread,
     is_measured,
     measure_on_pool,
-    noise_and_std,
     pool_background,
 )
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
@@ -40,6 +38,8 @@ from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
+
+Measure = Callable[..., MeasuredFrame]
 
 POOLING_GAIN = 1.5
 """A frame is measured again with the optics of the series if these know its contrast or blur so many times
@@ -115,7 +115,7 @@ def edits_by_frame(experiment: Experiment) -> dict[str, Edits]:
 def _measure_frames(
     experiment: Experiment,
     options: FrameOptions,
-    edits: dict[str, Edits],
+    edits: Mapping[str, Edits],
     *,
     workers: int | None,
     store: PartStore | None,
@@ -137,17 +137,30 @@ def _measure_frames(
         If no frame at all could be measured; the message gives the first reason.
     """
     frames, method = experiment.frames, options.scene.measure.method
-    by_hand = [edits.get(frame.name, ()) for frame in frames]
+    numbers, alone = range(len(frames)), partial(measure_scene_frame, options=options)
+    parts: dict[int, MeasuredFrame] = {}
     failed: dict[int, FailedFrame] = {}
-    measured = partial(_measured, experiment, failed, workers=workers, store=store)
-    alone = partial(measure_scene_frame, options=options)
-    tails: list[tuple[Any, ...]] = [(edits,) for edits in by_hand]
-    by_itself = {k: (None, *tail) for k, tail in enumerate(tails)}
+
+    def measured(call: Measure, optics: Mapping[int, SharedOptics | None]) -> dict[int, MeasuredFrame]:
+        """The frames of these numbers, measured with optics of others; those that fail go to ``failed``."""
+        again = "again: " if optics.keys() & parts.keys() else ""
+        jobs = [(frames[k], own, edits.get(frames[k].name, ())) for k, own in optics.items()]
+        shown = "" if again else "measuring frames"
+        results = for_each_frame(experiment, call, jobs, workers=workers, store=store, shown=shown)
+        found = {}
+        for k, result in zip(optics, results, strict=True):
+            if isinstance(result, FailedFrame):
+                failed[k] = result
+            else:
+                found[k] = result
+            MeasuredFrame.of(result).log(again)
+        return found
+
     counts_pixels = method == "threshold" and options.scene.images.background != "pooled"
-    sample = evenly_spread(range(len(frames)), len(frames) if counts_pixels else MOST_VIEWS)
-    parts = measured(alone, {k: by_itself[k] for k in sample})
+    sample = evenly_spread(numbers, len(frames) if counts_pixels else MOST_VIEWS)
+    parts |= measured(alone, dict.fromkeys(sample))
     if len(parts) < FEWEST_FRAMES or len({part.shape for part in parts.values()}) > 1:
-        parts |= measured(alone, {k: job for k, job in by_itself.items() if k not in parts | failed})
+        parts |= measured(alone, {k: None for k in numbers if k not in parts | failed})
     if not parts:
         raise InputError(f"no frame could be measured; the first: {failed[0].row['message']}")
     shown = {k: part for k, part in _of_usual_shape(parts).items() if is_measured(part)}
@@ -156,54 +169,27 @@ def _measure_frames(
         fault = f"the reference shows {pool.spots} spots like contacts that no frame confirms"
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
-        measured = partial(_measured, experiment, failed, workers=workers, store=store)
-        shown |= measured(alone, {k: by_itself[k] for k in shown}, again="again: ")
+        shown |= measured(alone, dict.fromkeys(shown))
         parts |= shown
         pool = pool_background(experiment, options, shown, workers=workers, fault=fault)
     call, (common, lent) = alone, _lent_optics(_of_usual_shape(parts), method)
     if pool is not None:
         on_pool = partial(measure_on_pool, pool=pool)
-        before = [noise_and_std(shown[k]) if k in shown else None for k in range(len(frames))]
         # without a reference the frames alone know their contrast badly
-        jobs = {k: (None if pool.source else lent.get(k), by_hand[k], before[k]) for k in shown}
-        better = measured(on_pool, jobs, again="again: ")
-        if pool.gains(shown, better):
-            call, tails, parts = on_pool, list(zip(by_hand, before, strict=True)), parts | better
+        better = measured(on_pool, {k: None if pool.source else lent.get(k) for k in shown})
+        if pool.gains(better):
+            call, parts = on_pool, parts | better
             common, lent = _lent_optics(better, method) if pool.source else (common, {})
         else:
             logger.info("the pooled background gains nothing; the reference is used")
             pool = None
-    parts |= measured(call, {k: (lent[k], *tails[k]) for k in lent}, again="again: ")
-    others = [k for k in range(len(frames)) if k not in parts | failed]
-    parts |= measured(call, {k: (common, *tails[k]) for k in others})
+    parts |= measured(call, lent)
+    others = [k for k in numbers if k not in parts | failed]
+    parts |= measured(call, dict.fromkeys(others, common))
     if pool is not None:  # frames of which the pool tells nothing
-        parts |= measured(alone, {k: by_itself[k] for k in others if k not in parts})
+        parts |= measured(alone, {k: None for k in others if k not in parts})
         parts = {k: part.with_remarks(pool.remarks_on(k)) for k, part in parts.items()}
     return _in_order(parts, failed, frames)
-
-
-def _measured(
-    experiment: Experiment,
-    failed: dict[int, FailedFrame],
-    call: Callable[..., MeasuredFrame],
-    jobs: Mapping[int, tuple[Any, ...]],
-    *,
-    workers: int | None,
-    store: PartStore | None,
-    again: str = "",
-) -> dict[int, MeasuredFrame]:
-    """The frames of these numbers, each measured with its job; those that fail go to ``failed`` instead."""
-    given = [(experiment.frames[k], *job) for k, job in jobs.items()]
-    shown = "" if again else "measuring frames"
-    results = for_each_frame(experiment, call, given, workers=workers, store=store, shown=shown)
-    found = {}
-    for k, result in zip(jobs, results, strict=True):
-        if isinstance(result, FailedFrame):
-            failed[k] = result
-        else:
-            found[k] = result
-        MeasuredFrame.of(result).log(again)
-    return found
 
 
 def _lent_optics(
@@ -222,15 +208,10 @@ def _lent_optics(
     edges = {k: optics.edge for k in sorted(parts) if (optics := parts[k].own_optics) is not None}
     seen = {k: edge for k, edge in edges.items() if edge is not None and edge.count >= FEWEST_SCORES}
     pool = {k: seen[k] for k in evenly_spread(list(seen), MOST_VIEWS)}
+    edge_of_others = {k: pool_edges([edge for other, edge in pool.items() if other != k]) for k in pool}
     common = replace(pooled, edge=pool_edges(list(pool.values())))
-    lent = {}
-    for k, part in parts.items():
-        optics = common
-        if k in pool:
-            optics = replace(pooled, edge=pool_edges([edge for other, edge in pool.items() if other != k]))
-        if _gains_by_pooling(part, optics):
-            lent[k] = optics
-    return common, lent
+    lent = {k: replace(common, edge=edge_of_others.get(k, common.edge)) for k in parts}
+    return common, {k: optics for k, optics in lent.items() if _gains_by_pooling(parts[k], optics)}
 
 
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
@@ -245,10 +226,9 @@ def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
     if own is None or not part.row["n_contacts"]:
         return True
     stds = (own.contrast_relative_std, pooled.contrast_relative_std), (own.blur_std_px, pooled.blur_std_px)
-    if not all(alone <= POOLING_GAIN * together for alone, together in stds):
-        return True
-    if own.edge is None or pooled.edge is None:
-        return False
+    better = not all(alone <= POOLING_GAIN * together for alone, together in stds)
+    if better or own.edge is None or pooled.edge is None:
+        return better
     # with fewer contacts to see it
     return own.edge.families != pooled.edge.families and 2 * own.edge.count < pooled.edge.count
 
@@ -260,17 +240,14 @@ def _of_usual_shape(parts: Mapping[int, MeasuredFrame]) -> dict[int, MeasuredFra
 
 
 def _in_order(
-    parts: Mapping[int, MeasuredFrame], failed: Mapping[int, FailedFrame], frames: Sequence[FrameSource]
+    parts: Mapping[int, MeasuredFrame], failed: dict[int, FailedFrame], frames: Sequence[FrameSource]
 ) -> tuple[list[MeasuredFrame], tuple[int, int]]:
     """All frames and their usual shape; those of another shape are failures."""
     usual = _of_usual_shape(parts)
     rows, columns = next(iter(usual.values())).shape or (0, 0)
-    ordered = []
-    for k, frame in enumerate(frames):
-        part = parts[k] if k in parts else MeasuredFrame.of(failed[k])
-        if k in parts and k not in usual:
-            size = "{1} x {0}".format(*parts[k].shape or (0, 0))
-            odd = f"has {size} pixels, the other frames {columns} x {rows}"
-            part = MeasuredFrame.of(FailedFrame.of(frame.name, FrameError(odd)))
-        ordered.append(part)
+    for k in parts.keys() - usual.keys():
+        size = "{1} x {0}".format(*parts[k].shape or (0, 0))
+        odd = f"has {size} pixels, the other frames {columns} x {rows}"
+        failed[k] = FailedFrame.of(frames[k].name, FrameError(odd))
+    ordered = [usual[k] if k in usual else MeasuredFrame.of(failed[k]) for k in range(len(frames))]
     return ordered, (rows, columns)
