@@ -44,7 +44,7 @@ def test_forces_of_the_other_contacts_are_needed(pressed):
 def test_a_region_that_the_view_cuts_is_within_its_uncertainty(pressed, cut):
     points = pressed[0]
     seen = points[:, 0] > cut
-    found = find_apex(*(column[seen] for column in pressed), in_view=lambda at: at[:, 0] > cut)
+    found = find_apex(*(column[seen] for column in pressed), in_view=lambda x, _y: x > cut)
     assert np.hypot(*np.subtract(found.place, APEX)) < 3 * np.hypot(*found.std)
     assert np.hypot(*found.std) < 2e-4
 
@@ -64,7 +64,7 @@ def test_without_asperities_the_contacts_show_the_centre_of_a_region_that_is_in_
         points = np.column_stack([r * np.cos(turn), r * np.sin(turn)])
         areas = np.maximum(1 - r**2, 0) * rng.uniform(0.2, 1, 200) ** 2
         seen = points[:, 0] > cut
-        found = find_centre(points[seen], areas[seen], in_view=lambda at: at[:, 0] > 1.001 * cut)
+        found = find_centre(points[seen], areas[seen], in_view=lambda x, _y: x > 1.001 * cut)
         errors += [] if found is None else (np.array(found.place) / found.std).tolist()
     assert len(errors) == 2 * shown
     if shown:

@@ -158,11 +158,7 @@ def shown_apex(run: Run, pose: Pose | None, asperities: pd.DataFrame | None) -> 
     used = ~contacts["frame"].isin(lost) & (contacts["asperity"].notna() if asperities is not None else True)
     found = []
     for name, part in contacts[used].groupby("frame"):
-        field = FieldOfView(pose, frame_shift(frames, str(name)))
-
-        def in_view(points: NDArray[np.float64], field: FieldOfView = field) -> NDArray[np.bool_]:
-            return field.holds(*points.T)
-
+        in_view = FieldOfView(pose, frame_shift(frames, str(name))).holds
         if asperities is None:
             apex = find_centre(part[["x_m", "y_m"]], part["area_m2"], in_view=in_view)
         else:
@@ -410,8 +406,7 @@ class MeasuredSeries:
         tables = [part.tables for part in self.parts]
         frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
         contacts, rejected, outlines = (_joined(schema, tables) for schema in (CONTACTS, REJECTED, OUTLINES))
-        more = {"rejected": rejected, "outlines": outlines}
-        return Run(self.scene, contacts, frames, tables=more)
+        return Run(self.scene, contacts, frames, tables={"rejected": rejected, "outlines": outlines})
 
 
 def _joined(schema: Schema, parts: Sequence[object]) -> pd.DataFrame:
@@ -434,7 +429,7 @@ def write_run(
     record: dict[str, Any] = {} if series.pose is None else {"pose": pose_record(series.pose)}
     if series.apex is not None:
         record |= {"apex": apex_record(series.apex)}
-    frames = [FRAMES.empty()]
+    frames = list[pd.DataFrame]()
     with ExitStack() as stack:
         tables = [stack.enter_context(TableWriter(schema, folder, table_format)) for schema in _TABLES]
 
@@ -448,13 +443,11 @@ def write_run(
             frames.append(rows)
     if tables[-1].empty:
         tables[-1].path.unlink()
-    whole = FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True))
+    whole = FRAMES.conform(pd.concat(frames, ignore_index=True))
     if series.law is not None and whole["law"].ne("").any():
         record["law"] = series.law.sentence()
-    films = {part.row["frame"]: part.film for part in series.parts if part.film is not None}
-    if films:
-        record["film"] = {name: asdict(film) for name, film in films.items()}
-    return whole, record
+    films = {part.row["frame"]: asdict(part.film) for part in series.parts if part.film is not None}
+    return whole, record | ({"film": films} if films else {})
 
 
 def write_joined_tables(

@@ -63,7 +63,7 @@ def find_apex(
     radii: ArrayLike,
     contact_radii: ArrayLike,
     *,
-    in_view: Callable[[NDArray[np.float64]], NDArray[np.bool_]] | None = None,
+    in_view: Callable[..., NDArray[np.bool_]] | None = None,
 ) -> Apex | None:
     """The centre of the contact region: where the gap below the lens, as the contacts show it, is smallest.
 
@@ -76,7 +76,7 @@ def find_apex(
     contact_radii : array_like, shape (n,)
         Of their contacts, m.
     in_view : callable, optional
-        Which points the camera sees. Contacts out of view are stood for by those opposite the centre.
+        Which points (x, y) the camera sees. Contacts out of view are stood for by those opposite the centre.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def find_apex(
         kept = np.abs(residual) <= OUTLIER_SIGMA * spread if spread > 0 else kept
         if in_view is not None:
             opposite = 2 * centres[-1] - at
-            unseen = ~in_view(opposite + middle)
+            unseen = ~in_view(*(opposite + middle).T)
             gap = whole + (1 / cdist(at, opposite[unseen])) @ lowering[unseen]
     per_centre = np.column_stack([np.eye(2), 2 * centres[-1] / scale]) / (2 * curvature)
     variance = scale**2 * np.einsum("ij,jk,ik->i", per_centre, covariance[1:, 1:], per_centre)
@@ -132,7 +132,7 @@ def find_apex(
 
 
 def find_centre(
-    points: ArrayLike, areas: ArrayLike, *, in_view: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+    points: ArrayLike, areas: ArrayLike, *, in_view: Callable[..., NDArray[np.bool_]]
 ) -> Apex | None:
     """The centre of the contact region, where no asperities are known: the mean place of the contact area.
 
@@ -143,7 +143,7 @@ def find_centre(
     areas : array_like, shape (n,)
         m^2.
     in_view : callable
-        Which points the camera sees.
+        Which points (x, y) the camera sees.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def find_centre(
     order = np.argsort(away)
     radius = away[order][np.searchsorted(np.cumsum(share[order]), REGION_SHARE)]
     turn = np.linspace(0, 2 * np.pi, 64)
-    if not in_view(centre + radius * np.column_stack([np.cos(turn), np.sin(turn)])).all():
+    if not in_view(centre[0] + radius * np.cos(turn), centre[1] + radius * np.sin(turn)).all():
         return None
     x, y = centre.tolist()
     x_std, y_std = np.sqrt(((share[:, None] * (at - centre)) ** 2).sum(axis=0)).tolist()
