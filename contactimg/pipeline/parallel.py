@@ -7,8 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from numpy.typing import NDArray
-
 from contactimg.engine.calls import in_parallel
 from contactimg.engine.processes import end_if_asked
 from contactimg.engine.progress import counted
@@ -80,12 +78,25 @@ def for_each_frame(
     if not jobs:
         return
     reference = read_reference(experiment)
-    call = partial(_measure_source, measure, None if reference is None else reference.image)
+    image = None if reference is None else reference.image
+
+    def measured(source: FrameSource, *arguments: Any) -> Result | FailedFrame:
+        try:
+            return measure(source.read(), image, *arguments)
+        except Exception as error:  # whatever it is, the other frames are not concerned
+            return FailedFrame.of(source.name, error)
+
     if store is None:
-        results = in_parallel(call, iter(jobs), count=len(jobs), workers=workers, lost=_lost_frame)
+        results = in_parallel(measured, iter(jobs), count=len(jobs), workers=workers, lost=_lost_frame)
     else:
-        names = _part_names(store, experiment, measure, jobs)
-        results = store.results(call, jobs, names, workers=workers, lost=_lost_frame, shown=shown)
+        call = measure if isinstance(measure, partial) else partial(measure)
+        references = [_without_folder(source) for source in experiment.references]
+        settings = [f"{call.func.__module__}:{call.func.__qualname__}", call.args, call.keywords, references]
+        # of the edits only those that concern a frame are part of its name: in its job and its corrections
+        edits = edits_file(experiment.scene)
+        common = store.common(settings, [path for path in experiment.others if path != edits])
+        names = [store.name(common, source.path, [_without_folder(source), *rest]) for source, *rest in jobs]
+        results = store.results(measured, jobs, names, workers=workers, lost=_lost_frame, shown=shown)
     for result in counted(results, shown, len(jobs)):
         end_if_asked()
         yield result
@@ -96,31 +107,6 @@ def _lost_frame(error: Exception, source: FrameSource, *_arguments: Any) -> Fail
     return FailedFrame.of(source.name, FrameError(f"its measurement {error}"))
 
 
-def _part_names(
-    store: PartStore, experiment: Experiment, measure: Callable[..., Any], jobs: Sequence[tuple[Any, ...]]
-) -> list[str | None]:
-    """The name of each job's part in the store."""
-    call = measure if isinstance(measure, partial) else partial(measure)
-    # of the edits only those that concern a frame are part of its name: in its job and its corrections
-    edits = edits_file(experiment.scene)
-    references = [_without_folder(source) for source in experiment.references]
-    common = store.common(
-        [f"{call.func.__module__}:{call.func.__qualname__}", call.args, call.keywords, references],
-        [path for path in experiment.others if path != edits],
-    )
-    return [store.name(common, source.path, [_without_folder(source), *rest]) for source, *rest in jobs]
-
-
 def _without_folder(source: FrameSource) -> FrameSource:
     """The source with the name of its file only."""
     return replace(source, path=Path(source.path.name))
-
-
-def _measure_source(
-    measure: Callable[..., Result], reference: NDArray | None, source: FrameSource, *arguments: Any
-) -> Result | FailedFrame:
-    """Read and measure one frame; whatever goes wrong becomes a failure of this frame alone."""
-    try:
-        return measure(source.read(), reference, *arguments)
-    except Exception as error:  # whatever it is, the other frames are not concerned
-        return FailedFrame.of(source.name, error)
