@@ -86,7 +86,15 @@ def compare_run(
     pose = run.need_pose()
     for section in ("indenter", "elastic"):
         run.scene.need(section, "comparing with a contact model")
-    frames = _comparable(run.frames)
+    loaded, good = run.frames["load_N"].notna(), run.frames["status"] != FAILED
+    if not loaded.any():
+        raise InputError(
+            "there is nothing to compare: no frame of the run has a load; run `process` again with a table "
+            "of loads, loads.csv or [images] loads"
+        )
+    if not (loaded & good).any():
+        raise InputError("there is nothing to compare: no frame with a load could be measured")
+    frames = run.frames[loaded & good]
     matches, scores, left_out = [MATCHES.empty()], list[dict[str, Any]](), dict[str, list[str]]()
     sites = contact_sites(asperities, run.scene)
     surfaces = {model: (scene_of_model(run.scene, model), asperities) for model in COMPARED_MODELS}
@@ -102,10 +110,13 @@ def compare_run(
         else:
             left_out.setdefault(frame, []).append(f"{model}: {one}")
     seen: dict[str, dict[str, dict[str, pd.DataFrame]]] = {}
+    (rows, columns), contacts = pose.shape, run.contacts
+    inside = contacts["x_px"].between(-0.5, columns - 0.5) & contacts["y_px"].between(-0.5, rows - 0.5)
+    contacts = contacts[inside]
     coupled = ((frame, models["coupled"].plan) for frame, models in predicted.items() if "coupled" in models)
     plans = {frame: plan for frame, plan in coupled if plan is not None}
     for frame, models in predicted.items():
-        measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
+        measured = contacts[contacts["frame"] == frame].reset_index(drop=True)
         if "coupled" in models and measured["force_N"].notna().any():
             # both sides follow one law
             scene = plans[frame].apply(run.scene) if frame in plans else run.scene
@@ -122,19 +133,6 @@ def compare_run(
     return Comparison(MATCHES.conform(pd.concat(matches)), table, seen, plans, reasons)
 
 
-def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
-    """The frames that were measured at a known load."""
-    loaded, good = frames["load_N"].notna(), frames["status"] != FAILED
-    if not loaded.any():
-        raise InputError(
-            "there is nothing to compare: no frame of the run has a load; run `process` again with a table "
-            "of loads, loads.csv or [images] loads"
-        )
-    if not (loaded & good).any():
-        raise InputError("there is nothing to compare: no frame with a load could be measured")
-    return frames[loaded & good]
-
-
 def compare_frame(
     measured: pd.DataFrame, predicted: pd.DataFrame, *, pixel_size: float, min_radius_px: float
 ) -> tuple[pd.DataFrame, dict[str, pd.DataFrame], dict[str, float]]:
@@ -144,10 +142,8 @@ def compare_frame(
     share of the predicted contacts, recall that of the measured ones. A measured contact whose partner is
     predicted smaller than ``min_radius_px`` counts neither for nor against.
     """
-    pairs, least = (
-        match_contacts(measured, predicted, max_distance=3 * pixel_size),
-        min_radius_px * pixel_size,
-    )
+    least = min_radius_px * pixel_size
+    pairs = match_contacts(measured, predicted, max_distance=3 * pixel_size)
     good = pairs[pairs["radius_predicted_m"] >= least]
     alone = (predicted["radius_m"] >= least) & ~predicted["asperity"].isin(pairs["asperity"])
     kinds = {
@@ -170,13 +166,6 @@ def compare_frame(
         "radius_rms_m": float(np.sqrt((apart**2).mean())),
     }
     return pairs, kinds, score
-
-
-def _in_view(contacts: pd.DataFrame, shape: tuple[int, int]) -> pd.DataFrame:
-    """Contacts whose centre lies in the image."""
-    rows, columns = shape
-    inside = contacts["x_px"].between(-0.5, columns - 0.5) & contacts["y_px"].between(-0.5, rows - 0.5)
-    return contacts[inside].reset_index(drop=True)
 
 
 def draw_comparison(

@@ -135,24 +135,16 @@ def predict_in_view(
     workers, shown
         As for `contactimg.engine.calls.in_parallel`.
     """
-    call = partial(_in_view, surfaces)
-    return in_parallel(call, jobs, count=len(jobs), workers=workers, shown=shown)
 
+    def seen(name: str, frame: str, load: float, field: FieldOfView | None) -> Prediction | ContactimgError:
+        found = _found(partial(predict_contacts, *surfaces[name]), load, frame=frame)
+        if isinstance(found, ContactimgError) or field is None:
+            return found
+        contacts = found.contacts[field.holds(found.contacts["x_m"], found.contacts["y_m"])]
+        contacts = see_contacts(contacts, field.pose, shift_px=field.shift_px)
+        return replace(found, contacts=contacts.reset_index(drop=True))
 
-def _in_view(
-    surfaces: Mapping[str, tuple[Scene, pd.DataFrame]],
-    surface: str,
-    frame: str,
-    load: float,
-    field: FieldOfView | None,
-) -> Prediction | ContactimgError:
-    """The prediction for one frame, its contacts those that the camera sees."""
-    found = _found(partial(predict_contacts, *surfaces[surface]), load, frame=frame)
-    if isinstance(found, ContactimgError) or field is None:
-        return found
-    contacts = found.contacts[field.holds(found.contacts["x_m"], found.contacts["y_m"])]
-    seen = see_contacts(contacts, field.pose, shift_px=field.shift_px)
-    return replace(found, contacts=seen.reset_index(drop=True))
+    return in_parallel(seen, jobs, count=len(jobs), workers=workers, shown=shown)
 
 
 def choice_sentence(prediction: Prediction) -> str:
@@ -190,8 +182,8 @@ def write_predictions(
         contacts = see_contacts(contacts, scene.pose(scene.simulate.shape))
     tables = {"contacts": (CONTACTS, contacts), "frames": (FRAMES, frames), "profile": (PROFILE, profiles)}
     write_results(folder, tables)
-    planned = [(name, one.plan) for name, one in zip(frames["frame"], predictions, strict=True)]
-    plans = {name: plan for name, plan in planned if plan is not None}
+    planned = zip(frames["frame"], predictions, strict=True)
+    plans = {name: one.plan for name, one in planned if one.plan is not None}
     errors = {name: plan.error_record for name, plan in plans.items()}
     return frames, {"plans": {name: plan.record for name, plan in plans.items()}, "expected_errors": errors}
 

@@ -1,12 +1,10 @@
 """Synthetic series: solve the scene at each load, render the contacts, keep the true contacts."""
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from contactimg.effects.plan import Plan
 from contactimg.engine.calls import in_parallel
@@ -124,8 +122,19 @@ def write_simulation(
     seeds = np.random.SeedSequence(simulate.seed).spawn(count + 1)
     reference = render_reference(scene, rng=np.random.default_rng(seeds[0]), name="reference.tif")
     write_frame(reference, folder / reference.name)
-    radius = None if asperities is None else contact_sites(asperities, scene)["radius_m"].to_numpy(float)
-    render = partial(_render, scene, asperities, radius)
+    sites = None if asperities is None else contact_sites(asperities, scene)
+
+    def render(row: dict[str, Any], seed: np.random.SeedSequence) -> Rendered:
+        """The frame of a row of loads: a smooth contact, or asperities with their radii on a sphere."""
+        load, how = row["load_N"], {"rng": np.random.default_rng(seed), "name": row["frame"]}
+        if asperities is None or sites is None:
+            return render_smooth_contact(load, scene, **how)
+        contacts = predict_contacts(scene, asperities, load=load, frame=row["frame"]).contacts
+        if "tangential_N" in row:
+            contacts = shear_contacts(contacts, scene, tangential=row["tangential_N"])
+        radii = sites["radius_m"].to_numpy(float)[contacts["asperity"].to_numpy(int)]
+        return render_contacts(contacts, scene, sphere_radius=radii, **how)
+
     jobs, truth = zip(loads.to_dict("records"), seeds[1:], strict=True), [CONTACTS.empty()]
     for rendered in in_parallel(render, jobs, count=count, workers=workers, shown="making frames"):
         write_frame(rendered.frame, folder / rendered.frame.name)
@@ -135,24 +144,6 @@ def write_simulation(
     if asperities is not None:
         write_table(asperities, ASPERITIES, folder / "asperities.csv")
     write_scene(_measured_scene(scene), folder / SCENE_FILE)
-
-
-def _render(
-    scene: Scene,
-    asperities: pd.DataFrame | None,
-    sphere_radius: NDArray[np.float64] | None,
-    row: dict[str, Any],
-    seed: np.random.SeedSequence,
-) -> Rendered:
-    """The frame of a row of loads: a smooth contact, or asperities with their radii on a smooth sphere."""
-    load, how = row["load_N"], {"rng": np.random.default_rng(seed), "name": row["frame"]}
-    if asperities is None or sphere_radius is None:
-        return render_smooth_contact(load, scene, **how)
-    contacts = predict_contacts(scene, asperities, load=load, frame=row["frame"]).contacts
-    if "tangential_N" in row:
-        contacts = shear_contacts(contacts, scene, tangential=row["tangential_N"])
-    radii = sphere_radius[contacts["asperity"].to_numpy(int)]
-    return render_contacts(contacts, scene, sphere_radius=radii, **how)
 
 
 def _measured_scene(scene: Scene) -> dict[str, Any]:
