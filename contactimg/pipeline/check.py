@@ -106,8 +106,7 @@ def check_experiment(
         )
     drawn = DRAWN.conform(pd.concat([table for table, _ in tables], ignore_index=True))
     classes = summarise_drawn(drawn)
-    limits = pd.Series([limit for _, limit in tables])
-    sentence = _sentence(drawn, classes, float(limits.median()))
+    sentence = _sentence(drawn, classes, float(pd.Series([limit for _, limit in tables]).median()))
     return MeasurementCheck(drawn, classes, sentence, pd.DataFrame(failed, columns=["frame", "message"]))
 
 
@@ -174,8 +173,8 @@ def _check_frame(
     reach = np.maximum(REACH_PX, REACH * disks[:, 2])
     distance, nearest = cKDTree(after[["x_px", "y_px"]].to_numpy(float).reshape(-1, 2)).query(disks[:, :2])
     found = distance < reach
-    measured = after[["radius_px", "radius_std_px"]].reindex(np.where(found, nearest, -1)).to_numpy(float)
-    table[["measured_px", "measured_std_px"]] = measured
+    measured = after[["radius_px", "radius_std_px"]].reindex(np.where(found, nearest, -1))
+    table[["measured_px", "measured_std_px"]] = measured.to_numpy(float)
     return table.assign(found=found.astype(int)), before.smallest_px
 
 
@@ -192,15 +191,13 @@ def _choose(measurement: ImageMeasurement, rng: np.random.Generator) -> NDArray[
     blur = _blur(measurement)
     largest = max(float(np.quantile(own[:, 2], 0.95)), LARGEST_BLUR_WIDTHS * blur)
     count = int(np.clip(DRAWN_SHARE * len(own), LEAST_DRAWN, MOST_DRAWN))
-    low, high = np.log(SMALLEST_BLUR_WIDTHS * blur), np.log(largest)
-    radii = np.exp(rng.uniform(low, high, count))
+    radii = np.exp(rng.uniform(np.log(SMALLEST_BLUR_WIDTHS * blur), np.log(largest), count))
     spread = measurement.optics.spread
     contrast = rng.normal(measurement.contrast, spread if np.isfinite(spread) else 0.0, count)
     free = np.ones(measurement.difference.shape, np.uint8)
     if measurement.foreground.frame_pair.valid is not None:
         free &= measurement.foreground.frame_pair.valid
-    taken = np.vstack([own, rejected[np.isfinite(rejected).all(axis=1)]])
-    clear_disks(free, taken)
+    clear_disks(free, np.vstack([own, rejected[np.isfinite(rejected).all(axis=1)]]))
     distance = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
     chosen = np.empty((0, 4))
     gap = CLEAR_BLUR_WIDTHS * blur

@@ -48,8 +48,7 @@ def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) 
     if "xlsx" in formats:
         tables = [(FRAMES, run.frames), (CONTACTS, run.contacts), (REJECTED, run.rejected)]
         write_workbook(tables, folder / "contacts.xlsx", units=units)
-    per_frame = [name for name in ("fiji", "napari", "labels") if name in formats]
-    for name in per_frame:
+    for name in {"fiji", "napari", "labels"} & set(formats):
         (folder / name).mkdir()
     sources = frame_sources(run) if {"fiji", "labels"} & set(formats) else {}
     for frame, shown in counted(run.by_frame(), "exporting frames", len(run.frames)):

@@ -79,10 +79,10 @@ def asperities_and_sites(experiment: Experiment) -> tuple[pd.DataFrame | None, p
 
     Without a camera no contact has a place, and the asperities are left out.
     """
-    scene, asperities = experiment.scene, experiment.asperities
-    asperities = (
-        None if scene.camera is None else scene_asperities(scene) if asperities is None else asperities
-    )
+    scene = experiment.scene
+    if scene.camera is None:
+        return None, None
+    asperities = scene_asperities(scene) if experiment.asperities is None else experiment.asperities
     return asperities, None if asperities is None else contact_sites(asperities, scene)
 
 

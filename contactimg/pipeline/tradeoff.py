@@ -61,8 +61,7 @@ def measure_tradeoff(scene: Scene, *, load: float | None = None, knobs: str | Se
     >>> sorted(found.sentences)
     ['model']
     """
-    names = [knobs] if isinstance(knobs, str) else knobs
-    chosen, left_out = prepare_tradeoff(scene, load=load, knobs=names)
+    chosen, left_out = prepare_tradeoff(scene, load=load, knobs=[knobs] if isinstance(knobs, str) else knobs)
     return run_knobs(chosen, relative=scene.tolerance.relative, seconds=REPETITION_SECONDS, left_out=left_out)
 
 
@@ -82,8 +81,7 @@ def prepare_tradeoff(
             load = largest_load(scene)
     else:
         load = finite_number(load, "load", "N")
-    asperities = scene_asperities(scene)
-    case = Case(scene, asperities, load, measured=_own_frame(scene, load))
+    case = Case(scene, scene_asperities(scene), load, measured=_own_frame(scene, load))
     return applicable_knobs(case, knobs)
 
 
