@@ -323,8 +323,7 @@ def measure_prepared(
     other: dict[str, Any] = {} if optics is None else {"method": "disk"}
     if count_at is not None:
         other = {"method": "threshold", "threshold": count_at, "blur_px": None}
-    measure = measuring(scene, frame.full_scale, optics)
-    return measure(frame.image, reference, film=film, edits=edits, **other)
+    return measuring(scene, frame.full_scale, optics)(frame.image, reference, film=film, edits=edits, **other)
 
 
 def frame_row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:

@@ -237,10 +237,13 @@ def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run
 
 @stage("forces")
 def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None) -> Run:
-    """The run with local forces where the elastic body and the asperity's radius are known, and with sums."""
-    camera = run.scene.need("camera", "forces") if run.pose is None else run.pose.pose
-    length_std = 0.0 if run.pose is None else run.pose.length_relative_std
-    lengths = {"pixel_size": camera.pixel_size, "length_relative_std": length_std}
+    """The run with local forces where the elastic body and the asperity's radius are known, and with sums.
+
+    Without a pose it stays as it is.
+    """
+    if run.pose is None:
+        return run
+    lengths = {"pixel_size": run.pose.pose.pixel_size, "length_relative_std": run.pose.length_relative_std}
     scene = run.scene if law is None else law.scene
     contacts, frames = fill_forces(scene, run.contacts, run.frames, sites, **lengths)
     notes = {
@@ -249,7 +252,7 @@ def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None) -> Ru
         if 0 < found < count
     }
     frames = _noted(frames, notes)
-    if law is not None and run.pose is not None:
+    if law is not None:
         cut = frames["frame"].map(_border_shares(contacts, run.pose.pose.shape)) > CUT_SHARE
         frames = _noted(frames, _unbalanced(frames, law.scene, cut), Status.OFF_LOAD)
     forces = contacts["force_N"].notna().any()
@@ -393,7 +396,7 @@ class MeasuredSeries:
     @cached_property
     def _finished(self) -> Run:
         """The run with pose and forces."""
-        return self._located if self.pose is None else with_forces(self._located, self.sites, self.law)
+        return with_forces(self._located, self.sites, self.law)
 
     @cached_property
     def _located(self) -> Run:
