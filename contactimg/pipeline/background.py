@@ -154,12 +154,7 @@ def contribute_view(
 
 
 def measure_on_pool(
-    frame: Frame,
-    _reference: NDArray | None,
-    optics: SharedOptics | None,
-    edits: Edits,
-    *,
-    pool: Pool,
+    frame: Frame, _reference: NDArray | None, optics: SharedOptics | None, edits: Edits, *, pool: Pool
 ) -> MeasuredFrame:
     """Measure a frame on the mean of the other views, and say what that changed."""
     background, others = pool.without(frame.image)

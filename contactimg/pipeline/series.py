@@ -81,9 +81,7 @@ def measure_parts(
     scene = experiment.scene
     check_modulus(scene)
     asperities, sites = asperities_and_sites(experiment)
-    edits = edits_by_frame(experiment)
-    options = FrameOptions.of(scene, sites)
-    parts, shape = _measure_frames(experiment, options, edits, workers=workers, store=store)
+    parts, shape = _measure_frames(experiment, FrameOptions.of(scene, sites), workers=workers, store=store)
     for k, part in enumerate(parts):  # own_optics is the largest part of a frame
         row = part.row | {"load_N": experiment.load_of(part.row["frame"])}
         parts[k] = replace(part, row=row, own_optics=None)
@@ -96,7 +94,7 @@ def edits_by_frame(experiment: Experiment) -> dict[str, Edits]:
     An edit of a frame that is not there is logged as a warning.
     """
     edits: dict[str, Edits] = {}
-    names = [source.name for source in experiment.frames] if len(experiment.edits) else []
+    names = [source.name for source in experiment.frames]
     known = {EVERY_FRAME, *names}
     for number, row in enumerate(experiment.edits.to_dict("records"), start=1):
         if row["frame"] not in known:
@@ -113,12 +111,7 @@ def edits_by_frame(experiment: Experiment) -> dict[str, Edits]:
 
 
 def _measure_frames(
-    experiment: Experiment,
-    options: FrameOptions,
-    edits: Mapping[str, Edits],
-    *,
-    workers: int | None,
-    store: PartStore | None,
+    experiment: Experiment, options: FrameOptions, *, workers: int | None, store: PartStore | None
 ) -> tuple[list[MeasuredFrame], tuple[int, int]]:
     """Measure the frames, on a pooled background where that gains; some again with optics of the others.
 
@@ -136,7 +129,7 @@ def _measure_frames(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
-    frames, method = experiment.frames, options.scene.measure.method
+    frames, edits, method = experiment.frames, edits_by_frame(experiment), options.scene.measure.method
     numbers, alone = range(len(frames)), partial(measure_scene_frame, options=options)
     parts: dict[int, MeasuredFrame] = {}
     failed: dict[int, FailedFrame] = {}
