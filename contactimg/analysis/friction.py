@@ -1,6 +1,6 @@
 """Friction: the shear stress of the real contact area, against velocity too."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -94,9 +94,8 @@ def fit_shear_stress(
         stated = fit_proportional(points, scatter=0.0).covariance[0, 0]
         from_scatter = max(1 - float(stated / fit.covariance[0, 0]), 0.0)
         freedom = fit.freedom / from_scatter**2 if from_scatter > 0 else float(np.inf)
-    std = float(np.sqrt(fit.covariance[0, 0]))
     return ShearStress(
-        stress=student_estimate(float(fit.parameters[0]), std, freedom=freedom, confidence=confidence),
+        stress=replace(fit, freedom=freedom).estimate(0, confidence=confidence),
         scatter=fit.scatter,
         low=float(area.min()),
         high=float(area.max()),
@@ -135,11 +134,10 @@ def compare_stress(stress: ShearStress, reference: Estimate) -> Estimate:
     """
     if not reference.value > 0:
         raise InputError(f"the shear stress of the reference must be positive, got {reference.value!r} Pa")
-    ratio = stress.stress.value / reference.value
-    relative = np.hypot(stress.stress.std / stress.stress.value, reference.std / reference.value)
-    return student_estimate(
-        ratio, float(ratio * relative), freedom=stress.freedom, confidence=stress.confidence
-    )
+    rough = stress.stress
+    ratio = rough.value / reference.value
+    std = ratio * float(np.hypot(rough.std / rough.value, reference.std / reference.value))
+    return student_estimate(ratio, std, freedom=stress.freedom, confidence=stress.confidence)
 
 
 def stress_by_velocity(

@@ -151,14 +151,28 @@ def fit_linear(basis: Basis, points: Points, *, scatter: float | None = None) ->
     ConvergenceError
         If the parameters do not settle.
     """
-    x, y = np.asarray(points.x), np.asarray(points.y)
-    count = basis(x, 0).shape[-1]
+    count = basis(np.asarray(points.x), 0).shape[-1]
     freedom = len(points) - count
     if freedom < 0:
         raise InputError(f"a fit of {count} parameters needs as many points, got {len(points)}")
-    if scatter is not None:
-        return _solve(basis, points, scatter, freedom)
+    if scatter is None:
+        scatter = _excess_scatter(basis, points, freedom)
+    parameters, instrument, weights, residuals, moving = _settle(basis, points, scatter)
+    if moving.any():
+        raise ConvergenceError(
+            f"the fit of a law did not converge in {MOST_PASSES} passes; "
+            "leave out outliers or narrow the range"
+        )
+    information = np.swapaxes(instrument * weights[..., None], -1, -2) @ instrument
+    unit = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), np.finfo(float).tiny))
+    unit = unit[..., None] * unit[..., None, :]
+    # degenerate parameters get the covariance of least norm
+    covariance = np.linalg.pinv(information / unit, rcond=1e-12, hermitian=True) / unit
+    return LinearFit(parameters, covariance, weights, residuals, scatter, freedom)
 
+
+def _excess_scatter(basis: Basis, points: Points, freedom: int) -> float:
+    """The scatter with which chi-square is the freedom; 0 if it does not exceed the freedom without any."""
     start: Values | None = None
 
     @cache  # the root is sought between two values that are known before
@@ -171,19 +185,17 @@ def fit_linear(basis: Basis, points: Points, *, scatter: float | None = None) ->
     stated = np.asarray(points.spread) == 0
     plain = replace(points, x_std=0.0, y_std=np.where(stated, points.y_std, 0.0))
     most = float(least_chi_square(basis, plain, scatter=1.0)) / max(freedom, 1)
-    if freedom == 0 or surplus(0.0) <= 0 or most <= _floor(y):
-        return _solve(basis, points, 0.0, freedom)
-
+    if freedom == 0 or surplus(0.0) <= 0 or most <= _floor(points):
+        return 0.0
     # with the variance `most` alone, chi-square of that fit is the freedom; more variance lowers it
     if surplus(4 * most) >= 0:
-        return _solve(basis, points, 2 * most**0.5, freedom)
-    extra = optimize.brentq(surplus, 0.0, 4 * most, xtol=1e-8 * most)
-    return _solve(basis, points, float(extra) ** 0.5, freedom)
+        return 2 * most**0.5
+    return float(optimize.brentq(surplus, 0.0, 4 * most, xtol=1e-8 * most)) ** 0.5
 
 
-def _floor(y: Values) -> float:
+def _floor(points: Points) -> float:
     """Variance of rounding errors."""
-    return (ROUNDING * (float(np.abs(y).max()) or 1.0)) ** 2
+    return (ROUNDING * (float(np.abs(points.y).max()) or 1.0)) ** 2
 
 
 def solve_moments(instrument: Values, terms: Values, y: Values, weights: Values) -> Values:
@@ -206,22 +218,6 @@ def least_chi_square(basis: Basis, points: Points, *, scatter: float) -> Values:
     return np.where(moving, np.inf, np.sum(weights * residuals**2, axis=-1))
 
 
-def _solve(basis: Basis, points: Points, scatter: float, freedom: int) -> LinearFit:
-    """The fit with a given excess scatter."""
-    parameters, instrument, weights, residuals, moving = _settle(basis, points, scatter)
-    if moving.any():
-        raise ConvergenceError(
-            f"the fit of a law did not converge in {MOST_PASSES} passes; "
-            "leave out outliers or narrow the range"
-        )
-    information = np.swapaxes(instrument * weights[..., None], -1, -2) @ instrument
-    unit = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), np.finfo(float).tiny))
-    unit = unit[..., None] * unit[..., None, :]
-    # degenerate parameters get the covariance of least norm
-    covariance = np.linalg.pinv(information / unit, rcond=1e-12, hermitian=True) / unit
-    return LinearFit(parameters, covariance, weights, residuals, scatter, freedom)
-
-
 def _settle(
     basis: Basis, points: Points, scatter: float, start: Values | None = None
 ) -> tuple[Values, Values, Values, Values, NDArray[np.bool_]]:
@@ -230,21 +226,20 @@ def _settle(
     Last comes which sets of points have not settled; ``start`` are parameters to start from.
     """
     x, y, often = np.asarray(points.x), np.asarray(points.y), np.asarray(points.weight)
-    x_variance = np.asarray(points.x_std) ** 2
-    mixed = np.asarray(points.correlation) * np.asarray(points.x_std) * np.asarray(points.y_std)
-    farthest = FARTHEST * np.asarray(points.x_std)
+    x_std = np.asarray(points.x_std)
+    mixed, farthest = np.asarray(points.correlation) * x_std * points.y_std, FARTHEST * x_std
     terms, derivatives = basis(x, 0), basis(x, 1)
-    size, floor = float(np.abs(y).max()) or 1.0, _floor(y)
-    excess = (scatter * np.asarray(points.spread)) ** 2
+    excess = (scatter * np.asarray(points.spread)) ** 2 + _floor(points)
+    settled = PASS_TOLERANCE * (float(np.abs(y).max()) or 1.0)
     fitted = np.zeros_like(y)
     parameters = solve_moments(terms, terms, y, often) if start is None else start
     for count in range(MOST_PASSES):
         slope = (derivatives @ parameters[..., None])[..., 0]
         before, fitted = fitted, (terms @ parameters[..., None])[..., 0]
-        weights = 1 / (points.variance(slope) + excess + floor)
-        shift = (slope * x_variance - mixed) * (y - fitted) * weights
+        weights = 1 / (points.variance(slope) + excess)
+        shift = (slope * x_std**2 - mixed) * (y - fitted) * weights
         instrument = basis(x + np.clip(shift, -farthest, farthest), 0)
-        moving = ~(np.abs(fitted - before).max(axis=-1) < PASS_TOLERANCE * size)
+        moving = ~(np.abs(fitted - before).max(axis=-1) < settled)
         if not moving.any():
             break
         step = solve_moments(instrument, terms, y, often * weights) - parameters
