@@ -100,9 +100,9 @@ class FieldOfView:
         reach = np.clip(np.asarray(edges)[:, None], enter, np.maximum(leave, enter))
         rings = np.diff(reach**2, axis=0).reshape(len(edges) - 1, sectors, -1).sum(axis=2)
         exact = np.diff([self.disc_area(centre, r) for r in edges])
-        total = rings.sum(axis=1)
-        share = rings / np.where(total > 0, total, 1.0)[:, None]
-        return np.asarray(np.where(total[:, None] > 0, share, 1 / sectors) * exact[:, None], np.float64)
+        total = rings.sum(axis=1, keepdims=True)
+        share = np.divide(rings, total, out=np.full(rings.shape, 1 / sectors), where=total > 0)
+        return np.asarray(share * exact[:, None], np.float64)
 
     def _crossings(self, centre: tuple[float, float], angle: Values) -> tuple[Values, Values]:
         """Distances (m) from a point at which rays enter and leave the image."""
@@ -186,23 +186,20 @@ def annulus_moments(
     edges = np.asarray(edges, dtype=np.float64)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0).all():
         raise InputError("the edges of the annuli must increase, and there must be two or more")
-    dx, dy = contacts["x_m"].to_numpy(float) - centre[0], contacts["y_m"].to_numpy(float) - centre[1]
-    in_image = np.ones(len(dx), bool) if field is None else field.holds(dx + centre[0], dy + centre[1])
-    distance, angle = np.hypot(dx, dy)[in_image], np.arctan2(dy, dx)[in_image]
-    a, p = (contacts[name].to_numpy(float)[in_image] for name in ("radius_m", "force_N"))
-    has_force = np.isfinite(p)
-    p = np.where(has_force, p, 0.0)
-    values = np.ones(len(a)), has_force.astype(float), a, a**2, p, p**2, a * p
-    parts = dict(zip(MOMENTS[1:], values, strict=True))
-    cells = [edges, np.linspace(0.0, 1.0, sectors + 1)]
-    place = distance, angle / (2 * np.pi) % 1.0
-    sums = {name: np.histogram2d(*place, bins=cells, weights=part)[0].ravel() for name, part in parts.items()}
     area = np.repeat(np.pi * np.diff(edges**2) / sectors, sectors)
     if field is not None:
+        contacts = contacts[field.holds(contacts["x_m"], contacts["y_m"])]
         area = field.sector_areas(centre, edges, sectors).ravel()
+    x, y, a, p = (contacts[name].to_numpy(float) for name in ("x_m", "y_m", "radius_m", "force_N"))
+    dx, dy, has_force = x - centre[0], y - centre[1], np.isfinite(p)
+    p = np.where(has_force, p, 0.0)
+    place = np.hypot(dx, dy), np.arctan2(dy, dx) / (2 * np.pi) % 1.0
+    cells = [edges, np.linspace(0.0, 1.0, sectors + 1)]
+    values = np.ones(len(a)), has_force.astype(float), a, a**2, p, p**2, a * p
+    sums = [np.histogram2d(*place, bins=cells, weights=value)[0].ravel() for value in values]
     ends = {"inner": np.repeat(edges[:-1], sectors), "outer": np.repeat(edges[1:], sectors)}
-    number = np.tile(np.arange(sectors), len(edges) - 1)
-    return pd.DataFrame(ends | {"sector": number, "area": area} | sums)
+    table = pd.DataFrame(ends | {"sector": np.tile(np.arange(sectors), len(edges) - 1)})
+    return table.assign(**dict(zip(MOMENTS, [area, *sums], strict=True)))
 
 
 def sum_moments(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
@@ -241,13 +238,11 @@ def density_beside(sums: ArrayLike, area: ArrayLike) -> Values:
     """
     sums, area = np.broadcast_arrays(np.asarray(sums, np.float64), np.asarray(area, np.float64))
     density = np.maximum(np.divide(sums, area, out=np.zeros(sums.shape), where=area > 0), 0.0)
-    nothing = np.zeros((*sums.shape[:-1], 1))
-    inner = np.concatenate([nothing, density[..., :-1]], axis=-1)
-    outer = np.concatenate([density[..., 1:], nothing], axis=-1)
-    inner_seen = np.concatenate([nothing > 0, area[..., :-1] > 0], axis=-1)
-    outer_seen = np.concatenate([area[..., 1:] > 0, nothing == 0], axis=-1)
+    ends = [(0, 0)] * (sums.ndim - 1) + [(1, 1)]
+    density, seen = np.pad(density, ends), np.pad(area > 0, ends, constant_values=(False, True))
+    inner, outer = density[..., :-2], density[..., 2:]
     both = np.sqrt(inner) * np.sqrt(outer)
-    return np.where(inner_seen & outer_seen, both, np.where(outer_seen, outer, inner))
+    return np.where(seen[..., :-2] & seen[..., 2:], both, np.where(seen[..., 2:], outer, inner))
 
 
 def gather_annuli(
@@ -305,7 +300,7 @@ def gather_annuli(
         for key, one in member.solutions.items():
             # the whole table of contacts would cost more than the solution
             bare = {"x_m": one.x, "y_m": one.y, "radius_m": one.radius, "force_N": one.force}
-            contacts = pd.DataFrame({column: values[one.touching] for column, values in bare.items()})
+            contacts = pd.DataFrame(bare).iloc[one.touching]
             found = annulus_moments(contacts, centre=centre, edges=edges)
             pattern = found[list(MOMENTS)].assign(
                 patterns=1.0,

@@ -1,6 +1,6 @@
 """Profiles: pressure, density and radius of the contacts against the distance from the centre."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -109,52 +109,45 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
         raise InputError(
             f"places are averaged over the same annuli, got {len(edges)} different sets of edges"
         )
-    sums = sum_moments(places)
-    area = _nonzero(sums["area"])
+    inner, outer, area, n, n_forces, a, aa, load, squares, _ = sum_moments(places).to_numpy(float).T
+    seen, some = (np.where(values > 0, values, np.nan) for values in (area, n))
     # contacts without any force, in the annulus or in all annuli
-    unforced = bool(sums["n"].sum() > 0 and sums["n_forces"].sum() == 0)
-    unknown = unforced | ((sums["n"] > 0) & (sums["n_forces"] == 0)).to_numpy(bool)
-    variance, student = _load_variance(places, sums)
-    load, squares = sums["p"].to_numpy(float), sums["pp"].to_numpy(float)
+    unknown = (n_forces == 0) & ((n > 0) | (n.any() and not n_forces.any()))
+    variance, student = _load_variance(places, squares)
     heaviest = squares / np.where(load == 0, np.inf, np.abs(load))
-    heaviest = np.maximum(heaviest, _largest_beside(heaviest, sums))
+    heaviest = np.maximum(heaviest, _largest_beside(heaviest, n_forces))
     low, high = weighted_count_interval(load, student**2 * variance, heaviest)
     # no contacts are found in 5 % of the places where -ln 0.05 are expected, 1.96 standard uncertainties, of
     # the mean force of the nearest annuli that have some, the larger of the two
-    mean = np.abs(load) / np.maximum(sums["n_forces"].to_numpy(float), 1.0)
-    unseen = float(-np.log(0.05) / special.ndtri(0.975)) * _largest_beside(mean, sums)
-    std = np.hypot(np.sqrt(variance), np.where(sums["n"].to_numpy(float) > 0, 0.0, unseen))
+    mean = np.abs(load) / np.maximum(n_forces, 1.0)
+    unseen = float(-np.log(0.05) / special.ndtri(0.975)) * _largest_beside(mean, n_forces)
+    std = np.hypot(np.sqrt(variance), np.where(n > 0, 0.0, unseen))
     loads = {"pressure_Pa": load, "pressure_std_Pa": std, "pressure_low_Pa": low, "pressure_high_Pa": high}
     columns = {
-        "r_m": (sums["inner"] + sums["outer"]) / 2,
-        "density_per_m2": sums["n"] / area,
-        "mean_radius_m": sums["a"] / _nonzero(sums["n"]),
-        "area_fraction": np.pi * sums["aa"] / area,
+        "r_m": (inner + outer) / 2,
+        "density_per_m2": n / seen,
+        "mean_radius_m": a / some,
+        "area_fraction": np.pi * aa / seen,
     }
-    pressures = {name: np.where(unknown, np.nan, values / area) for name, values in loads.items()}
+    pressures = {name: np.where(unknown, np.nan, values / seen) for name, values in loads.items()}
     return PROFILE.conform(pd.DataFrame(columns | pressures).assign(frame=frame, model=model))
 
 
-def _nonzero(values: pd.Series) -> Values:
-    """The values with NaN for 0, to divide by."""
-    array = values.to_numpy(float)
-    return np.where(array > 0, array, np.nan)
-
-
-def _load_variance(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> tuple[Values, float]:
+def _load_variance(places: Sequence[pd.DataFrame], squares: Values) -> tuple[Values, float]:
     """Variance (N^2) of the load on annuli, and Student's factor on its root.
 
-    From the scatter between places, or between the sectors of few places; by counting if there are too few.
+    From the scatter between places, or between the sectors of few places; if there are too few, by counting:
+    the sums of the squares of the forces.
     """
     together = pd.concat([place.assign(place=k) for k, place in enumerate(places)])
     by_place = len(places) >= MIN_PLACES_FOR_SCATTER
     block = ["place"] if by_place else ["place", "sector"]
     parts = together.groupby(["inner", "outer", *block], sort=True)[["p", "area"]].sum()
     groups = 1 if by_place else len(places)  # sectors scatter about their own place
-    p, seen = (parts[name].to_numpy(float).reshape(len(sums), groups, -1) for name in ("p", "area"))
+    p, seen = (parts[name].to_numpy(float).reshape(len(squares), groups, -1) for name in ("p", "area"))
     n = p.shape[2]
     if n < MIN_PLACES_FOR_SCATTER:
-        return sums["pp"].to_numpy(float), 1.0
+        return squares, 1.0
     area = seen.sum(axis=2, keepdims=True)
     # of the ratio of sums p/area, linearised
     away = p - seen * p.sum(axis=2, keepdims=True) / np.where(area > 0, area, 1.0)
@@ -162,15 +155,11 @@ def _load_variance(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> tuple[
     return np.asarray(n / (n - 1) * np.sum(away**2, axis=(1, 2)), np.float64), student
 
 
-def _largest_beside(values: Values, sums: pd.DataFrame) -> Values:
+def _largest_beside(values: Values, n_forces: Values) -> Values:
     """The larger of the values of the nearest annuli with forces on either side; 0 if there are none."""
-    there = np.flatnonzero(sums["n_forces"].to_numpy(float) > 0)
-    if not there.size:
-        return np.zeros(len(sums))
-    inner = np.arange(len(sums))
-    before, after = np.searchsorted(there, inner) - 1, np.searchsorted(there, inner, side="right")
-    sides = [values[there[np.clip(k, 0, there.size - 1)]] for k in (before, after)]
-    return np.maximum(*sides)
+    known = pd.Series(values).where(n_forces > 0)
+    sides = [known.ffill().shift(), known.bfill().shift(-1)]
+    return pd.concat(sides, axis=1).max(axis=1).fillna(0.0).to_numpy()
 
 
 def weighted_count_interval(
@@ -258,13 +247,8 @@ def hertz_profile(
     covered = np.pi * np.diff(np.minimum(edges, a) ** 2)
     area = np.pi * np.diff(edges**2)
     columns = {"pressure_Pa": np.diff(within) / area, "area_fraction": covered / area}
-    return _on_annuli(edges, frame, "hertz", columns)
-
-
-def _on_annuli(edges: Values, frame: str, model: str, columns: Mapping[str, Values]) -> pd.DataFrame:
-    """The profile table of a model with these columns."""
     table = pd.DataFrame({"r_m": (edges[1:] + edges[:-1]) / 2, **columns})
-    return PROFILE.conform(table.assign(frame=frame, model=model))
+    return PROFILE.conform(table.assign(frame=frame, model="hertz"))
 
 
 def ring_profile(rings: pd.DataFrame, edges: ArrayLike, *, frame: str) -> pd.DataFrame:
@@ -302,8 +286,8 @@ def ring_profile(rings: pd.DataFrame, edges: ArrayLike, *, frame: str) -> pd.Dat
     eta = mean(density)
     columns = {name: mean(rings[name].to_numpy(float)) for name in ("pressure_Pa", "area_fraction")}
     mean_radius = mean(density * radius) / np.where(eta > 0, eta, np.nan)
-    columns |= {"density_per_m2": eta, "mean_radius_m": mean_radius}
-    return _on_annuli(edges, frame, str(rings["model"].iloc[0]), columns)
+    columns |= {"r_m": (edges[1:] + edges[:-1]) / 2, "density_per_m2": eta, "mean_radius_m": mean_radius}
+    return PROFILE.conform(pd.DataFrame(columns).assign(frame=frame, model=rings["model"].iloc[0]))
 
 
 def normalise_profile(
