@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, SECTORS, annulus_moments
-from contactimg.analysis.estimates import bootstrap_weights
+from contactimg.analysis.estimates import bootstrap_estimates, bootstrap_weights
 from contactimg.analysis.linear_fit import Points, fit_line
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
-from contactimg.analysis.power_laws import PowerLaw, line_estimates, logarithms, power_law
+from contactimg.analysis.power_laws import PowerLaw, exponential, logarithms
 from contactimg.errors import InputError
 from contactimg.tables import AREA
 
@@ -233,11 +233,8 @@ def fit_area_law(
     Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, Figs. 4 and 5.
     """
     good = areas[(areas["load"] > 0) & (areas["area"] > 0)]
-    if good["load"].nunique() < 2:
-        raise InputError(
-            "an exponent of A(P) needs two different loads with contacts at least, "
-            f"got {good['load'].nunique()}"
-        )
+    if (loads := good["load"].nunique()) < 2:
+        raise InputError(f"an exponent of A(P) needs two different loads with contacts at least, got {loads}")
     read, area, area_std = (good[name].to_numpy(float) for name in ("load", "area", "area_std"))
     # of one relative size at each load: else places whose area is larger by chance had the larger weight
     groups = group_loads(read, tolerance=SAME_LOAD_TOLERANCE)
@@ -248,29 +245,31 @@ def fit_area_law(
     load = read - zero
     logs, reference = logarithms(load, area, *errors)
     fit = fit_line(logs)
-    x, weights = np.asarray(logs.x), fit.weights
-    lever = weights * (x - weights @ x / weights.sum())
-    relative = np.hypot(area_std / area, fit.parameters[1] * np.asarray(logs.x_std))
-    # the standard deviation of the exponent by the errors of the measured areas, loads and zero alone
-    measured = np.hypot(np.sqrt(np.sum((lever * relative) ** 2)) / (lever @ x), zero_stds[1])
     replicates, blocks = _replicates(good, logs)
-    offset, exponent = line_estimates(
-        fit, replicates, blocks=blocks, known_std=float(measured), confidence=confidence
-    )
-    gain = load_cell.gain_std * exponent.value
-    offset = offset.widened(float(np.hypot(zero_stds[0], gain)), confidence=confidence)
-    if replicates is None:
+    if blocks > 1:
+        x, weights = np.asarray(logs.x), fit.weights
+        lever = weights * (x - weights @ x / weights.sum())
+        relative = np.hypot(area_std / area, fit.parameters[1] * np.asarray(logs.x_std))
+        # the standard deviation of the exponent by the errors of the measured areas, loads and zero alone
+        measured = np.hypot(np.sqrt(np.sum((lever * relative) ** 2)) / (lever @ x), zero_stds[1])
+        lines = fit_line(replicates, scatter=fit.scatter).parameters
+        offset, exponent = bootstrap_estimates(
+            fit.parameters, lines, blocks=blocks, known_std=[0.0, measured], confidence=confidence
+        )
+    else:
+        offset, exponent = (fit.estimate(k, confidence=confidence) for k in (0, 1))
         exponent = exponent.widened(zero_stds[1], confidence=confidence)
-    law = power_law(exponent, offset, load, reference, fit.scatter, good["place"].nunique(), confidence)
-    return replace(law, zero=zero)
+    gain = load_cell.gain_std * exponent.value
+    offset = offset.widened(np.hypot(zero_stds[0], gain), confidence=confidence)
+    amplitude, ends = exponential(offset), (float(load.min()), float(load.max()))
+    counts = len(good), int(good["place"].nunique())
+    return PowerLaw(exponent, amplitude, reference, *ends, fit.scatter, *counts, confidence, zero)
 
 
-def _replicates(areas: pd.DataFrame, logs: Points) -> tuple[Points | None, int]:
-    """The points in each replicate of a bootstrap, and its number of blocks; None if there are no blocks."""
+def _replicates(areas: pd.DataFrame, logs: Points) -> tuple[Points, int]:
+    """The points in each replicate of a bootstrap, and its number of blocks; of one block there is none."""
     owner, places = pd.factorize(areas["place"])
-    known = AREA_SECTORS[0] in areas and bool(
-        np.isfinite(areas[[*AREA_SECTORS, *FORCE_SECTORS]]).all(axis=None)
-    )
+    known = areas.reindex(columns=[*AREA_SECTORS, *FORCE_SECTORS]).notna().all(axis=None)
     if len(places) < MIN_PLACES_FOR_SCATTER and known:
         weights = bootstrap_weights(len(places) * SECTORS).reshape(-1, len(places), SECTORS)[:, owner]
         moved = []
@@ -279,21 +278,17 @@ def _replicates(areas: pd.DataFrame, logs: Points) -> tuple[Points | None, int]:
             moved.append(np.log(np.sum(weights * share, axis=-1)))
         x, y = np.asarray(logs.x) + moved[0], np.asarray(logs.y) + moved[1]
         return replace(logs, x=x, y=y), len(places) * SECTORS
-    if len(places) < 2:
-        return None, 0
     return replace(logs, weight=bootstrap_weights(len(places))[:, owner]), len(places)
 
 
-def _zero(
-    load: Values, area: Values, errors: tuple[Values, Values], zero_std: float
-) -> tuple[float, tuple[float, float]]:
+def _zero(load: Values, area: Values, errors: tuple[Values, Values], zero_std: float) -> tuple[float, Values]:
     """The zero of the loads (N), and what not knowing it adds to the line's parameters.
 
     The line is fitted with zeros over the range that is expected; each counts with its probability there
     times the likelihood of the line.
     """
     if not zero_std:
-        return 0.0, (0.0, 0.0)
+        return 0.0, np.zeros(2)
     zeros = zero_std * np.linspace(-ZERO_REACH, ZERO_REACH, ZERO_NODES)
     zeros = zeros[zeros < load.min()]  # fits near its end are so bad that they have no weight
     logs, reference = logarithms(load, area, *errors)
@@ -305,4 +300,4 @@ def _zero(
     misfit = fit.freedom * np.log(chi_square) if fit.scatter > 0 else chi_square
     weights = special.softmax(-0.5 * (misfit + (zeros / zero_std) ** 2))
     spread = np.sqrt(weights @ (lines.parameters - weights @ lines.parameters) ** 2)
-    return float(weights @ zeros), (float(spread[0]), float(spread[1]))
+    return float(weights @ zeros), spread

@@ -13,10 +13,10 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, density_beside
-from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_std, bootstrap_weights
+from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, MOMENTS, density_beside
+from contactimg.analysis.estimates import Estimate, bootstrap_estimates, bootstrap_std, bootstrap_weights
 from contactimg.analysis.linear_fit import Basis, line, solve_moments, two_lines
-from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, break_places, broken_law, power_law
+from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, break_places, broken_law, exponential
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
@@ -68,11 +68,9 @@ def pressure_points(
         area = moments["area"].to_numpy(float)
         decisive = density_beside(decisive, area) * area
     kept = moments[(decisive >= min_contacts) & (moments["n_forces"] > 0) & (moments["area"] > 0)]
-    n, a, p, area = (kept[name].to_numpy(float) for name in ("n", "a", "p", "area"))
-    p_variance = kept["pp"].to_numpy(float) / p**2
-    a_variance = np.maximum(kept["aa"].to_numpy(float) / a**2 - 1 / n, 0.0)
-    mixed = kept["ap"].to_numpy(float) / (a * p) - 1 / n
-    product = np.sqrt(a_variance * p_variance)
+    area, n, _, a, aa, p, pp, ap = (kept[name].to_numpy(float) for name in MOMENTS)
+    p_variance, a_variance = pp / p**2, np.maximum(aa / a**2 - 1 / n, 0.0)
+    mixed, product = ap / (a * p) - 1 / n, np.sqrt(a_variance * p_variance)
     columns = {
         "r": (kept["inner"] + kept["outer"]).to_numpy(float) / 2,
         "n": n,
@@ -143,34 +141,26 @@ def fit_contact_law(
         raise InputError("a contact law needs at least one load")
     by_place = min(len(places) for places in loads) >= MIN_PLACES_FOR_SCATTER
     tables, blocks = _sums_of_blocks(loads, by_place=by_place)
-    whole = [table.sum(axis=1, keepdims=True) for table in tables]
-    kept = [_kept(table, min_contacts) for table in whole]
-    own = _coordinates(whole, kept, quantity)
-    pressure = np.exp(own[0, 0])
-    x, _, z, w = own[:, 0]
+    weights, known = np.ones((1, blocks)), blocks >= MIN_PLACES_FOR_SCATTER
+    if known:
+        weights = np.concatenate([weights, bootstrap_weights(blocks)])
+    rows = _coordinates([weights @ table for table in tables], quantity, min_contacts)
+    x, y, z, w = rows[:, 0]
     if x.size < 2 or not w @ ((z - w @ z / w.sum()) * x) > 0:
         raise InputError(
             "an exponent against the pressure needs annuli of different pressure beside others with enough "
             f"contacts, got {x.size} of them; allow fewer contacts or wider annuli"
         )
-    reference = float(np.exp(np.mean(own[0])))
-    own[[0, 2]] -= np.log(reference)
-    (value,) = _fitted(line, own)
-    rest = own[1, 0] - line(own[0, 0], 0) @ value
-    scatter = float(np.sqrt(np.average(rest**2, weights=own[3, 0])))
-    found = pressure, reference, scatter, blocks if by_place else 1, confidence
-    if blocks < MIN_PLACES_FOR_SCATTER:
-        offset, exponent = (Estimate(float(v), np.nan, -np.inf, np.inf) for v in value)
-        return _unbroken(power_law(exponent, offset, *found))
-    weights = bootstrap_weights(blocks)
-    many = _coordinates([weights @ table for table in tables], kept, quantity)
-    many[[0, 2]] -= np.log(reference)
-    offset, exponent = (
-        bootstrap_estimate(float(v), replicates, blocks=blocks, confidence=confidence)
-        for v, replicates in zip(value, _fitted(line, many).T, strict=True)
-    )
-    single = power_law(exponent, offset, *found)
-    return _broken(single, np.concatenate([own, many[:, :BREAK_REPLICATES]], axis=1), blocks)
+    low, reference, high = (float(np.exp(value)) for value in (x.min(), x.mean(), x.max()))
+    rows[[0, 2]] -= np.log(reference)
+    lines = _fitted(line, rows)
+    scatter = float(np.sqrt(np.average((y - line(x, 0) @ lines[0]) ** 2, weights=w)))
+    offset, exponent = (Estimate(float(value), np.nan, -np.inf, np.inf) for value in lines[0])
+    if known:
+        offset, exponent = bootstrap_estimates(lines[0], lines[1:], blocks=blocks, confidence=confidence)
+    amplitude, places = exponential(offset), blocks if by_place else 1
+    single = PowerLaw(exponent, amplitude, reference, low, high, scatter, x.size, places, confidence)
+    return _broken(single, rows[:, : BREAK_REPLICATES + 1], blocks) if known else _unbroken(single)
 
 
 def _unbroken(single: PowerLaw) -> BrokenLaw:
@@ -192,11 +182,8 @@ def _broken(single: PowerLaw, rows: Values, blocks: int) -> BrokenLaw:
     fits, (x, y, _, w) = np.array([_fitted(two_lines(place), rows) for place in breaks]), rows
     laws = [(two_lines(u)(x, 0) @ fit[..., None])[..., 0] for u, fit in zip(breaks, fits, strict=True)]
     best = np.argmin([np.sum(w * (y - law) ** 2, axis=-1) for law in laws], axis=0)
-    chosen, where = fits[best, np.arange(len(best))], breaks[best]
-    lines = [
-        bootstrap_estimate(float(column[0]), column[1:], blocks=blocks, confidence=single.confidence)
-        for column in (chosen[:, 1], chosen[:, 2], where)
-    ]
+    chosen = np.column_stack([fits[best, np.arange(len(best))], breaks[best]])  # height, slopes and place
+    lines = bootstrap_estimates(chosen[0, 1:], chosen[1:, 1:], blocks=blocks, confidence=single.confidence)
     # chi-square of the difference of the exponents at each break, as if its spread were known
     difference, tiny = fits[..., 1] - fits[..., 2], np.finfo(float).tiny
     spread = bootstrap_std(difference[:, 1:], blocks=blocks)
@@ -216,31 +203,26 @@ def _sums_of_blocks(
     if not by_place and "sector" in together:
         together["block"] += ":" + together["sector"].astype(str)
     blocks = np.unique(together["block"].to_numpy(str))
-    tables = []
+    cells, tables = pd.MultiIndex.from_product([SUMS, blocks]), []
     for _, part in together.groupby("load", sort=True):
-        annulus = part.groupby(["inner", "outer"], sort=True).ngroup().to_numpy()
-        shape = len(blocks), int(annulus.max()) + 1
-        cell = np.searchsorted(blocks, part["block"]) * shape[1] + annulus
-        sums = [np.bincount(cell, part[name].to_numpy(float), shape[0] * shape[1]) for name in SUMS]
-        tables.append(np.array(sums, np.float64).reshape(len(SUMS), *shape))
+        table = part.pivot_table(list(SUMS), ["inner", "outer"], "block", aggfunc="sum")
+        sums = table.reindex(columns=cells).fillna(0.0).to_numpy().T
+        tables.append(sums.reshape(len(SUMS), len(blocks), -1))
     return tables, len(blocks)
 
 
-def _kept(sums: Values, min_contacts: float) -> NDArray[np.bool_]:
-    """The annuli whose neighbours let expect enough contacts, shape (annuli,)."""
-    area, n, n_forces, _, p = sums[:, 0]
-    enough = density_beside(n, area) * area >= min_contacts
-    return np.asarray(enough & (n_forces > 0) & (p > 0) & (area > 0) & (density_beside(p, area) > 0))
+def _coordinates(sums: Sequence[Values], quantity: str, min_contacts: float) -> Values:
+    """Logarithms of pressure, quantity and pressure beside; weights; shape (4, rows, annuli of all loads).
 
-
-def _coordinates(sums: Sequence[Values], kept: Sequence[NDArray[np.bool_]], quantity: str) -> Values:
-    """Logarithms of pressure, quantity and pressure beside; weights; shape (4, rows, annuli of all loads)."""
+    Of the annuli whose neighbours in the first row let expect enough contacts.
+    """
     columns = []
-    for table, chosen in zip(sums, kept, strict=True):
-        beside = [density_beside(table[SUMS.index(name)], table[0])[:, chosen] for name in ("n", "p")]
-        area, n, _, a, p = table[:, :, chosen]
-        y = np.log(n / area) if quantity == "density" else np.log(a / n)
-        columns.append([np.log(p / area), y, np.log(beside[1]), (beside[0] * area) ** WEIGHT_POWER])
+    for area, n, n_forces, a, p in sums:
+        expected, beside = density_beside(n, area) * area, density_beside(p, area)
+        kept = ((expected >= min_contacts) & (n_forces > 0) & (p > 0) & (area > 0) & (beside > 0))[0]
+        over, under = (n, area) if quantity == "density" else (a, n)
+        quotients = [p[:, kept] / area[:, kept], over[:, kept] / under[:, kept], beside[:, kept]]
+        columns.append([*np.log(quotients), expected[:, kept] ** WEIGHT_POWER])
     return np.concatenate(columns, axis=-1)
 
 

@@ -118,20 +118,20 @@ def bootstrap_weights(blocks: int) -> Values:
     return np.asarray(weights / weights.mean(axis=1, keepdims=True))
 
 
-def bootstrap_estimate(
-    value: float, replicates: ArrayLike, *, blocks: int, known_std: float = 0.0, confidence: float = 0.95
-) -> Estimate:
-    """A number whose uncertainty is its spread over the replicates of a bootstrap.
+def bootstrap_estimates(
+    values: Values, replicates: Values, *, blocks: int, known_std: ArrayLike = 0.0, confidence: float = 0.95
+) -> list[Estimate]:
+    """Numbers whose uncertainty is their spread over the replicates of a bootstrap.
 
     Parameters
     ----------
-    value : float
+    values : ndarray, shape (k,)
         From all blocks with equal weights.
-    replicates : array_like, shape (n,)
+    replicates : ndarray, shape (n, k)
         With the weights of `bootstrap_weights`.
     blocks : int
-    known_std : float
-        Standard uncertainty that the blocks do not show, in quadrature.
+    known_std : array_like, shape (k,) or scalar
+        Standard uncertainties that the blocks do not show, in quadrature.
     confidence : float
 
     Notes
@@ -144,16 +144,20 @@ def bootstrap_estimate(
     --------
     The mean of 1, 2, 3 has the variance 1/3:
 
-    >>> weights = bootstrap_weights(3)
-    >>> abs(bootstrap_estimate(2.0, weights @ [1.0, 2.0, 3.0] / 3, blocks=3).std - 3**-0.5) < 0.05
+    >>> means = bootstrap_weights(3) @ [1.0, 2.0, 3.0] / 3
+    >>> (mean,) = bootstrap_estimates(np.array([2.0]), means[:, None], blocks=3)
+    >>> abs(mean.std - 3**-0.5) < 0.05
     True
     """
-    std = float(np.hypot(bootstrap_std(replicates, blocks=blocks), known_std))
-    return student_estimate(value, std, freedom=blocks - 1, confidence=confidence)
+    stds = np.hypot(bootstrap_std(replicates.T, blocks=blocks), known_std)
+    return [
+        student_estimate(float(value), float(std), freedom=blocks - 1, confidence=confidence)
+        for value, std in zip(values, stds, strict=True)
+    ]
 
 
 def bootstrap_std(replicates: ArrayLike, *, blocks: int) -> Values:
-    """The standard deviation that `bootstrap_estimate` states, of replicates of shape (..., n)."""
+    """The standard deviation that `bootstrap_estimates` states, of replicates of shape (..., n)."""
     low, high = np.quantile(np.asarray(replicates, float), ONE_STD, axis=-1)
     return np.asarray((high - low) / 2 * np.sqrt((SMOOTHNESS * blocks + 1) / (blocks - 1)))
 

@@ -7,15 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, special
 
-from contactimg.analysis.estimates import Estimate, bootstrap_estimate, student_estimate
-from contactimg.analysis.linear_fit import (
-    LinearFit,
-    Points,
-    fit_line,
-    fit_linear,
-    least_chi_square,
-    two_lines,
-)
+from contactimg.analysis.estimates import Estimate, student_estimate
+from contactimg.analysis.linear_fit import Points, fit_line, fit_linear, least_chi_square, two_lines
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
@@ -64,9 +57,8 @@ class PowerLaw:
 
     def value(self, x: ArrayLike) -> Values:
         """The value of the law at x."""
-        return self.amplitude.value * (np.asarray(x, dtype=np.float64) / self.reference) ** (
-            self.exponent.value
-        )
+        ratio = np.asarray(x, dtype=np.float64) / self.reference
+        return self.amplitude.value * ratio**self.exponent.value
 
 
 @dataclass(frozen=True)
@@ -151,39 +143,9 @@ def fit_power_law(
     """
     logs, reference = logarithms(x, y, x_std, y_std, correlation)
     fit = fit_line(logs)
-    offset, exponent = line_estimates(fit, None, blocks=1, confidence=confidence)
-    return power_law(exponent, offset, x, reference, fit.scatter, 1, confidence)
-
-
-def line_estimates(
-    fit: LinearFit, replicates: Points | None, *, blocks: int, known_std: float = 0.0, confidence: float
-) -> tuple[Estimate, Estimate]:
-    """Offset and slope of a line: Student's intervals, or those of a bootstrap if there are replicates.
-
-    ``known_std`` is the uncertainty of the slope that the replicates do not show.
-    """
-    if replicates is None:
-        return fit.estimate(0, confidence=confidence), fit.estimate(1, confidence=confidence)
-    lines = fit_line(replicates, scatter=fit.scatter).parameters
-    offset, slope = (
-        bootstrap_estimate(float(v), r, blocks=blocks, known_std=known, confidence=confidence)
-        for v, r, known in zip(fit.parameters, lines.T, (0.0, known_std), strict=True)
-    )
-    return offset, slope
-
-
-def power_law(  # noqa: PLR0917 - the fields of the law in their order
-    exponent: Estimate,
-    offset: Estimate,
-    x: ArrayLike,
-    reference: float,
-    scatter: float,
-    n_places: int,
-    confidence: float,
-) -> PowerLaw:
-    """The law of a line through the logarithms of points at ``x``."""
-    low, high, amplitude = float(np.min(x)), float(np.max(x)), exponential(offset)
-    return PowerLaw(exponent, amplitude, reference, low, high, scatter, np.size(x), n_places, confidence)
+    offset, exponent = (fit.estimate(k, confidence=confidence) for k in (0, 1))
+    amplitude, ends = exponential(offset), (float(np.min(x)), float(np.max(x)))
+    return PowerLaw(exponent, amplitude, reference, *ends, fit.scatter, len(logs), 1, confidence)
 
 
 def logarithms(
@@ -276,8 +238,8 @@ def fit_broken_law(
         lambda place: float(misfit(place, scatter)[0]), bounds=near, method="bounded", options={"xatol": 1e-9}
     )
     place = float(refined.x if refined.fun <= profile[best] else breaks[best])
-    found = fit_linear(two_lines(place), logs, scatter=scatter)
     terms = two_lines(place)
+    found = fit_linear(terms, logs, scatter=scatter)
     gradient = np.column_stack([terms(u, 0), -terms(u, 1) @ found.parameters])
     stds = np.sqrt(np.diag(np.linalg.pinv((gradient * found.weights[:, None]).T @ gradient, hermitian=True)))
     gain = np.maximum(float(fit_line(logs, scatter=scatter).chi_square) - profile, 0.0)

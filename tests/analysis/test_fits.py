@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights, student_estimate
+from contactimg.analysis.estimates import Estimate, bootstrap_estimates, bootstrap_weights, student_estimate
 from contactimg.analysis.friction import compare_stress, fit_shear_stress
 from contactimg.analysis.linear_fit import Points, fit_line, fit_proportional
 from contactimg.analysis.power_laws import fit_broken_law, fit_power_law
@@ -102,7 +102,7 @@ def test_bootstrap_of_a_mean_has_its_standard_error(rng):
     for count in (4, 8, 24):
         values = rng.normal(size=count)
         replicates = bootstrap_weights(count) @ values / count
-        found = bootstrap_estimate(values.mean(), replicates, blocks=count)
+        (found,) = bootstrap_estimates(np.array([values.mean()]), replicates[:, None], blocks=count)
         # 1000 replicates know the central 68 % to 3 %; with four weights these are no normal distribution's
         assert found.std == pytest.approx(values.std(ddof=1) / np.sqrt(count), rel=0.15)
         assert found.high - found.value == pytest.approx(stats.t.ppf(0.975, count - 1) * found.std)
