@@ -130,17 +130,17 @@ def fit_base(surface: HeightMap, form: Form) -> Base:
     coefficients = _first_guess(heights, terms)
     on_base = np.zeros_like(finite)
     for _ in range(ROUNDS):
-        rest = heights - _form(terms, coefficients)
+        rest = heights - terms @ coefficients
         level, width = _lower_mode(rest[finite], noise)
         before, on_base = on_base, finite & (np.abs(rest - level) < SIGMAS * width)
-        if on_base.sum() <= 3 * len(terms) or np.array_equal(before, on_base):
+        if on_base.sum() <= 3 * terms.shape[-1] or np.array_equal(before, on_base):
             break
         coefficients = _least_squares(heights, terms, on_base)
     if on_base.sum() >= BASE_SHARE * finite.sum():
         base = _through(surface, terms, on_base)
         if base.noise <= max(ROUGHEST * noise, FLATTEST * float(np.ptp(heights[finite]))):
             return base
-    mean = _form(terms, _least_squares(heights, terms, finite))
+    mean = terms @ _least_squares(heights, terms, finite)
     return Base(mean, _waviness(heights - mean), noise, seen=False)
 
 
@@ -154,7 +154,7 @@ def refit_base(surface: HeightMap, form: Form, base: Base, asperities: NDArray[n
 
 
 def _through(surface: HeightMap, terms: Values, on_base: NDArray[np.bool_]) -> Base:
-    heights = _form(terms, _least_squares(surface.heights, terms, on_base))
+    heights = terms @ _least_squares(surface.heights, terms, on_base)
     rest = np.where(on_base, surface.heights - heights, np.nan)
     return Base(heights, _waviness(rest), float(np.nanstd(rest)), seen=True)
 
@@ -171,41 +171,33 @@ def pixel_noise(heights: Values) -> float:
 
 
 def _terms(surface: HeightMap, form: Form) -> Values:
-    """The functions of the position whose sum is the form, about 1 at the rim of the map."""
+    """The functions of the position whose sum is the form, about 1 at the rim of the map; the last axis."""
     scale = max(abs(surface.x[0]), abs(surface.y[0]))
     x, y = surface.x[None, :] / scale, surface.y[:, None] / scale
     count = {"none": 1, "plane": 3, "sphere": 4}[form]
     terms = (np.ones((1, 1)), x, y, x**2 + y**2)
-    return np.stack([np.broadcast_to(term, surface.heights.shape) for term in terms[:count]])
-
-
-def _form(terms: Values, coefficients: Values) -> Values:
-    return np.asarray(np.tensordot(coefficients, terms, axes=1))
+    return np.stack([np.broadcast_to(term, surface.heights.shape) for term in terms[:count]], axis=-1)
 
 
 def _least_squares(heights: Values, terms: Values, pixels: NDArray[np.bool_]) -> Values:
-    columns = terms[:, pixels]
-    return _solved(columns @ columns.T, columns @ heights[pixels])
-
-
-def _solved(design: Values, values: Values) -> Values:
-    return np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
+    chosen = terms[pixels]
+    return np.asarray(np.linalg.lstsq(chosen.T @ chosen, heights[pixels] @ chosen)[0])
 
 
 def _tiles(values: Values) -> Iterator[Values]:
-    for band in np.array_split(values, TILES, axis=-2):
-        yield from np.array_split(band, TILES, axis=-1)
+    for band in np.array_split(values, TILES):
+        yield from np.array_split(band, TILES, axis=1)
 
 
 def _first_guess(heights: Values, terms: Values) -> Values:
     """Coefficients through a low quantile of each tile, tiles that stand out left out in turn."""
     tiles = zip(_tiles(terms), _tiles(heights), strict=True)
     known = [(part, tile) for part, tile in tiles if np.isfinite(tile).any()]
-    design = np.array([part.mean(axis=(1, 2)) for part, _ in known])
+    design = np.array([part.mean(axis=(0, 1)) for part, _ in known])
     values = np.array([np.nanquantile(tile, BASE_SHARE) for _, tile in known])
     weights = np.ones_like(values)
     for _ in range(ROUNDS):  # least absolute deviations by reweighting
-        coefficients = _solved(design * weights[:, None], values * weights)
+        coefficients = np.linalg.lstsq(design * weights[:, None], values * weights)[0]
         off = np.abs(values - design @ coefficients)
         weights = 1 / np.sqrt(np.maximum(off, np.median(off) / 10 + 1e-300))
         weights /= weights.max()
@@ -231,14 +223,9 @@ def _lower_mode(values: Values, noise: float) -> tuple[float, float]:
 
 def _waviness(rest: Values) -> float:
     """Standard deviation of the medians of tiles of the rest of the base, m, without that of white noise."""
-    medians, noise = [], []
-    for tile in _tiles(rest):
-        values = tile[np.isfinite(tile)]
-        if values.size >= 10:
-            medians.append(float(np.median(values)))
-            noise.append(np.pi / 2 * float(values.var()) / values.size)  # variance of a median
-    if not medians:
+    known = [tile[np.isfinite(tile)] for tile in _tiles(rest) if np.isfinite(tile).sum() >= 10]
+    if not known:
         return 0.0
-    variance = (MAD_TO_STD * float(np.median(np.abs(medians)))) ** 2
-    expected = float(np.median(noise))
-    return float(np.sqrt(max(variance - expected, expected / len(medians))))
+    variance = (MAD_TO_STD * np.median(np.abs([np.median(values) for values in known]))) ** 2
+    expected = np.median([np.pi / 2 * values.var() / values.size for values in known])  # of a median
+    return float(np.sqrt(max(variance - expected, expected / len(known))))

@@ -120,10 +120,9 @@ def fit_sphere(points: Values, start: Values, *, depth: float, noise: float) -> 
     for _ in range(ROUNDS):
         fitted = sphere_heights(sphere, x, y)
         residuals, chosen = z - fitted, fitted > sphere[2] - depth
-        if chosen.sum() < MIN_PIXELS:
-            return None
-        spread = MAD_TO_STD * float(np.median(np.abs(residuals[chosen] - np.median(residuals[chosen]))))
-        chosen &= np.abs(residuals - np.median(residuals[chosen])) < RARE_SIGMAS * max(spread, noise, 1e-300)
+        if chosen.sum() >= MIN_PIXELS:
+            off = np.abs(residuals - np.median(residuals[chosen]))
+            chosen &= off < RARE_SIGMAS * max(MAD_TO_STD * float(np.median(off[chosen])), noise, 1e-300)
         if chosen.sum() < MIN_PIXELS:
             return None
         dx, dy = x[chosen] - sphere[0], y[chosen] - sphere[1]
@@ -134,11 +133,9 @@ def fit_sphere(points: Values, start: Values, *, depth: float, noise: float) -> 
         scale = np.sqrt((jacobian**2).mean(axis=0)) + 1e-300
         jacobian /= scale
         normal = jacobian.T @ jacobian
-        if np.linalg.cond(normal) > 1e12:
+        if not np.linalg.cond(normal) <= 1e12:
             return None
         step = np.linalg.solve(normal, jacobian.T @ residuals[chosen]) / scale
-        if not np.isfinite(step).all():
-            return None
         sphere, curvature = sphere + step, sphere[3]
         sphere[3] = min(max(sphere[3], curvature / 2), 2 * curvature)
     residuals = z - sphere_heights(sphere, x, y)
@@ -252,12 +249,10 @@ def find_summits(
     y, x = np.meshgrid(surface.y, surface.x, indexing="ij")
     fits, left_out = [], Counter[str]()
     for number, window in enumerate(ndimage.find_objects(labels), start=1):
-        fit = None
-        if window is not None:
-            mine = labels[window] == number
-            points = np.stack([x[window], y[window], heights[window]])
-            peak, inside = np.where(mine, smoothed[window], -np.inf), mine & usable[window]
-            fit = _fit_patch(points, inside, peak, float(np.prod(surface.pixel_size)), depth, base.noise)
+        mine = labels[window] == number
+        points = np.stack([x[window], y[window], heights[window]])
+        peak, inside = np.where(mine, smoothed[window], -np.inf), mine & usable[window]
+        fit = _fit_patch(points, inside, peak, float(np.prod(surface.pixel_size)), depth, base.noise)
         reason = _why_not(fit, surface, least_height)
         if fit is None or reason:
             left_out[reason] += 1
@@ -269,13 +264,13 @@ def find_summits(
         reach = TWICE * np.sqrt(2 * depth * height / curvature)
         if all(np.hypot(x0 - o.whole.sphere[0], y0 - o.whole.sphere[1]) > reach for o in kept):
             kept.append(fit)
-    if len(kept) < len(fits):
-        left_out["second summits of one asperity"] = len(fits) - len(kept)
+    left_out["second summits of one asperity"] = len(fits) - len(kept)
     factor = float(np.median([fit.factor for fit in kept])) if kept else 1.0
-    rows = [_row(fit, base, factor) for fit in kept]
-    table = SUMMITS.conform(pd.DataFrame(rows, columns=list(SUMMITS.columns)))
+    table = SUMMITS.conform(
+        pd.DataFrame([_row(fit, base, factor) for fit in kept], columns=[*SUMMITS.columns])
+    )
     table = table.sort_values("height_m", ascending=False, ignore_index=True)
-    return FoundSummits(table, base.noise, dict(left_out), _doubts(surface, base, table))
+    return FoundSummits(table, base.noise, dict(+left_out), _doubts(surface, base, table))
 
 
 def _divide(heights: Values, base: Base, least_height: float) -> tuple[Labels, Values]:
@@ -319,12 +314,10 @@ def _fit_patch(  # noqa: PLR0917 - the pixels of a region and how they are fitte
     """
     top = np.unravel_index(int(np.argmax(smoothed)), smoothed.shape)
     height, chosen = float(smoothed[top]), points[:, inside]
-    if height <= 0:
-        return None
     upper = float((smoothed > height / 2).sum()) * area
     sphere = np.array([points[0][top], points[1][top], height, np.pi * height / upper])
     for _ in range(2):  # the second time the height is known, and so is the depth
-        whole = fit_sphere(chosen, sphere, depth=depth * sphere[2], noise=noise) if sphere[2] > 0 else None
+        whole = fit_sphere(chosen, sphere, depth=depth * sphere[2], noise=noise)
         sphere = sphere if whole is None else whole.sphere
     if whole is None:
         return None
@@ -338,36 +331,26 @@ def _why_not(fit: _Fit | None, surface: HeightMap, least_height: float) -> str:
     """Why a summit is left out; empty where it is not."""
     if fit is None:
         return "too few pixels for a sphere"
-    x, y, height, curvature = fit.whole.sphere
-    reach_x, reach_y = abs(surface.x[0]), abs(surface.y[0])
-    if np.any(np.abs([x, y]) - [reach_x, reach_y] > np.array(surface.pixel_size) / 2):
+    *place, height, curvature = fit.whole.sphere
+    if np.any(np.abs(place) - np.abs([surface.x[0], surface.y[0]]) > np.array(surface.pixel_size) / 2):
         return "summits beyond the edge of the map"
     if not curvature > RARE_SIGMAS * np.sqrt(fit.whole.covariance[3, 3] * fit.factor):
         return "no curvature beyond the noise"
     return "lower than the least height" if height < least_height else ""
 
 
-def _row(fit: _Fit, base: Base, factor: float) -> dict[str, object]:
-    x, y, height, curvature = fit.whole.sphere.tolist()
+def _row(fit: _Fit, base: Base, factor: float) -> tuple[object, ...]:
+    """The columns of `SUMMITS` in their order."""
+    x, y, height, curvature = fit.whole.sphere
     count = int(fit.whole.pixels.sum())
     # of count/factor independent residuals the fit takes four away, from their scatter and their correlation
     fewer = count / max(count - 4 * factor, count / 4)
     stds = np.sqrt(np.diag(fit.whole.covariance) * factor) * fewer
     bends, message = _misfit(fit, factor)
-    height_std, curvature_std = np.hypot(stds[2:], bends)
-    return {
-        "x_m": x,
-        "y_m": y,
-        "height_m": height,
-        "radius_m": 1 / curvature,
-        "height_std_m": float(np.hypot(height_std, base.std)),
-        "radius_std_m": float(curvature_std / curvature**2),
-        "x_std_m": float(stds[0]),
-        "y_std_m": float(stds[1]),
-        "residual_m": fit.whole.scatter,
-        "pixels": count,
-        "message": message,
-    }
+    height_std, radius_std = np.hypot(stds[2:], bends) / [1, curvature**2]
+    height_std = np.hypot(height_std, base.std)
+    place = x, y, height, 1 / curvature
+    return *place, height_std, radius_std, *stds[:2], fit.whole.scatter, count, message
 
 
 def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
