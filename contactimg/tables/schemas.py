@@ -20,6 +20,8 @@ Column = tuple[str, str]
 
 RUN_MODELS = ("measured", "predicted")
 """Names that an analysis gives to the contacts of a run itself: those of `process` and those of `predict`."""
+EMPTY_CELLS = {"float64": np.nan, "int64": 0, "Int64": pd.NA, "bool": False, "str": ""}
+"""What stands in the cells of a column that is not given, for each dtype."""
 VARIANTS = ("_excess_scatter", "_p_value")
 """Endings of quantities of `RESULTS` that are other intervals of a result, or judge it; not printed."""
 
@@ -102,20 +104,12 @@ class Schema:
 
     def _column(self, given: pd.DataFrame, name: str, dtype: str) -> ArrayLike | ExtensionArray:
         if name not in given:
-            return _empty_cells(len(given), dtype)
+            return pd.Series(EMPTY_CELLS[dtype], given.index, pandas_dtype(dtype)).array
         column = given[name]
         try:
             return column.array if column.dtype == dtype else column.astype(pandas_dtype(dtype)).array
         except (TypeError, ValueError) as error:
             raise InputError(f"{self.name}: column {name!r} must hold {dtype} values ({error})") from None
-
-
-def _empty_cells(count: int, dtype: str) -> ArrayLike | ExtensionArray:
-    if dtype in ("float64", "int64"):
-        return np.full(count, np.nan if dtype == "float64" else 0, dtype)
-    if dtype == "Int64":
-        return pd.arrays.IntegerArray(np.zeros(count, np.int64), np.ones(count, np.bool_))
-    return pd.Series([""] * count, dtype=pandas_dtype(dtype)).array
 
 
 FRAME = ("str", "file name of the frame with its extension; page k of a stack is name[k]")
@@ -345,8 +339,7 @@ FRICTION = Schema(
     place=("str", "folder of the run"),
     frame=FRAME,
     load_N=LOAD,
-    velocity_m_s=("float64", "sliding velocity, m/s"),
-    friction_N=("float64", "friction force Q, N"),
+    **{name: LOADS.first[name] for name in ("velocity_m_s", "friction_N")},
     area_m2=("float64", "real contact area A, m^2"),
     area_std_m2=("float64", "standard uncertainty of area_m2, m^2"),
     stress_Pa=("float64", "mean shear stress |Q|/A, Pa"),
@@ -358,15 +351,12 @@ FOLLOWED = Schema(
     asperity=("Int64", "row number of the asperity in the asperity table, from 0"),
     frame=FRAME,
     load_N=LOAD,
-    tangential_N=("float64", "tangential load Q, N"),
-    time_s=("float64", "time of the frame, s"),
+    **LOADS.later,
     x_m=("float64", "sample coordinate x of the contact, or of where it would be, m"),
     y_m=("float64", "sample coordinate y of the same, m"),
     radius_m=("float64", "contact radius a, m; empty where it does not touch"),
     radius_std_m=("float64", "standard uncertainty of radius_m, m"),
-    semi_major_m=("float64", "major half-axis, m"),
-    semi_minor_m=("float64", "minor half-axis, m"),
-    angle_rad=("float64", "angle of the major axis in the image, from +x towards +y, rad"),
+    **{name: CONTACTS.later[name] for name in ("semi_major_m", "semi_minor_m", "angle_rad")},
     area_m2=("float64", "contact area, m^2"),
     force_N=("float64", "local normal force p, N"),
     displacement_x_m=("float64", "x_m minus that in the first frame in which it touches, m"),
@@ -483,10 +473,7 @@ SUMMITS = Schema(
 TOPOGRAPHY = Schema(
     "topography",
     "Measured heights and radii of asperities, one row each.",
-    height_m=("float64", "height h of an asperity, m"),
-    radius_m=("float64", "radius of curvature R of the asperity, m"),
-    height_std_m=("float64", "standard uncertainty of height_m, m"),
-    radius_std_m=("float64", "standard uncertainty of radius_m, m"),
+    **{name: SUMMITS.first[name] for name in ("height_m", "radius_m", "height_std_m", "radius_std_m")},
 )
 
 CIRCLES = Schema(
@@ -501,8 +488,7 @@ CIRCLES = Schema(
     radius_px=("float64", "contact radius, px"),
     radius_m=("float64", "contact radius a, m"),
     radius_std_m=("float64", "standard uncertainty of radius_m, m"),
-    shift_x_px=("float64", "position in the frame minus position in the reference along x, px"),
-    shift_y_px=("float64", "position in the frame minus position in the reference along y, px"),
+    **{name: FRAMES.first[name] for name in ("shift_x_px", "shift_y_px")},
     axis_ratio=("float64", "larger over smaller axis of the contact; empty if the arc is short"),
     axis_ratio_std=("float64", "standard uncertainty of axis_ratio"),
     angle_rad=("float64", "angle of the larger axis, from +x towards +y, -pi/2 to pi/2, rad"),
