@@ -64,15 +64,12 @@ class Decision(EffectEstimate):
 
     Parameters
     ----------
-    tolerance : float
-        Upper limit for the sum of the changes of all effects that are left out.
     on : bool
         Whether the effect is computed.
     switch : {"auto", "on", "off"}
         The switch in the scene; "auto" leaves the decision to the plan.
     """
 
-    tolerance: float = 0.01
     on: bool = True
     switch: str = "auto"
 
@@ -242,14 +239,14 @@ def decide(
         if e.effect in inactive:
             reason = f"acts through {REQUIRES[e.effect]}, which is left out"
             numbers |= {"change": 0.0, "reason": reason, "changes": dict.fromkeys(e.changes, 0.0)}
-        d = Decision(**numbers, tolerance=tolerance, on=e.effect in on, switch=switch[e.effect])
+        d = Decision(**numbers, on=e.effect in on, switch=switch[e.effect])
         decisions.append(d)
         if d.switch == "on" and not d.on:
             warnings.append(f"{d.effect} is switched on but {d.reason}")
-        elif d.switch == "off" and d.change >= d.tolerance:
+        elif d.switch == "off" and d.change >= tolerance:
             warnings.append(
                 f"{d.effect} is switched off although that changes the requested output by about "
-                f"{d.change:.2g} (tolerance {d.tolerance:g}): {d.reason}"
+                f"{d.change:.2g} (tolerance {tolerance:g}): {d.reason}"
             )
     return tuple(decisions), tuple(warnings)
 
@@ -336,7 +333,8 @@ def unmodelled_effects(solution: InteractingSolution, *, law: str, output: str) 
         return ()
     rows, (x0, y0) = solution.touching, solution.conditions.apex
     a, R, weight = solution.radius[rows], solution.composite_radius[rows], np.abs(solution.force[rows])
-    load, total = strain_factor(a / R, law), float(weight.sum())
+    load = np.interp(a / R, STRAIN_RATIO, OVER_SPHERE if law == "sphere" else OVER_HERTZ)
+    total = float(weight.sum())
     unequal = np.abs(load / (weight @ load / total) - 1) if total > 0 else 0 * load
     area = a**2 * (load ** (-2 / 3) - 1)
     radius = a * (load ** (-1 / 3) - 1)
@@ -357,14 +355,3 @@ def unmodelled_effects(solution: InteractingSolution, *, law: str, output: str) 
         change = max(changes.get(wanted, 0.0) for wanted in requested_outputs(output))
         found.append(EffectEstimate(name, change, reason, changes))
     return tuple(found)
-
-
-def strain_factor(ratio: Values, law: str) -> Values:
-    """Load of neo-Hookean rubber at a contact radius over that of a law, at values of a/R.
-
-    Examples
-    --------
-    >>> strain_factor(np.array([0.0, 0.209]), "sphere").tolist()
-    [1.0, 0.971]
-    """
-    return np.interp(ratio, STRAIN_RATIO, OVER_SPHERE if law == "sphere" else OVER_HERTZ)
