@@ -18,8 +18,6 @@ class ShearStress:
     Parameters
     ----------
     stress : Estimate, Pa
-    scatter : float, N
-        Of the friction force, not explained by the stated errors.
     low, high : float, m^2
         Range of the area.
     n_points : int
@@ -31,7 +29,6 @@ class ShearStress:
     """
 
     stress: Estimate
-    scatter: float
     low: float
     high: float
     n_points: int
@@ -96,7 +93,6 @@ def fit_shear_stress(
         freedom = fit.freedom / from_scatter**2 if from_scatter > 0 else float(np.inf)
     return ShearStress(
         stress=replace(fit, freedom=freedom).estimate(0, confidence=confidence),
-        scatter=fit.scatter,
         low=float(area.min()),
         high=float(area.max()),
         n_points=len(area),
@@ -127,7 +123,7 @@ def compare_stress(stress: ShearStress, reference: Estimate) -> Estimate:
 
     Examples
     --------
-    >>> rough = ShearStress(Estimate(0.49e6, 0.01e6, 0.0, 0.0), 0.0, 1e-7, 1e-6, 8, 7, 0.95)
+    >>> rough = ShearStress(Estimate(0.49e6, 0.01e6, 0.0, 0.0), 1e-7, 1e-6, 8, 7, 0.95)
     >>> ratio = compare_stress(rough, Estimate(0.34e6, 0.01e6, 0.0, 0.0))
     >>> round(ratio.value, 2), round(ratio.std, 2)
     (1.44, 0.05)

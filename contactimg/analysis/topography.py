@@ -22,8 +22,6 @@ class Topography:
         ``h/R = 1 - cos(theta)`` of caps of one contact angle.
     contact_angle : Estimate, rad
         ``theta``; NaN if the slope is not between 0 and 2.
-    scatter : float, m
-        Of the height about the line, not explained by the stated errors.
     correlation : float
         Spearman's rank correlation of height and radius; NaN if one of them does not vary.
     p_value : float
@@ -40,7 +38,6 @@ class Topography:
 
     slope: Estimate
     contact_angle: Estimate
-    scatter: float
     correlation: float
     p_value: float
     height_mean: float
@@ -104,14 +101,12 @@ def describe_topography(table: pd.DataFrame, *, confidence: float = 0.95) -> Top
         if not (table[name] > 0).all():
             raise InputError(f"topography: {name} must be positive, got {table[name].min()!r}")
     h, R = table["height_m"].to_numpy(float), table["radius_m"].to_numpy(float)
-    stated = table.reindex(columns=["radius_std_m", "height_std_m"]).to_numpy(float)
-    fit = fit_proportional(Points(R, h, *np.nan_to_num(stated, nan=0.0).T))
-    slope = fit.estimate(0, confidence=confidence)
+    stated = table.reindex(columns=["radius_std_m", "height_std_m"]).fillna(0.0).to_numpy(float)
+    slope = fit_proportional(Points(R, h, *stated.T)).estimate(0, confidence=confidence)
     correlation, p_value = (np.nan, 1.0) if np.ptp(h) == 0 or np.ptp(R) == 0 else scipy.stats.spearmanr(h, R)
     return Topography(
         slope=slope,
         contact_angle=_angle(slope),
-        scatter=fit.scatter,
         correlation=float(correlation),
         p_value=float(p_value),
         height_mean=float(h.mean()),
