@@ -196,7 +196,6 @@ class Comparison:
             raise
         # adhesive contacts hold at negative penetrations too
         self.by_depth = np.isfinite(self.base.penetration) & dry
-        self.complete = self.state(self.base)
 
     def solve(
         self, effects: Collection[str], start: InteractingSolution | None = None
@@ -253,16 +252,15 @@ class Comparison:
             other = self.state(solution)
             self.reasons[effect] = reason(self, effect, solution)
         self.steps[effect] = base - other if effect in self.on else other - base
-        if effect not in self.on:
-            self.complete = self.complete + self.steps[effect]
 
     def change(self, left_out: Collection[str], stretch: float) -> dict[str, float]:
         """Change of each output if these effects are left out, each a number of times."""
         names = {*left_out} | ({"full_coupling"} if "coupling" in left_out else set())
         steps = [step for name, step in self.steps.items() if name in names]
-        found = dict.fromkeys(WRITTEN, 0.0)
+        missing = [step for name, step in self.steps.items() if name not in self.on]
+        whole, found = self.state(self.base) + np.sum(missing, axis=0), dict.fromkeys(WRITTEN, 0.0)
         for beyond in {0.0, stretch - 1} if steps else ():  # contacts may form or vanish at either end
-            complete = self.complete + beyond * np.sum(steps, axis=0)
+            complete = whole + beyond * np.sum(steps, axis=0)
             without = complete - stretch * np.sum(steps, axis=0)
             changes = self._changes(without, complete, may_form=stretch > 1)
             found = {name: max(change, found[name]) for name, change in changes.items()}
