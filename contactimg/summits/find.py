@@ -246,13 +246,14 @@ def find_summits(
     highest, lowest = ndimage.maximum_filter(labels, size), ndimage.minimum_filter(outside, size)
     near = (labels > 0) & ((highest != labels) | (lowest != labels))
     usable = np.isfinite(heights) & ~near
-    y, x = np.meshgrid(surface.y, surface.x, indexing="ij")
+    points = np.stack([*np.meshgrid(surface.x, surface.y), heights])
     fits, left_out = [], Counter[str]()
     for number, window in enumerate(ndimage.find_objects(labels), start=1):
         mine = labels[window] == number
-        points = np.stack([x[window], y[window], heights[window]])
         peak, inside = np.where(mine, smoothed[window], -np.inf), mine & usable[window]
-        fit = _fit_patch(points, inside, peak, float(np.prod(surface.pixel_size)), depth, base.noise)
+        fit = _fit_patch(
+            points[:, *window], inside, peak, float(np.prod(surface.pixel_size)), depth, base.noise
+        )
         reason = _why_not(fit, surface, least_height)
         if fit is None or reason:
             left_out[reason] += 1
