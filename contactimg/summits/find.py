@@ -249,11 +249,9 @@ def find_summits(
     points = np.stack([*np.meshgrid(surface.x, surface.y), heights])
     fits, left_out = [], Counter[str]()
     for number, window in enumerate(ndimage.find_objects(labels), start=1):
-        mine = labels[window] == number
+        mine, part = labels[window] == number, points[:, *window]
         peak, inside = np.where(mine, smoothed[window], -np.inf), mine & usable[window]
-        fit = _fit_patch(
-            points[:, *window], inside, peak, float(np.prod(surface.pixel_size)), depth, base.noise
-        )
+        fit = _fit_patch(part, inside, peak, float(np.prod(surface.pixel_size)), depth, base.noise)
         reason = _why_not(fit, surface, least_height)
         if fit is None or reason:
             left_out[reason] += 1
