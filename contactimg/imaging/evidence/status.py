@@ -318,13 +318,13 @@ def _remarks(seen: Judged) -> Iterator[str]:
         )
     refused = foreground.refused
     compared = [
-        ("a contrast of {:.3g} grey levels", foreground.shown.plateau * unit, refused.contrast * unit),
+        ("a contrast of {:.3g} grey levels", seen.optics.contrast * unit, refused.contrast * unit),
         ("a blur of {:.3g} px", seen.optics.blur_px, refused.blur_px),
     ]
     if known := [part for part in compared if np.isfinite(part[2])]:
         here = " and ".join(text.format(value) for text, value, _ in known)
         there = " and ".join(f"{value:.3g}" for _, _, value in known)
-        yield f"the frame shows {here}, not the {there} given, which were not used"
+        yield f"the frame shows {here}, not the {there} given or shown by other frames, which were not used"
     given, shown = foreground.prior_optics.contrast, foreground.shown
     if seen.count and shown.resolved and given > ODD_RATIO * shown.plateau:
         yield (
