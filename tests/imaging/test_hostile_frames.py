@@ -285,6 +285,17 @@ def test_nonsense_is_measured_without_harm(seed):
     assert result.status == "ok" or result.message
 
 
+def test_frames_of_a_few_pixels_of_noise_show_nothing():
+    # some have no pixel that is measured at all
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        shape = tuple(rng.integers(1, 12, 2))
+        frame, reference = (rng.normal(0, 1, shape) * 10.0 ** rng.integers(-3, 4) for _ in range(2))
+        for background in (reference, None):
+            result = measure_image(frame, background, polarity="auto")
+            assert result.status != "ok"
+
+
 def test_dots_on_a_dirty_plate_without_a_reference():
     """Every tenth dot that stands out by three robust standard deviations may be missed; none is invented."""
     frame, dots = dirty_plate(np.random.default_rng(3), shape=(300, 400), count=100)

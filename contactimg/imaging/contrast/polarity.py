@@ -11,7 +11,7 @@ AT_BORDER = 0.3
 
 
 def find_polarity(blocks: Values, background: Flags | None = None) -> str:
-    """``"bright"`` or ``"dark"``: the sign of most of what stands out of the background at 0.
+    """``"bright"`` or ``"dark"``: the sign of most of what stands out of the background at 0 (bright: none).
 
     A connected region counts as the square root of its light: one shadow is not many contacts. One at the
     border counts less, since light falls off there.
@@ -29,6 +29,8 @@ def find_polarity(blocks: Values, background: Flags | None = None) -> str:
     'dark'
     """
     usual = np.isfinite(blocks)
+    if not usual.any():
+        return "bright"
     if background is not None and background.shape == blocks.shape and (usual & background).any():
         usual &= background
     limit = CLIP_SIGMA * robust_std(blocks[usual])
