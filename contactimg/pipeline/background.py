@@ -116,7 +116,7 @@ class Pool:
         return self.needed or bool(ratios and np.median(ratios) > LEAST_GAIN)
 
     def remarks_on(self, number: int) -> str:
-        """What is to be said about a frame of the series."""
+        """Say what is remarkable about a frame of the series; empty where nothing is."""
         differs = "differs from the other frames: left out of the pooled background"
         return "; ".join(filter(None, [self.remark, differs * (number in self.differing)]))
 
@@ -156,7 +156,7 @@ def contribute_view(
 def measure_on_pool(
     frame: Frame, _reference: NDArray | None, optics: SharedOptics | None, edits: Edits, *, pool: Pool
 ) -> MeasuredFrame:
-    """Measure a frame on the mean of the other views, and say what that changed."""
+    """Measure a frame on the mean of the other views; of one measured before, say what that changed."""
     background, others = pool.without(frame.image)
     measured = measure_scene_frame(frame, background.mean(), optics, edits, options=pool.options)
     measured = _with_excess(measured, pool, background, others)
@@ -218,7 +218,7 @@ def contacts_of(part: MeasuredFrame, options: FrameOptions) -> Contacts:
 
 
 def evenly_spread(numbers: Sequence[int], most: int) -> list[int]:
-    """At most so many of the numbers, evenly spread over them."""
+    """Choose at most so many of the numbers, evenly spread over them."""
     places = np.linspace(0, len(numbers) - 1, min(most, len(numbers)))
     return [numbers[k] for k in np.rint(places).astype(int).tolist()]
 

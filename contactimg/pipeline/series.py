@@ -1,4 +1,4 @@
-"""Measure a series: each frame alone, some again with the optics of the series, then pose and forces."""
+"""Measure a series: a sample of its frames, then all with what these show; then pose and forces."""
 
 import logging
 from collections import Counter
