@@ -134,7 +134,7 @@ def group_loads(loads: Sequence[float] | Values, *, tolerance: float) -> NDArray
     loads = np.asarray(loads, dtype=np.float64)
     groups, number, lowest = np.zeros(len(loads), np.intp), -1, -np.inf
     for k in np.argsort(loads, kind="stable"):
-        if number < 0 or loads[k] > lowest * (1 + tolerance):
+        if number < 0 or loads[k] > lowest + tolerance * abs(lowest):
             number, lowest = number + 1, loads[k]
         groups[k] = number
     return groups

@@ -321,6 +321,7 @@ def test_loads_are_grouped_whatever_their_order():
     assert group_loads([0.5, 0.02, 0.0205, 0.5, 0.0, 0.0211], tolerance=0.05).tolist() == [3, 1, 1, 3, 0, 2]
     assert group_loads([], tolerance=0.05).tolist() == []
     assert group_loads([2.0, 1.0, 2.0], tolerance=0.0).tolist() == [1, 0, 1]
+    assert group_loads([-0.1, 0.2, -0.1, -0.098], tolerance=0.05).tolist() == [0, 1, 0, 0]
     with pytest.raises(InputError, match="must not be negative"):
         group_loads([1.0], tolerance=-0.1)
 
