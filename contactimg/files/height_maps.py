@@ -73,6 +73,8 @@ def _plain_matrix(path: Path) -> Values:
             )
         check_size(array.shape[1], array.shape[0])
         return array.astype(np.float64)
+    except InputError:
+        raise
     except (OSError, ValueError, EOFError) as error:
         raise InputError(f"{path}: cannot be read as a height map ({error})") from None
 

@@ -110,3 +110,12 @@ def test_what_is_no_map_is_refused_in_one_sentence(tmp_path, capsys, file, optio
     assert sentence in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_file_of_another_shape_is_named_once(tmp_path, capsys):
+    path = tmp_path / "stack.npy"
+    np.save(path, np.zeros((3, 20, 20)))
+    assert main(["asperities", str(path), *SCALE, "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "must hold one matrix of numbers" in error
+    assert error.count(str(path)) == 1
