@@ -126,8 +126,8 @@ def fit_circle(
     FrameError
         If too little of the edge is visible.
     """
+    numbers = _visible(samples.sector)
     line, start = _start(samples, model, opening, blur_px)
-    numbers = samples.sector
     # without the loss at first, so that an edge far from the rough circle counts; last without stray sectors
     passes: tuple[Loss, ...] = ("linear", "cauchy", "cauchy")
     for loss in passes:
@@ -138,9 +138,8 @@ def fit_circle(
         # of a short arc an ellipse cannot be told from a shift
         fixed = [] if arc > ELLIPSE_ARC else [3, 4]
         start, misfit = _fit(kept, line, start, fixed=fixed, loss=loss)
-        offsets, azimuths, numbers = _sector_offsets(kept, start, line)
-        if len(numbers) < SHORTEST_ARC * SECTORS:
-            raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
+        offsets, azimuths, shown = _sector_offsets(kept, start, line)
+        numbers = _visible(shown)
         if loss == "cauchy":
             off = np.abs(offsets - np.median(offsets))
             near = off <= CLIP_SIGMA * max(MAD_TO_STD * float(np.median(off)), 1e-6)
@@ -148,6 +147,14 @@ def fit_circle(
             if near.all():
                 break
     return _fitted_circle(samples.circle, start, misfit, offsets, azimuths)
+
+
+def _visible(sectors: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The sectors that show the edge, each once, unless they are too few for a circle."""
+    numbers = np.unique(sectors)
+    if len(numbers) < SHORTEST_ARC * SECTORS:
+        raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
+    return numbers
 
 
 def _start(

@@ -190,6 +190,15 @@ def test_sectors_that_show_no_edge_are_left_out(hidden):
         assert np.abs(errors(fit_circle(samples, MODEL, opening=np.inf), truth)).max() < 0.05
 
 
+def test_an_edge_without_any_sample_is_refused():
+    image, _ = frame({}, film="off")
+    samples = sample_edge(image, find_circle(image, 60.0), outside_px=20.0, noise=NOISE)
+    names = ("azimuth", "distance", "value", "weight", "sector")
+    none = replace(samples, **{name: getattr(samples, name)[:0] for name in names})
+    with pytest.raises(FrameError, match="of the contact's edge"):
+        fit_circle(none, MODEL, opening=np.inf)
+
+
 @pytest.mark.parametrize(
     ("draw", "sentence"),
     [
