@@ -106,7 +106,8 @@ def write_simulation(
     InputError
         If a section is missing or there is no load.
     """
-    scene, _ = plan_simulation(scene, asperities)
+    if "auto" in scene.effects.switches().values():
+        scene, _ = plan_simulation(scene, asperities)
     simulate = scene.need("simulate", "simulating frames")
     if not simulate.loads:
         raise InputError("simulating frames needs at least one load in [simulate] loads_N; add it")
