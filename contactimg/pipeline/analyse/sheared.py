@@ -159,7 +159,7 @@ def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> 
     def unseen(
         frame: Frame, reference: NDArray | None, spots: Values, contacts: Values, numbers: dict[str, float]
     ) -> Values:
-        # the cheaper count subtracts the same background
+        """Limits of the radii at the spots of a frame; the cheaper count subtracts the same background."""
         seen = measure_prepared(frame, reference, scene, count_at=0.5).foreground
         image, valid = seen.image * np.float32(seen.frame_pair.unit), seen.frame_pair.valid
         return limit_radii(image, spots, contacts=contacts, **numbers, valid=valid)

@@ -91,6 +91,7 @@ def measure_thresholds(
     def count(
         frame: Frame, reference: NDArray | None
     ) -> tuple[dict[str, object], list[pd.DataFrame], tuple[int, int]]:
+        """The row of a frame, its contacts at each threshold, and its shape."""
         measurement = measure_prepared(frame, reference, scene, count_at=0.5)
         if not measurement.contrast:
             raise FrameError(measurement.message or "nothing stands out of the noise")
