@@ -101,7 +101,9 @@ def _bands_at_rows(rows, source):
     out = np.empty((3, len(rows), bands.shape[1]), np.float32)
     for k in range(len(rows)):
         _bands_of_row(bands, rows[k], source, column, low)
-        out[:, k] = bands
+        for part in range(len(bands)):
+            for x in range(bands.shape[1]):
+                out[part, k, x] = bands[part, x]
     return out
 
 

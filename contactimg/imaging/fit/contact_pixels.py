@@ -169,11 +169,11 @@ def _look(image, model, valid, disks, s, variance, noise, half, heights, out):
                         pixels[2, n], pixels[3, n], pixels[4, n] = column - x, row - y, outside
                         n += 1
             else:
-                begin, n = n, n + end - first
-                pixels[0, begin:n], pixels[1, begin:n] = image[row, first:end], model[row, first:end]
-                pixels[3, begin:n], pixels[4, begin:n] = row - y, 0.0
                 for j in range(end - first):
-                    pixels[2, begin + j] = np.float32(first - x) + np.float32(j)
+                    pixels[0, n + j], pixels[1, n + j] = image[row, first + j], model[row, first + j]
+                    pixels[2, n + j] = np.float32(first - x) + np.float32(j)
+                    pixels[3, n + j], pixels[4, n + j] = row - y, 0.0
+                n += end - first
             if n > BATCH or row == bottom:
                 _add_pixels(pixels, n, radii, scale, start, light, profile, out[i])
                 n = 0

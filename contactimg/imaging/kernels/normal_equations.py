@@ -340,7 +340,7 @@ def unpack_sums(out, normal, gradient):
         for v in range(u, 4):
             normal[u, v] = normal[v, u] = out[n]
             n += 1
-    gradient[:] = out[GRADIENT : GRADIENT + 4]
+        gradient[u] = out[GRADIENT + u]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -411,15 +411,18 @@ def build_normal_equations(
         unpack_sums(out, normals[i], gradient[i])
         normals[i, 3, 3] += 1.0 / spread**2
         gradient[i, 3] += (expected - disks[i, 3]) / spread**2
-        cross[i] = out[CROSS : CROSS + 4]
+        for u in range(4):
+            cross[i, u] = out[CROSS + u]
         blurs[i, 0], blurs[i, 1] = out[CROSS + 4], out[GRADIENT + 4]
         pixels[i] = int(out[PIXEL_COUNT])
         chi_square[i] = out[CHI_SQUARE] / max(out[PIXEL_COUNT] - 3.0, 1.0)
         # a disk much smaller than the blur, or outside the image, has little information: keep steps finite
         floor = 1e-3 * expected**2 / levels[i, 0]
-        damped[:] = normals[i]
-        for u in range(3):
-            damped[u, u] = damped[u, u] * (1.0 + 1e-6) + floor
+        for u in range(4):
+            for v in range(4):
+                damped[u, v] = normals[i, u, v]
+            if u < 3:
+                damped[u, u] = damped[u, u] * (1.0 + 1e-6) + floor
         invert_4x4(damped, inverse[i])
 
 
@@ -496,7 +499,8 @@ def _draw_lens(model, frame, circles, low, high, tall, s, level):
     x, y, ex, ey = frame
     a, b, d = circles
     reach = REACH_BLUR_WIDTHS * s
-    p0, p1, q1 = low.min() - reach, high.max() + reach, tall + reach
+    widest = len(low) // 2
+    p0, p1, q1 = low[widest] - reach, high[widest] + reach, tall + reach
     half_x, half_y = 0.5 * (p1 - p0) * abs(ex) + q1 * abs(ey), 0.5 * (p1 - p0) * abs(ey) + q1 * abs(ex)
     cx, cy = x + 0.5 * (p0 + p1) * ex, y + 0.5 * (p0 + p1) * ey
     step = 2.0 * tall / len(low)
