@@ -65,8 +65,7 @@ def divide_by_reference(
     level : float
         Grey level of the background of the reference.
     """
-    kind = np.uint8 if frame.dtype == reference.dtype == np.uint8 else np.float32
-    frame, reference = (np.ascontiguousarray(image, kind) for image in (frame, reference))
+    frame, reference = (np.ascontiguousarray(image, np.float32) for image in (frame, reference))
     shift = (residual.x_px, residual.y_px)
     finite = np.isfinite(half)
     quarter = block_means(half, None if finite.all() else finite.astype(np.uint8), side=2)

@@ -47,6 +47,7 @@ from contactimg.imaging.profile.limits import (
     LONGEST_BLUR_STEP,
     NEAR_BLUR_WIDTHS,
     NEGLIGIBLE_FRACTION,
+    POOR_CHI_SQUARE,
     RESOLVED,
     ROUNDS,
     SETTLED_SIGMA,
@@ -214,11 +215,13 @@ def settle_optics(
         contact shows its contrast, see `contactimg.imaging.fit.unseen_contrast`.
     """
     newton = partial(_newton, optics_prior=optics_prior, inflation=inflation, wide_contrast=wide_contrast)
-    joint, few = None, steps < ITERATIONS
+    joint, few, lost = None, steps < ITERATIONS, False
     if few or not _is_unseen(problem, fit, optics_prior):
         joint = newton(problem, fit, steps=steps)
-        problem, fit = replace(problem, prior=joint.prior), joint.fit
-    if joint is None or (not few and _is_unseen(problem, fit, optics_prior)):
+        lost = bool(np.median(joint.fit.chi_square) > POOR_CHI_SQUARE * np.median(fit.chi_square))
+        if not lost:
+            problem, fit = replace(problem, prior=joint.prior), joint.fit
+    if joint is None or (not few and (lost or _is_unseen(problem, fit, optics_prior))):
         problem, fit, covariance, shift = profile_contrast(
             problem, fit, inflation=float(np.median(inflation)), kurtosis_std=KURTOSIS_STD
         )

@@ -320,16 +320,11 @@ def _add_expected(pixels, disk, s, row, inner, half, noise, reach, out):
     n = pad_pixels(pixels, n)
     evaluate_derivatives(pixels, n, disk[2], disk[3], s, row)
     _weight_pixels(pixels, n, pixels[BY_C, :n], noise[1] * disk[3], noise, reach)
-    weight, by_x, by_a = pixels[WEIGHT, :n], pixels[BY_X, :n], pixels[BY_A, :n]
-    by_c, by_s = pixels[BY_C, :n], pixels[BY_S, :n]
-    inside = np.pi * inner * inner / (noise[0] * (1.0 + noise[1] * disk[3]))
-    out[0] = out[4] = 0.5 * _product(weight, by_x, by_x)
-    out[7] = _product(weight, by_a, by_a)
-    out[8] = _product(weight, by_a, by_c)
-    out[9] = _product(weight, by_c, by_c) + inside
-    out[CROSS + 2] = _product(weight, by_a, by_s)
-    out[CROSS + 3] = _product(weight, by_c, by_s)
-    out[CROSS + 4] = _product(weight, by_s, by_s)
+    _add_information(pixels, n, out)
+    # over all directions, the pixels along x stand for half of those along y, and odd products vanish
+    out[0] = out[4] = 0.5 * out[0]
+    out[2] = out[3] = out[CROSS] = 0.0
+    out[9] += np.pi * inner * inner / (noise[0] * (1.0 + noise[1] * disk[3]))
 
 
 @njit(cache=True)
