@@ -13,8 +13,8 @@ STATED, FOUND = "stated", "found from the contacts"
 """How a pose or an apex is known."""
 
 SIGNIFICANT_STDS = 3.0
-"""Standard deviations beyond which a number contradicts another, or a gap opens. Theory: 0.3 % of false
-alarms, 0.1 % to one side."""
+"""Standard deviations beyond which a number contradicts another, a gap opens, or a height is none of the
+base. Theory: 0.3 % of false alarms, 0.1 % to one side."""
 
 UNKNOWN_OF_CUT = 0.3
 """Part of what the reflected contacts change that counts as unknown. Chosen: asperities out of view differ

@@ -20,7 +20,8 @@ MIN_PAIRING_PX = 2.0
 scatter. Chosen by hand; sensitivity not measured."""
 
 OUTLIER_SIGMA = 4.0
-"""Distance from a fit, in robust standard deviations, beyond which a contact is dropped. Chosen."""
+"""Standard deviations beyond which a point is an outlier, which is dropped or has little weight. Chosen: of
+normal values 1 in 16,000 is."""
 
 MAD_TO_STD = 1.4826
 """Theory: standard deviation over median absolute deviation of a normal distribution."""

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
+from contactimg.pose.apex import SIGNIFICANT_STDS
+from contactimg.pose.pairs import MAD_TO_STD
 
 Values = NDArray[np.float64]
 Form = Literal["none", "plane", "sphere"]
@@ -19,10 +21,6 @@ Chosen: 8 to 32 give the same base."""
 ROUNDS = 12
 """Rounds of a fit, whose pixels are chosen anew in each. Chosen: 6 suffice on caps with noise, and those of a
 base no longer change then."""
-
-SIGMAS = 3.0
-"""Standard deviations within which pixels belong to the base, and two fits are of one sphere. Theory: 0.3 %
-are missed."""
 
 BASE_SHARE = 0.05
 """Share of the pixels that a base must hold. Chosen: among caps that leave less, heights refer to the mean
@@ -37,9 +35,6 @@ FLATTEST = 1e-3
 
 MOST_BINS = 20_000
 """Most bins of the histogram of heights. Chosen: caps of 10,000 times the noise leave the base a bin."""
-
-MAD_TO_STD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation. Theory."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +127,7 @@ def fit_base(surface: HeightMap, form: Form) -> Base:
     for _ in range(ROUNDS):
         rest = heights - terms @ coefficients
         level, width = _lower_mode(rest[finite], noise)
-        before, on_base = on_base, finite & (np.abs(rest - level) < SIGMAS * width)
+        before, on_base = on_base, finite & (np.abs(rest - level) < SIGNIFICANT_STDS * width)
         if on_base.sum() <= 3 * terms.shape[-1] or np.array_equal(before, on_base):
             break
         coefficients = _least_squares(heights, terms, on_base)
@@ -147,7 +142,7 @@ def fit_base(surface: HeightMap, form: Form) -> Base:
 def refit_base(surface: HeightMap, form: Form, base: Base, asperities: NDArray[np.bool_]) -> Base:
     """The base through the pixels that no asperity touches: their feet lie within the noise of the base."""
     rest = surface.heights - base.heights
-    outside = ~asperities & (np.abs(rest) < SIGMAS * base.noise)
+    outside = ~asperities & (np.abs(rest) < SIGNIFICANT_STDS * base.noise)
     if not base.seen or outside.sum() < BASE_SHARE / 2 * outside.size:
         return base
     return _through(surface, _terms(surface, form), outside)

@@ -12,7 +12,9 @@ from skimage.morphology import local_maxima, reconstruction
 from skimage.segmentation import watershed
 
 from contactimg.errors import InputError
-from contactimg.summits.base import MAD_TO_STD, ROUNDS, SIGMAS, Base, Form, HeightMap, fit_base, refit_base
+from contactimg.pose.apex import SIGNIFICANT_STDS
+from contactimg.pose.pairs import MAD_TO_STD
+from contactimg.summits.base import ROUNDS, Base, Form, HeightMap, fit_base, refit_base
 from contactimg.tables import SUMMITS
 
 Values = NDArray[np.float64]
@@ -22,19 +24,9 @@ SMOOTHING_PX = 1.0
 """Standard deviation of the Gaussian before summits are looked for, px. Chosen: it leaves caps of three
 pixels and takes two thirds of white noise away; positions and radii come from the heights as measured."""
 
-MEDIAN_OF_25 = 0.25
-"""Standard deviation of the median of 25 normal numbers over theirs. Theory: sqrt(pi/2/25)."""
-
 NOISE_SIGMAS = 6.0
 """How far a summit must rise above the valley to its neighbour and above the base, in standard deviations of
 the smoothed noise. Theory: of 10^7 pixels none does by chance."""
-
-TO_THE_SUMMIT = 2.0
-"""Error of the whole patch over its difference from the upper half. Theory: the next order of the form
-adds an error in proportion to the depth."""
-
-VALLEY_PX = 2
-"""Pixels that a fit keeps away from the region of a neighbour: half the median filter of the smoothing."""
 
 TWICE = 0.5
 """Two fits whose summits are nearer than this share of the radius of their patches are one asperity."""
@@ -241,9 +233,9 @@ def find_summits(
     feet = ndimage.binary_dilation(labels > 0, iterations=LAGS)
     base = refit_base(surface, form, base, feet)
     heights = surface.heights - base.heights
-    # pixels near the region of a neighbour are left out
-    outside, size = np.where(labels == 0, labels.max() + 1, labels), 2 * VALLEY_PX + 1
-    highest, lowest = ndimage.maximum_filter(labels, size), ndimage.minimum_filter(outside, size)
+    # pixels that the median filter of the smoothing mixes with the region of a neighbour are left out
+    outside = np.where(labels == 0, labels.max() + 1, labels)
+    highest, lowest = ndimage.maximum_filter(labels, 5), ndimage.minimum_filter(outside, 5)
     near = (labels > 0) & ((highest != labels) | (lowest != labels))
     usable = np.isfinite(heights) & ~near
     points = np.stack([*np.meshgrid(surface.x, surface.y), heights])
@@ -284,7 +276,8 @@ def _divide(heights: Values, base: Base, least_height: float) -> tuple[Labels, V
     scale = float(np.abs(filled).max()) or 1.0
     median = cv2.medianBlur((filled / scale).astype(np.float32), 5).astype(np.float64) * scale
     smoothed: Values = ndimage.gaussian_filter(median, SMOOTHING_PX, mode="nearest")
-    noise, below = MEDIAN_OF_25 * base.noise, -smoothed[smoothed < 0]
+    # the median of 25 normal numbers scatters by sqrt(pi/2/25) of their standard deviation
+    noise, below = 0.25 * base.noise, -smoothed[smoothed < 0]
     if base.seen and below.size:
         noise = MAD_TO_STD * float(np.median(below))
     rise = NOISE_SIGMAS * max(noise, 1e-9 * float(np.ptp(smoothed)))
@@ -361,9 +354,10 @@ def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
     # of least squares over a part and over all, the variance of the difference is the difference of variances
     scale = (whole.scatter / half.scatter) ** 2 if half.scatter > 0 else 1.0
     spread = np.maximum(np.diag(half.covariance * scale - whole.covariance)[2:] * factor, 0.0)
-    if np.all(change**2 <= SIGMAS**2 * spread):
+    if np.all(change**2 <= SIGNIFICANT_STDS**2 * spread):
         return np.zeros(2), ""
-    excess = TO_THE_SUMMIT * np.sqrt(np.maximum(change**2 - spread, 0.0))
+    # the error by the next order of the form is in proportion to the depth: twice as large for the whole
+    excess = 2.0 * np.sqrt(np.maximum(change**2 - spread, 0.0))
     percent = 100 * (whole.sphere[3] / half.sphere[3] - 1)
     return excess, f"no sphere: the radius of the upper half differs by {percent:+.1f} %"
 
