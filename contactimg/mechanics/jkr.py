@@ -209,12 +209,9 @@ def radius_from_indentation(
     # a = c x^2, delta = (c^2/R) (x^4 - 2 x) with c^{3/2} = (R/2) sqrt(8 pi w/(3 K))
     c = np.cbrt(R**2 * 2 * np.pi * w / (3 * K))
     s = delta * (R / c**2)
-    _refuse_below(s >= _FOLD * (1 + 1e-12), delta, "indentation", _FOLD * c**2 / R, "m")
-    return c * _larger_root(np.maximum(s, _FOLD)) ** 2
-
-
-_FOLD = -1.5 * 0.5 ** (1 / 3)
-"""Least value of ``x^4 - 2 x``, at ``x = 2^{-1/3}``."""
+    fold = -1.5 * 0.5 ** (1 / 3)  # the least value of x^4 - 2 x, at x = 2^{-1/3}
+    _refuse_below(s >= fold * (1 + 1e-12), delta, "indentation", fold * c**2 / R, "m")
+    return c * _larger_root(np.maximum(s, fold)) ** 2
 
 
 def _larger_root(s: Values) -> Values:

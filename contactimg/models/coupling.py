@@ -26,9 +26,6 @@ Rows = NDArray[np.intp]
 NewtonStep = tuple[Values, float]
 """Changes of the scaled forces, and of the indentation."""
 
-MAX_CONJUGATE_GRADIENT_STEPS = 200
-"""Most steps of one conjugate-gradient solution. Chosen by hand: the matrix is close to the identity."""
-
 
 class NotPositiveDefinite(ArithmeticError):  # noqa: N818 - a state of the iteration, not a user error
     """The Newton matrix is indefinite because contacts overlap too far."""
@@ -65,11 +62,12 @@ def conjugate_gradients(
     system: NewtonSystem,
     tolerance: float,
     precondition: Callable[[Values], Values] = np.copy,
-    most_steps: int = MAX_CONJUGATE_GRADIENT_STEPS,
+    most_steps: int = 200,
 ) -> tuple[Values, float, bool]:
     """Solve a Newton system with a positive definite matrix: ``z``, the rise, and whether it is solved.
 
-    ``tolerance`` is that of the residual, relative to ``b`` and to what the rise adds to it.
+    ``tolerance`` is that of the residual, relative to ``b`` and to what the rise adds to it. ``most_steps``
+    are chosen: the matrix is close to the identity, so that fewer usually suffice.
     """
     scale, shared = system.scale, precondition(system.scale)
     share = 0.0 if system.missing is None else 1 / float(scale @ shared)
@@ -441,13 +439,6 @@ def displacement_excess(ratio):  # type: ignore[no-untyped-def]  # pragma: no co
     return 0.75 * np.pi * (1.0 - 0.5 / q2) / ratio - 1.0
 
 
-CUBIC = 3 / 8
-"""Theory: the Laplacian of ``1/r`` in the plane is ``1/r^3``, its gradient ``-3/r^4``."""
-
-SADDLE = 1.5
-"""Theory: the principal curvatures of ``1/r`` in the plane are ``2/r^3`` and ``-1/r^3``."""
-
-
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def _distant_fields(dx, dy, strength, size2, long_x, long_y):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
     """Fields of a half-space at one candidate; the excess of close contacts as if they were at `CLOSE_RATIO`.
@@ -469,16 +460,17 @@ def _distant_fields(dx, dy, strength, size2, long_x, long_y):  # type: ignore[no
         excess += weight * _distant_excess(distant) - flattened
         weight *= inverse2
         # Hertz's pressure displaces by 1/r + a^2/(10 r^3): 0.3 (a/r)^2 more slope, and half the Laplacian of
-        # the second term is 0.45 a^2/r^5; the squared Laplacian of 1/r is 9/r^5
+        # the second term is 0.45 a^2/r^5; the squared Laplacian of 1/r is 9/r^5; its curvatures in the plane,
+        # 2/r^3 and -1/r^3, differ by twice 1.5/r^3; an eighth of the gradient of their sum is -3/8 of 1/r^4
         slope = weight * (1.0 + 0.3 * q2)
         slope_x -= slope * dx[j]
         slope_y -= slope * dy[j]
         curvature += weight * (0.5 + 0.45 * q2)
         quartic += 9 / 64 * weight * inverse2
-        saddle_x += SADDLE * weight * along
-        saddle_y += SADDLE * weight * across
-        cubic_x -= CUBIC * weight * inverse2 * dx[j]
-        cubic_y -= CUBIC * weight * inverse2 * dy[j]
+        saddle_x += 1.5 * weight * along
+        saddle_y += 1.5 * weight * across
+        cubic_x -= 3 / 8 * weight * inverse2 * dx[j]
+        cubic_y -= 3 / 8 * weight * inverse2 * dy[j]
     return excess, slope_x, slope_y, curvature, quartic, saddle_x, saddle_y, cubic_x, cubic_y
 
 

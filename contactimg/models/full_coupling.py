@@ -38,9 +38,6 @@ MAX_SADDLE_RATIO = 0.5
 MAX_RATIO = 0.99
 """Largest ``a/R`` of a sphere in these corrections, which diverge at its equator. Chosen by hand."""
 
-CUBIC_TILT = 0.8
-"""Theory: ``rho^3 cos(phi)`` over a circle of radius ``a`` shifts the force like a slope of ``0.8 a^2``."""
-
 
 @dataclass(frozen=True, eq=False)
 class CapCorrection:
@@ -95,8 +92,9 @@ def _correction_terms(fields, saddles, radius, contact_radius, curvatures):  # t
         bent = max(value + curvature, MIN_CURVATURE_FACTOR * value) + 16 / 3 * quartic * squared
         n = (growth + 32 / 3 * quartic) * squared / bent
         saddle = (saddles[0, i] ** 2 + saddles[1, i] ** 2) / bent
-        tilt_x = slope_x + CUBIC_TILT * squared * fields[7, i]
-        tilt_y = slope_y + CUBIC_TILT * squared * fields[8, i]
+        # a gap of rho^3 cos(phi) over a circle of radius a shifts the force like a slope of 0.8 a^2
+        tilt_x = slope_x + 0.8 * squared * fields[7, i]
+        tilt_y = slope_y + 0.8 * squared * fields[8, i]
         rise = excess - (0.5 + 0.25 * steeper * squared) * sloping - (1 + n) / 9 * squared * saddle
         bend = curvature + 0.75 * sloping * steeper - (1 - n) / 3 * saddle
         terms[0, i], terms[1, i], terms[2, i] = -tilt_x / mean, -tilt_y / mean, rise
