@@ -14,14 +14,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.models.newton_iteration import STEP_FRACTIONS
+from contactimg.models.proof import MAX_RELATIVE_ERROR
+
 Values = NDArray[np.float64]
-
-STEP_FRACTIONS = 0.5 ** np.arange(31)
-"""Fractions of a Newton step that the line search tries. Chosen by hand; sensitivity not measured."""
-
-LOAD_TOLERANCE = 1e-8
-"""Relative error of the load to which the iteration continues after the tolerance is met. Chosen: a hundredth
-of the error up to which a solution counts as converged."""
 
 
 class ContactLaw(Protocol):
@@ -103,7 +99,7 @@ class BalanceEquations:
         """Newton steps until the errors are small or do not fall any more, and how many were taken."""
         for steps in range(most_steps + 1):
             rounding = 8 * np.finfo(float).eps * float(self.weights @ np.abs(state.force))
-            allowed = np.inf if not self.load else max(LOAD_TOLERANCE * abs(self.load), rounding)
+            allowed = np.inf if not self.load else max(0.01 * MAX_RELATIVE_ERROR * abs(self.load), rounding)
             if steps == most_steps or (state.residual <= tolerance and abs(state.missing) <= allowed):
                 break
             change, rise = self.direction(state)
