@@ -13,9 +13,6 @@ from contactimg.surfaces.asperity_table import LENGTH_RANGE_M, base_radius
 
 Values = NDArray[np.float64]
 
-MAX_CAPS = 2_000_000
-"""Most caps of a generated pattern, unless told otherwise: about 10 s of placing. Chosen by hand."""
-
 MAX_REDRAWS = 1000
 """Most rounds of drawing again those values that give no cap. Chosen by hand: with 1 % of valid values, one
 of 10^4 caps is left after 1000 rounds. Theory: 10^4 x 0.99^1000 = 0.4."""
@@ -191,7 +188,7 @@ def generate_asperities(
     rng: np.random.Generator,
     coverage: float | None = None,
     max_tries: int = 100_000,
-    max_caps: int = MAX_CAPS,
+    max_caps: int = 2_000_000,
 ) -> pd.DataFrame:
     """A random pattern of non-overlapping caps on the square ``[0, side]^2``.
 
