@@ -16,7 +16,6 @@ from types import FrameType
 from typing import Any
 
 _LOOK_EVERY_SECONDS = 0.3  # chosen: a worker outlives its parent by less than 2 s with room to spare
-_SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux' prctl
 _ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
 )
@@ -39,7 +38,7 @@ def live_with_parent(parent: int) -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # 1 is PR_SET_PDEATHSIG
     if os.name == "posix":
         threading.Thread(target=_watch, args=(parent,), daemon=True, name="parent watch").start()
 
