@@ -27,8 +27,6 @@ from contactimg.optics.coverage import sector_of
 Values = NDArray[np.float64]
 
 MAX_GAP_WAVELENGTHS = 512  # chosen: light that is still coherent there is a laser, with fringes everywhere
-NO_LIGHT = 1e-17
-"""Share of the brightest wavelength below which one is left out. Theory: it is below the rounding error."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ def transmission(gap: ArrayLike, *, light: Light) -> Values:
     nodes, weights = np.polynomial.legendre.leggauss(48 + int(phases))
     wavelengths = (low + high) / 2 + (high - low) / 2 * nodes
     weights = weights * np.exp(-(((wavelengths - light.wavelength) / light.bandwidth) ** 2))
-    lit = weights > NO_LIGHT * weights.max()
+    lit = weights > 1e-17 * weights.max()  # fainter light is below the rounding error
     reflected = np.zeros(gaps.shape)
     for wavelength, weight in zip(wavelengths[lit], weights[lit] / weights.sum(), strict=True):
         beat = 2 * r12 * r23 * np.cos(4 * np.pi / wavelength * gaps)

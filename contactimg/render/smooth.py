@@ -17,8 +17,6 @@ from contactimg.tables import CONTACTS
 
 Values = NDArray[np.float64]
 
-MIN_WIDTH_CELLS = 1e-3  # width of the average across an edge parallel to the grid; chosen to avoid 0/0
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmoothSpot(Spots):
@@ -48,9 +46,10 @@ class SmoothSpot(Spots):
         if outside.max() < -cell:
             return np.full(shape, self.brightness[0])
         away = np.maximum(r, cell)
-        # projected across the edge a square cell is a trapezoid: second differences of a double integral
+        # projected across the edge a square cell is a trapezoid: second differences of a double integral;
+        # where the edge follows the grid its short side is taken as a thousandth of a cell to avoid 0/0
         wide, narrow = np.abs(x) / away, np.abs(y) / away
-        wide, narrow = np.maximum(wide, narrow), np.maximum(np.minimum(wide, narrow), MIN_WIDTH_CELLS)
+        wide, narrow = np.maximum(wide, narrow), np.maximum(np.minimum(wide, narrow), 1e-3)
         ends = [outside + cell * half * (wide + side * narrow) for half in (0.5, -0.5) for side in (1, -1)]
         total = self._twice(ends[0]) - self._twice(ends[1]) + self._twice(ends[2]) - self._twice(ends[3])
         return self.brightness[0] * total / (cell * cell * wide * narrow)
