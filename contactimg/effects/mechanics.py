@@ -51,9 +51,6 @@ THROUGH_COUPLING = ("full_coupling", "layer")
 PART_CONTACTS = 300
 """Contacts up to which every effect is solved on the whole scene. Chosen by time."""
 
-FLAT_RADIUS_M = 1e6
-"""Radius of the flat that presses the part of a scene."""
-
 ENGULFED_DISTANCE = 0.2
 """Distance over contact radius without coupling below which an unsolved problem is put down to two contacts.
 Chosen well below 0.64, where coupled contacts become unstable."""
@@ -327,7 +324,7 @@ class Comparison:
         height = np.where(force > 0, hertz, base.penetration[rows]) + lowered / self.elastic.contact_modulus
         height += float(np.max(base.height)) - height.min()
         table = pd.DataFrame({"x_m": x, "y_m": y, "height_m": height, "radius_m": radius})
-        flat = self.scene.need("indenter", PURPOSE).model_copy(update={"radius": FLAT_RADIUS_M})
+        flat = self.scene.need("indenter", PURPOSE).model_copy(update={"radius": np.inf})
         elastic = self.elastic.model_copy(update={"thickness": None})
         scene = self.scene.model_copy(update={"indenter": flat, "elastic": elastic})
         return Comparison(scene, table, float(force.sum()))
