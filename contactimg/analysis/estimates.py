@@ -30,9 +30,6 @@ COVERAGE = 0.95
 NORMAL_95 = float(special.ndtri(0.5 + COVERAGE / 2))
 """Half-width of a normal distribution's 95 % interval in standard deviations, 1.96."""
 
-ROUNDED_NORMAL_95 = 1.96
-"""The same to three digits, as stated uncertainties use it."""
-
 
 @dataclass(frozen=True)
 class Estimate:
@@ -186,7 +183,7 @@ class CoverageEstimate(Estimate):
         >>> CoverageEstimate.of_normal(3e6, 1e4).high
         3019600.0
         """
-        half = ROUNDED_NORMAL_95 * std
+        half = 1.96 * std  # rounded, as stated uncertainties use it
         return cls(value, std, value - half, value + half)
 
     def record(self, unit: str) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from scipy import optimize
 
 from contactimg.analysis.estimates import Estimate, student_estimate
 from contactimg.errors import ConvergenceError, InputError
+from contactimg.pose.pairs import OUTLIER_SIGMA
 
 Values = NDArray[np.float64]
 
@@ -37,11 +38,6 @@ ROUNDING = 1e-12
 MOST_PASSES, DAMPED_FROM, PASS_TOLERANCE = 300, 40, 1e-10
 """Passes of the solution, the pass from which steps are halved, so that none goes to and fro, and
 the relative change of the fitted values at which it has converged. Measured: York's data need 30 passes."""
-
-
-FARTHEST = 4.0
-"""Distance of the most likely x from the one that was read, in standard uncertainties, at most. Theory:
-farther by chance once in 16,000 points; without a limit a point far off may move others to and fro."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +223,9 @@ def _settle(
     """
     x, y, often = np.asarray(points.x), np.asarray(points.y), np.asarray(points.weight)
     x_std = np.asarray(points.x_std)
-    mixed, farthest = np.asarray(points.correlation) * x_std * points.y_std, FARTHEST * x_std
+    # how far the most likely x may lie from the one that was read: without a limit a point far off may move
+    # others to and fro
+    mixed, farthest = np.asarray(points.correlation) * x_std * points.y_std, OUTLIER_SIGMA * x_std
     terms, derivatives = basis(x, 0), basis(x, 1)
     excess = (scatter * np.asarray(points.spread)) ** 2 + _floor(points)
     settled = PASS_TOLERANCE * (float(np.abs(y).max()) or 1.0)

@@ -11,10 +11,6 @@ import numpy as np
 from contactimg.errors import InputError
 from contactimg.scene import Load
 
-DEFAULT_GAIN_STD = 0.01
-"""Relative standard uncertainty of a gain of which nothing is stated. Chosen: typical of a load cell that was
-calibrated once with weights."""
-
 
 @dataclass(frozen=True)
 class LoadCell:
@@ -25,7 +21,8 @@ class LoadCell:
     zero_std : float, N
         Of what the cell reads without load; 0 for loads whose zero is right.
     gain_std : float
-        Of the gain, relative.
+        Of the gain, relative. The default is chosen: typical of a load cell that was calibrated once with
+        weights.
 
     Raises
     ------
@@ -34,7 +31,7 @@ class LoadCell:
     """
 
     zero_std: float = 0.0
-    gain_std: float = DEFAULT_GAIN_STD
+    gain_std: float = 0.01
 
     def __post_init__(self) -> None:
         for name, value in (("zero", self.zero_std), ("gain", self.gain_std)):
@@ -46,7 +43,7 @@ class LoadCell:
     @classmethod
     def stated(cls, load: Load) -> "LoadCell":
         """The load cell as a scene states it: without ``zero_std_N`` the zero is taken for right."""
-        return cls(load.zero_std or 0.0, DEFAULT_GAIN_STD if load.gain_std is None else load.gain_std)
+        return cls(load.zero_std or 0.0, cls.gain_std if load.gain_std is None else load.gain_std)
 
 
 EXACT_LOADS = LoadCell(zero_std=0.0, gain_std=0.0)
