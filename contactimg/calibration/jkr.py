@@ -62,9 +62,6 @@ LAYER_FALSE_ALARM_RATE = 0.05
 """Probability that a layer is suggested where there is none. Chosen: a hint costs a look at the sample; with
 1 % five loads would need one that they fit a hundred times better."""
 
-SPARE_LOADS = 2
-"""Loads beyond the number of unknowns that a shift of the edge needs: one more than a fit without a test."""
-
 SETTLED_STD_PX = 0.1
 """Standard uncertainty up to which a shift of the edge that is not seen is worth stating. Chosen: 1 % of the
 radius of a contact of 10 px."""
@@ -385,7 +382,8 @@ def calibrate_jkr(
     edge = None
     if pixel_size is not None:
         shifted = series.with_column(-pixel_size * series.slope(series.part(used).fit().parameters))
-        if int(used.sum()) >= shifted.terms(shifted.radius).shape[1] + SPARE_LOADS:
+        # one load more than a fit without a test needs
+        if int(used.sum()) >= shifted.terms(shifted.radius).shape[1] + 2:
             fit, column = shifted.part(used).fit(), shifted.physical + series.extra.shape[1]
             values = np.append(fit.parameters[column], _draws(fit)[:, column])
             edge = EdgeShift(_from_draws(values), is_asked_for(series.part(used), shifted.part(used)))
