@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 
 ASPERITIES_FILE, LAW_FILE = "asperities.csv", "law.csv"
 
-SHOWN_ROWS = 8
-"""Loads between two printed rows. Chosen: five rows."""
-
 
 # --- asperities
 
@@ -221,8 +218,8 @@ def _wanted(
 
 
 def _echo_law(found: "DesignedSurface", height_error_um: float) -> None:
-    """Print the laws at some loads, and how good the surface is."""
-    table, shown = found.law, found.law.iloc[::SHOWN_ROWS]
+    """Print the laws at five loads, and how good the surface is."""
+    table, shown = found.law, found.law.iloc[:: len(found.law) // 4]
     columns = {
         "load mN": 1e3 * shown["load_N"],
         "contacts": shown["n_contacts"],

@@ -27,17 +27,11 @@ DRAWS = 400
 AIM = 3
 """The heights are refined to the tolerance over this. Chosen: loads between those compared meet it too."""
 
-NEWTON_STEPS = 20
-"""Steps to the load of a set of heights. Chosen: from any start the last ones change nothing."""
-
 MOST_CAPS, UNLIMITED = 10_000, 10**9
 """Most caps of a design (chosen: it takes minutes), and as many as any law may need in a message."""
 
 LEAST_RADIUS = 1e-9
 """Radius (m) below which a smaller cap is no advice. Chosen: atoms."""
-
-LOWEST_SHARE = 0.1
-"""Height of the lowest cap over the radius, if it is not stated. Chosen: the plane between stays free."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +92,8 @@ def design_heights(
     contact_modulus : float, Pa
         ``E* = E/(1 - nu^2)`` of the elastic body; the partner is rigid.
     lowest : float, m, optional
-        Height of the lowest cap above the base plane; by default a tenth of the radius.
+        Height of the lowest cap above the base plane; by default a tenth of the radius (chosen: the plane
+        between the caps stays free).
     height_std : float, m
         Standard deviation of the errors with which the heights are made.
     coupling, profile : str
@@ -143,7 +138,7 @@ def design_heights(
             f"a design needs 1 to {MOST_CAPS} caps, a tolerance between 0 and 1 and an error of the heights "
             f"that is not negative, got {count}, {tolerance} and {height_std}"
         )
-    up = cap_radius * LOWEST_SHARE if lowest is None else lowest
+    up = cap_radius * 0.1 if lowest is None else lowest
     if not (0 < up < cap_radius and 2 * base_radius(up, cap_radius) <= spacing):
         raise InputError(
             f"caps of radius {cap_radius * 1e6:.4g} um that are {up * 1e6:.4g} um high cannot stand "
@@ -243,7 +238,7 @@ def scatter(solution: InteractingSolution, errors: Values) -> float:
     changed, load = solution.penetration + errors, np.sum(before**1.5)
     # Newton from where the highest cap alone bears the load: convex, so that no step goes too far
     shift = load ** (2 / 3) - changed.max(axis=1, keepdims=True)
-    for _ in range(NEWTON_STEPS):
+    for _ in range(20):  # from any start the last steps change nothing
         inside = np.maximum(changed + shift, 0.0)
         slope = 1.5 * np.sum(np.sqrt(inside), axis=1, keepdims=True)
         shift -= (np.sum(inside**1.5, axis=1, keepdims=True) - load) / slope
