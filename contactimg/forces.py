@@ -10,8 +10,8 @@ sphere of radius ``R`` is pressed in by ``a^2/R``. Summits just touched are as m
 little deeper, whatever the heights' distribution, as long as it is smooth on that scale: the density of
 contacts in ``u = a^2`` is even near zero. That density is counted just above the detection limit and extended
 below it, with its trend where that is no chance. The light of a small contact is proportional to ``u``, and
-what stands out of the noise by `DETECTION_SIGMA` is detected in half of the cases, so that a share
-``Phi(DETECTION_SIGMA (u/u_half - 1))`` of the contacts is found.
+what stands out of the noise by `FALSE_ALARM_SIGMA` is detected in half of the cases, so that a share
+``Phi(FALSE_ALARM_SIGMA (u/u_half - 1))`` of the contacts is found.
 """
 
 from dataclasses import dataclass
@@ -21,12 +21,10 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.effects import local_law
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
 from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
-
-ADHESION_EXPONENT = 1.5
-"""Theory: adhesion takes sqrt(8 pi w E* a^3) ~ a^(3/2) from the force (JKR)."""
 
 ROUNDING = 1e-9
 """Relative difference of sums of the same terms in another order. Theory: 1e-16 times the number of terms."""
@@ -37,9 +35,6 @@ SUMS = (
     ("force_hertz_sum_N", "force_hertz_N", None),
 )
 """Columns of the table of frames that are sums, what is summed over the contacts, and their uncertainty."""
-
-DETECTION_SIGMA = 6.0
-"""Signal over noise at which half of the contacts are detected: the level of the matched filter."""
 
 WINDOW = (1.5, 5.5)
 """Range of ``u/u_half`` in which contacts are counted. From 1.5 on all are found (three standard deviations);
@@ -128,7 +123,8 @@ def assign_forces(
     hertzian = local_law.pressing_force(a, R, contact_modulus=contact_modulus)
     pressed = local_law.pressing_force(a, R, contact_modulus=contact_modulus, law=law)
     pulled = local_law.adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
-    slope = local_law.force_exponents(a, R, law=law) * pressed - ADHESION_EXPONENT * pulled
+    # adhesion pulls with sqrt(8 pi w E* a^3), to the power 3/2 of the radius
+    slope = local_law.force_exponents(a, R, law=law) * pressed - 1.5 * pulled
     std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
     beyond = int(Flag.BEYOND_HERTZ)
     flags = contacts["flags"].to_numpy(np.int64) & ~beyond | np.where(a > HERTZ_LIMIT * R, beyond, 0)
@@ -357,7 +353,7 @@ def local_forces(
     contacts = assign_forces(contacts, radii, law=law, modulus_relative_std=relative, **body)
     a = contacts["radius_m"].to_numpy(float)
     share = local_law.adhesive_pull(a, **body) / contacts["force_N"].to_numpy()
-    exponent = local_law.force_exponents(a, radii, law=law) * (1 + share) - ADHESION_EXPONENT * share
+    exponent = local_law.force_exponents(a, radii, law=law) * (1 + share) - 1.5 * share  # the pull: a^(3/2)
     return contacts, exponent
 
 
@@ -457,4 +453,4 @@ def _unseen_sum(contacts: pd.DataFrame, smallest: float, *, power: float, factor
 
 def _missed_moment(power: float) -> float:
     """``int x^power (1 - Phi(s (x - 1))) dx`` from 0, to second order in ``1/s``: ``E[X^(p+1)]/(p+1)``."""
-    return (1 + 0.5 * (power + 1) * power / DETECTION_SIGMA**2) / (power + 1)
+    return (1 + 0.5 * (power + 1) * power / FALSE_ALARM_SIGMA**2) / (power + 1)

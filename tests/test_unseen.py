@@ -5,14 +5,15 @@ import pandas as pd
 import pytest
 from scipy import integrate, stats
 
-from contactimg.forces import DETECTION_SIGMA, NOTHING, Total, unseen_area, unseen_force
+from contactimg.forces import NOTHING, Total, unseen_area, unseen_force
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 
 
 def drawn(density, rng, *, slope=0.0):
     """Contacts with u = a^2 even (or falling) from 0 to 30, of which those below u = 1 are hardly found."""
     u = 30 * rng.random(rng.poisson(30 * density))
     u = u[rng.random(len(u)) < 1 - slope * u]
-    found = rng.random(len(u)) < stats.norm.cdf(DETECTION_SIGMA * (u - 1))
+    found = rng.random(len(u)) < stats.norm.cdf(FALSE_ALARM_SIGMA * (u - 1))
     table = pd.DataFrame({"radius_m": np.sqrt(u), "force_N": 2 * u**1.5})
     return table[found], table[~found]
 
@@ -21,7 +22,7 @@ def test_of_an_even_density_the_integral_of_what_is_missed_is_estimated():
     u = np.arange(1.5, 30, 1e-3)  # a thousand contacts per unit of u, dense enough that chance is no matter
     found = pd.DataFrame({"radius_m": np.sqrt(u), "force_N": 2 * u**1.5})
     for total, power, factor in ((unseen_area, 1.0, np.pi), (unseen_force, 1.5, 2.0)):
-        missed, _ = integrate.quad(lambda x, p=power: x**p * stats.norm.sf(DETECTION_SIGMA * (x - 1)), 0, 3)
+        missed, _ = integrate.quad(lambda x, p=power: x**p * stats.norm.sf(FALSE_ALARM_SIGMA * (x - 1)), 0, 3)
         # fourth order of the moment: 3/6^4 = 2e-3; half a contact of the prior: 1e-4
         assert total(found, 1.0).value == pytest.approx(1e3 * factor * missed, rel=3e-3)
 
