@@ -21,6 +21,7 @@ from contactimg.files.atomic import NAMES_SHOWN, flush_to_disk, read_bytes, writ
 from contactimg.files.sources import FrameSource
 from contactimg.files.tables import read_table, read_text_table
 from contactimg.frame import Frame
+from contactimg.scene.rules import MaskArea
 from contactimg.tables import EDITS
 from contactimg.tables.outlines import Outline
 
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
 Points = tuple[tuple[float, float], ...]
 Sources = tuple[FrameSource, ...]
-Source = str | list[list[tuple[float, float]]]
-"""A mask as the scene states it: a file, or polygons."""
 
 ROI_SUFFIXES = (".roi", ".zip")
 """File name extensions of ImageJ ROIs: one region, or a set of them."""
@@ -115,7 +114,7 @@ class PixelCorrections:
         return replace(frame, image=image)
 
 
-def find_areas(masks: Mapping[str, Source], folder: Path, names: Sequence[str]) -> tuple[MaskedArea, ...]:
+def find_areas(masks: Mapping[str, MaskArea], folder: Path, names: Sequence[str]) -> tuple[MaskedArea, ...]:
     """Find and check the masks that a scene names.
 
     Parameters

@@ -118,9 +118,6 @@ def to_grey(array: NDArray) -> NDArray:
 
 # magic, name, version, header size, description, nine fields of the images, frame rate, eight to compression
 _HEADER = struct.Struct("<L24sll512s9Ld8L")
-_MAGIC = 0xFEED
-_MONOCHROME = 100
-
 _lock = threading.Lock()  # stderr belongs to the whole process
 
 Image.MAX_IMAGE_PIXELS = None  # `check_size` has the limit
@@ -169,12 +166,12 @@ def _read_header(path: Path) -> tuple[range, tuple[int, int], np.dtype, float]:
     if len(head) < _HEADER.size:
         raise ValueError("the file is too short for the header of a Norpix sequence")
     magic, _, version, _, _, *fields = _HEADER.unpack(head)
-    if magic != _MAGIC:
+    if magic != 0xFEED:
         raise ValueError("the content is not that of a Norpix sequence")
     columns, rows, bits, used_bits, image_bytes, kind, count, _, step = fields[:9]
     if fields[-1] != 0:
         raise ValueError("compressed Norpix sequences are not supported; export it uncompressed or as TIFF")
-    if kind != _MONOCHROME or bits not in (8, 16):
+    if kind != 100 or bits not in (8, 16):  # 100: monochrome
         raise ValueError(
             "only monochrome Norpix sequences of 8 or 16 bits are supported, "
             f"got image format {kind} of {bits} bits"
@@ -232,7 +229,6 @@ def _opened_video(path: Path) -> Iterator[cv2.VideoCapture]:
 
 # --- TIFF pages of any bit depth, byte order, compression and photometric type
 
-_MAX_SAMPLE_VALUE = 281  # TIFF 6.0, section 8
 _SMALLEST_PAGE = 18  # bytes of a page header with one tag (TIFF 6.0, section 2)
 _PHOTOMETRIC = tifffile.PHOTOMETRIC
 _SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # little and big endian, classic and BigTIFF
@@ -358,7 +354,7 @@ def _interpret(page: Any, array: NDArray) -> Pixels:
         if full_scale is None:
             raise ValueError(f"inverted grey levels of type {array.dtype} are not supported")
         array = array.dtype.type(full_scale) - array
-    tag = page.tags.get(_MAX_SAMPLE_VALUE)
+    tag = page.tags.get("MaxSampleValue")
     stated = 0 if tag is None or full_scale is None else int(np.max(tag.value))
     if full_scale is not None and 255 <= stated < full_scale and stated & (stated + 1) == 0:
         full_scale = float(stated)  # of an n-bit camera: all bits are 1
@@ -401,7 +397,8 @@ def write_frame(frame: Frame, path: Path) -> None:
     The same frame always gives the same bytes.
     """
     scale, integer = frame.full_scale, frame.image.dtype.kind == "u"
-    tags = [(_MAX_SAMPLE_VALUE, "H", 1, int(scale), True)] if integer and scale is not None else []
+    # 281: MaxSampleValue (TIFF 6.0, section 8)
+    tags = [(281, "H", 1, int(scale), True)] if integer and scale is not None else []
     with replacing(path) as part:
         tifffile.imwrite(
             part,

@@ -272,9 +272,6 @@ def write_napari_points(contacts: pd.DataFrame, path: Path) -> None:
 
 # --- workbooks of Excel: one sheet a table, units in the headers, in units that people use
 
-MOST_ROWS = 1_048_576
-"""Of a sheet, header included (theory: the limit of Excel)."""
-
 _FORCE, _STRESS = ("mN", 1e3), ("MPa", 1e-6)
 UNITS = {
     "um": {"_m": ("µm", 1e6), "_m2": ("µm²", 1e12), "_N": _FORCE, "_Pa": _STRESS},
@@ -318,7 +315,7 @@ def write_workbook(tables: Sequence[tuple[Schema, pd.DataFrame]], path: Path, *,
     """
     sheets, meanings = {}, []
     for schema, table in tables:
-        if len(table) >= MOST_ROWS:
+        if len(table) >= 2**20:  # the limit of Excel, header included
             raise InputError(
                 f"{path}: {len(table):,} rows of {schema.name} do not fit into a sheet; use the CSV"
             )

@@ -22,6 +22,7 @@ from scipy import constants
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import explaining, naming, read_bytes, write_text
+from contactimg.pose.pose import LARGEST_LENGTH
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, Flag, Schema, flag_names
 from contactimg.timings import stage
@@ -46,7 +47,6 @@ _Places = dict[str, tuple[int, float]]
 """Column of a schema -> its place in a row, and the divisor of its numbers."""
 _BLOCK_ROWS = 50_000  # converted at once; chosen for memory: text takes about twenty times that of numbers
 _SEPARATORS = (",", ";", "\t")
-_LARGEST_COUNT = 2**63 - 1  # of an int64
 _SHOWN_CHARACTERS = 60  # of a cell or header in a message
 _KINDS = {
     b"PK": "an Excel workbook or another zip file",
@@ -54,9 +54,6 @@ _KINDS = {
     **dict.fromkeys((b"II", b"MM", b"\x89PNG", b"\xff\xd8", b"BM"), "an image"),
 }
 """First bytes of a file that is no text -> what it is."""
-
-MAX_ASPERITY_HEIGHT = 0.01
-"""Height in m above which a value is taken to be in another unit. Chosen by hand."""
 
 
 class OtherFormError(InputError):
@@ -257,8 +254,9 @@ def _parsed(cell: str, kind: str, *, infinite: bool = False) -> Any:
     if number % 1:
         raise ValueError("must be a whole number")
     value = int(cell) if cell.strip().lstrip("+-").isdecimal() else int(number)  # the former is exact
-    if not -_LARGEST_COUNT - 1 <= value <= _LARGEST_COUNT:
-        raise ValueError(f"must be a whole number of at most {_LARGEST_COUNT}")
+    stored = np.iinfo(np.int64)
+    if not stored.min <= value <= stored.max:
+        raise ValueError(f"must be a whole number of at most {stored.max}")
     return value
 
 
@@ -322,18 +320,18 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
     ------
     InputError
         For a missing column, a cell that is no finite number, a radius that is not positive, a height
-        above `MAX_ASPERITY_HEIGHT`, an empty table, or two asperities at the same position.
+        above `LARGEST_LENGTH`, an empty table, or two asperities at the same position.
     """
     table = read_table(path, ASPERITIES, required=ASPERITIES.first)
     if table.empty:
         raise InputError(f"{path}: the table has no row; it needs at least one asperity")
     with naming(path):
         check_asperities(table)
-    high = table.index[table["height_m"].abs() > MAX_ASPERITY_HEIGHT]
+    high = table.index[table["height_m"].abs() > LARGEST_LENGTH]
     if len(high):
         raise InputError(
             f"{path}: asperities: row {high[0]}, column 'height_m' must be metres, at most "
-            f"{MAX_ASPERITY_HEIGHT:g}, got {float(table['height_m'].loc[high[0]])!r}; is it in another unit?"
+            f"{LARGEST_LENGTH:g}, got {float(table['height_m'].loc[high[0]])!r}; is it in another unit?"
         )
     _check_unique(path, table, ["x_m", "y_m"])
     return table

@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 
-LARGEST_PIXEL = 0.01
-"""Pixel size in m above which a value is taken to be in another unit. Chosen by hand."""
+LARGEST_LENGTH = 0.01
+"""Pixel size, or height of an asperity, in m above which a value is taken to be in another unit. Chosen by
+hand."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Pose:
     Raises
     ------
     InputError
-        If the pixel size is not a positive number, or above `LARGEST_PIXEL`.
+        If the pixel size is not a positive number, or above `LARGEST_LENGTH`.
     """
 
     shape: tuple[int, int]
@@ -45,10 +46,10 @@ class Pose:
     mirrored: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 < self.pixel_size <= LARGEST_PIXEL:
+        if not 0 < self.pixel_size <= LARGEST_LENGTH:
             raise InputError(
-                f"pixel size must be a positive length of at most {LARGEST_PIXEL} m, got {self.pixel_size!r} "
-                "m; give the sample length that one pixel covers"
+                f"pixel size must be a positive length of at most {LARGEST_LENGTH} m, got "
+                f"{self.pixel_size!r} m; give the sample length that one pixel covers"
             )
 
     @property
