@@ -19,6 +19,7 @@ from contactimg.engine.progress import holding
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
 from contactimg.pose.apex import Apex
+from contactimg.pose.fit import SIGNIFICANT_FRACTION
 from contactimg.scene import Scene
 from contactimg.scene.rules import FLAT
 
@@ -68,16 +69,14 @@ UNITS = {
 }
 """End of a name -> units that may have been typed instead, and their size."""
 
-FEWEST_MATCHES = 0.5
-"""Share of the measured and predicted contacts that must be the same ones. Chosen: a right scene has 0.9, one
-with a wrong apex next to nothing."""
-
 SHOWN_STDS, SHOWN_RADIUS = 5.0, 0.2
 """Standard deviations by which the apex or the lens that the contacts show must differ, and the relative
 difference of the lens's radius. Chosen: above what a thin layer or a cut field of view changes."""
 
-SAME_SLIP = 2.0
-"""Factor within which the forces over load are those of a slip. Chosen: above what a modulus is off by."""
+FORCES_OFF_LOAD = 1.5
+"""Ratio of the sum of local forces to the load, or its inverse, from which on they contradict each other.
+Chosen: above what an uncalibrated modulus or threshold is off by, below a slip of a unit. The ratio is always
+printed."""
 
 FEWEST_LOADS = 3
 """Different loads of which the order is judged. Chosen: two can be exchanged by adhesion or drift."""
@@ -239,7 +238,7 @@ def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> 
         yield "the area of contact falls as the load grows: is the order of the loads reversed?"
     ratio = float((loaded["force_sum_N"] / loads).median())
     for unit, size in UNITS["N"].items():
-        if 1 / SAME_SLIP < ratio / size < SAME_SLIP:
+        if 1 / FORCES_OFF_LOAD < ratio / size < FORCES_OFF_LOAD:
             yield f"the forces add up to {ratio:.2g} times load_N: were the loads given in {unit}?"
     if scene.indenter is not None and (lens := _other_lens(scene, shown)):
         yield (
@@ -265,7 +264,7 @@ def doubts_about_match(
     In a dense pattern most contacts of a lens that stands elsewhere are the same ones. Therefore the apex
     that the contacts show decides as well, if it is more than half a ``spacing`` (m) of the asperities away.
     """
-    causes, wrong = [], 2 * matched < FEWEST_MATCHES * (measured + predicted)
+    causes, wrong = [], 2 * matched < SIGNIFICANT_FRACTION * (measured + predicted)
     if shown is not None and scene.indenter is not None:
         apart = float(np.hypot(*np.subtract(shown.place, scene.indenter.apex)))
         if apart > SHOWN_STDS * np.hypot(*shown.std):

@@ -29,6 +29,7 @@ from contactimg.files.runs import apex_record, frame_shift, pose_record
 from contactimg.forces import fill_forces, sphere_radii
 from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
+from contactimg.plausibility import FORCES_OFF_LOAD
 from contactimg.pose import Pose
 from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find_centre
 from contactimg.pose.fit import (
@@ -60,11 +61,6 @@ hand; sensitivity not measured."""
 EXCHANGED_SINE = 0.996
 """Sine of the angle between the pose found and the stated one, mirrored, above which the columns of the
 asperities may be exchanged, which is exactly a right angle. Chosen: 5 degrees from it."""
-
-FORCES_OFF_LOAD = 1.5
-"""Ratio of the sum of local forces to the load, or its inverse, from which on a frame is not ok. Chosen:
-above what an uncalibrated modulus or threshold is off by, below a slip of a unit. The ratio is always
-printed."""
 
 BORDER_WIDTH, CUT_SHARE = 0.1, 0.1
 """Width of the border of a frame over its shorter side, and share of the area of contact there from which

@@ -38,8 +38,8 @@ explains this fraction of what the other does (a lattice). A frame with fewer co
 on asperities gets a remark. Chosen by hand; sensitivity not measured."""
 
 SIGNIFICANT_FRACTION = 0.5
-"""A pose must explain this fraction of the points to replace the guess. Chosen by hand; sensitivity not
-measured."""
+"""A pose must explain this fraction of the points to replace the guess, or to agree with a prediction.
+Chosen: a right one explains 0.9, one with a wrong apex next to nothing."""
 
 CHANCE_SIGMA = 5.0
 """False-alarm rate: a pose must exceed the matches expected by chance by this many Poisson standard
