@@ -55,10 +55,11 @@ LIGHT_PX = 64
 of the square over which the brightness of the anchor is averaged. Chosen: much wider than a contact, narrower
 than the cubic that describes the light of a frame."""
 WORST_SCATTER = 1.5
-"""A frame whose squares scatter by so many times the median of the frames is left out. Chosen by hand: the
-scatter of equal frames varies by a few per cent."""
+"""A frame whose squares scatter by so many times the median of the frames is left out, and so are contacts
+whose inside scatters by so many times what is outside. Chosen by hand: the scatter of equal frames varies by
+a few per cent."""
 FEWEST_SQUARES = 30
-"""Squares that a scatter is measured on: to 13 % (theory: sqrt(1/2n))."""
+"""Squares or places that a scatter is measured on: to 13 % (theory: sqrt(1/2n))."""
 FEWEST_WITNESSES = 3
 """Other views that must agree where one is said to differ."""
 OUTLIER_FRACTION = 0.003

@@ -20,6 +20,7 @@ from contactimg.files import Experiment
 from contactimg.frame import Frame
 from contactimg.imaging.measure import BACKGROUND_IS
 from contactimg.imaging.pooled import (
+    WORST_SCATTER,
     Agreement,
     Contacts,
     PlacedFrame,
@@ -52,10 +53,6 @@ frames would take at most 3 % off its uncertainty."""
 
 FEWEST_VIEWS = 3
 """Different frames that a pooled background needs."""
-
-INSIDE_SCATTER = 1.5
-"""Ratio of the scatter of the views inside to that outside the contacts, above which contacts are taken not
-to show the surface (or not to be described by the model) and are left out. Theory: below 1 if they are."""
 
 FEWEST_FALSE_SPOTS = 3
 """Spots like contacts from which on a reference is not used at all. Chosen: a grain that has moved makes
@@ -365,7 +362,7 @@ def _place_views(
         anchored.agreement.scatter_inside(own.on_anchor(anchored.image.shape), view=n)
         for n, (own, _) in enumerate(anchored.shown.values(), start=bool(anchored.references))
     ]
-    if np.median(scatter) > INSIDE_SCATTER:
+    if np.median(scatter) > WORST_SCATTER:  # below 1 if contacts show the surface as the model says
         logger.info("contacts do not show the surface as their surroundings do: they are left out")
         hidden = {k: own.contacts.left_out() for k, (own, _) in anchored.shown.items()}
         anchored = replace(anchored, shown=place(hidden, anchored.image))

@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 from scipy.integrate import cumulative_trapezoid
 
+from contactimg.imaging.pooled import FEWEST_SQUARES
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
 
 Values = NDArray[np.float64]
@@ -15,9 +16,6 @@ APERTURE_BLURS, LEAST_APERTURE_PX = 1.6, 1.0
 
 LARGEST_BLURS, TABLE_POINTS = 6.0, 241
 """Largest radius of the table of the light, in blurs, and its points; a larger contact fills the aperture."""
-
-FEWEST_PLACES = 30
-"""Places of background that the uncertainty of the light is taken from, at least. Chosen: known to 15 %."""
 
 
 def limit_radii(
@@ -90,7 +88,7 @@ def limit_radii(
     step = slice(half, None, 2 * half + 1)
     background = sums[step, step][free[step, step] > 0]
     limits = np.full(len(places), np.nan)
-    if background.size < FEWEST_PLACES or not contrast > 0:
+    if background.size < FEWEST_SQUARES or not contrast > 0:
         return limits
     middle = float(np.median(background))
     spread = float(np.median(np.abs(background - middle))) / float(special.ndtri(0.75))
