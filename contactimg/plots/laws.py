@@ -32,8 +32,8 @@ STYLES: dict[str, dict[str, Any]] = {
 MARKER_SIZE = 4.5
 """Size of the marks of measured points, pt."""
 
-LINE_POINTS = 100
-"""Points of a drawn law."""
+LINE_POINTS = 200
+"""Points of a drawn law. Chosen: its bends look smooth."""
 
 MOTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("sliding", {"marker": "o", "color": "black"}),

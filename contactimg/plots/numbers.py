@@ -6,8 +6,6 @@ import numpy as np
 
 from contactimg.analysis.estimates import CoverageEstimate, Estimate
 
-SIGNIFICANT = 4
-"""Digits of a number without uncertainty."""
 UNCERTAINTY_DIGITS = 2
 """Digits of an uncertainty. Standard: Guide to the expression of uncertainty in measurement, 7.2.6."""
 PLAIN_FROM, PLAIN_TO = 1e-4, 1e7
@@ -16,8 +14,8 @@ MOST_DECIMALS = 8
 """Smaller uncertainties are written with a power of ten."""
 
 
-def plain_number(value: float, *, digits: int = SIGNIFICANT) -> str:
-    """A number with so many significant digits.
+def plain_number(value: float, *, digits: int = 4) -> str:
+    """A number with so many significant digits; four are those of a number without uncertainty.
 
     Examples
     --------

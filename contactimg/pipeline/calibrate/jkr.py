@@ -23,25 +23,17 @@ from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
 from contactimg.plots.calibration import plot_jkr
+from contactimg.plots.laws import LINE_POINTS
 from contactimg.plots.numbers import number_with_interval
 from contactimg.pose.apex import SIGNIFICANT_STDS
-from contactimg.pose.pairs import MAD_TO_STD
+from contactimg.pose.pairs import MAD_TO_STD, OUTLIER_SIGMA
 from contactimg.scene import Scene
 from contactimg.tables import CIRCLES, FAILED
-
-CURVE_POINTS = 200  # of the fitted curve in the figure
-
-FEW_LOADS = 5
-"""Number of different loads below which the fit tests its law with two loads or fewer."""
 
 # --- the circle of each frame
 
 BEYOND_FILM_PX = 12.0
 """Width of the background that is sampled outside the film. Chosen by hand; sensitivity not measured."""
-
-ELLIPSE_SIGMA = 3.72
-"""Excess of the axis ratio over 1, in standard deviations, from which it is no chance. Theory: a circle's
-excess follows Rayleigh's law, beyond 3.72 with a false-alarm rate of 1e-3."""
 
 CURVATURE_STD_PER_EXCESS = 0.75 / 3**0.5
 """Relative standard uncertainty of the sphere's radius, of which only one direction may be known, over the
@@ -53,10 +45,6 @@ LEAST_ELLIPSE_STD = 1e-4
 """Least uncertainty of an axis ratio, so that no frame outweighs all others. Chosen by hand."""
 
 NO_FILM = Opening(np.inf, np.inf, 0.0)
-
-OUTLIER_SIGMA = 4.0
-"""Distance of a centre, in standard deviations, at which it has lost half its weight. Chosen by hand;
-sensitivity not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,7 +319,7 @@ def _jkr_figure(calibration: JkrCalibration) -> Axes:
     w = calibration.work_of_adhesion
     sphere = {"sphere_radius": calibration.sphere.radius, "work_of_adhesion": w.value}
     measured = calibration.points["load_N"]
-    loads = np.linspace(max(measured.min(), jkr.pull_off_load(**sphere)), measured.max(), CURVE_POINTS)
+    loads = np.linspace(max(measured.min(), jkr.pull_off_load(**sphere)), measured.max(), LINE_POINTS)
     modulus = calibration.young_modulus.value / (1 - calibration.sphere.poisson_ratio**2)
     radius = jkr.radius(loads, contact_modulus=modulus, **sphere)
     fitted = [
@@ -379,7 +367,7 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
         notes.append(f"the order of the loads matters: a {calibration.departure} was fitted{rival}")
     points = calibration.points[calibration.points["used"].astype(bool)]
     count, branches = points["load_N"].nunique(), set(points["branch"])
-    if count < FEW_LOADS:
+    if count < 5:
         notes.append(
             f"{count} different loads: they hardly test the law and the zero of the loads; take five"
         )
@@ -394,7 +382,7 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
         notes.append(f"the edge seems to lie {shift} outside the true one{used}")
     ratio, std = mean_axis_ratio(circles)
     percent = 100 * (ratio - 1)
-    if ratio - 1 > ELLIPSE_SIGMA * std:
+    if ratio - 1 > 3.72 * std:  # the excess of a circle follows Rayleigh's law: farther 1 time in 1000
         notes.append(
             f"the contacts are ellipses, axes {ratio:.4f} +- {std:.1g} to 1: the lens's radii of curvature "
             f"differ by {1.5 * percent:.2g} % (or pixels are not square); radius_m must be their geometric "
