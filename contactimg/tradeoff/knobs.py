@@ -19,7 +19,7 @@ from contactimg.frame import Frame
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.greenwood_williamson import RingSolution
 from contactimg.models.solution import InteractingSolution
-from contactimg.pose.pairs import pair_points
+from contactimg.pose.pairs import MIN_PAIRING_PX, pair_points
 from contactimg.prediction import solve_average
 from contactimg.render import Rendered, render_contacts, render_reference
 from contactimg.scene import Scene
@@ -29,9 +29,6 @@ Values = NDArray[np.float64]
 
 METHODS = {"threshold": "pixels above the threshold", "disk": "fit of blurred disks"}
 """Method -> name in the table."""
-
-SAME_CONTACT_PX = 2.0
-"""Disks whose centres are closer than this, or than the radius, are the same contact. Chosen by hand."""
 
 COMPARED_RINGS = 8
 """Number of rings around the apex over which averages are compared. Chosen by hand."""
@@ -180,9 +177,9 @@ def disk_change(
         raise InputError("no contact was measured")
     found, true = (table[["x_px", "y_px", "radius_px"]].to_numpy(float) for table in (measured, expected))
     curvature = np.ones(len(true)) if sphere_radius is None else sphere_radius
-    reach = max(SAME_CONTACT_PX, float(true[:, 2].max(initial=0.0)))
+    reach = max(MIN_PAIRING_PX, float(true[:, 2].max(initial=0.0)))
     i, j, distance = pair_points(found[:, :2], true[:, :2], max_distance=reach)
-    same = distance <= np.maximum(SAME_CONTACT_PX, true[j, 2])
+    same = distance <= np.maximum(MIN_PAIRING_PX, true[j, 2])
     i, j = i[same], j[same]
     strangers = np.delete(found[:, 2], i)
     radius = np.concatenate([np.zeros(len(true)), strangers])

@@ -22,9 +22,6 @@ Clock = Callable[[], float]
 MAX_RUNS = 7
 """Largest number of runs of a setting. Chosen by hand."""
 
-MAX_REPEATED_S = 10.0
-"""Time above which a setting is not repeated to exclude the time of compilation. Chosen by hand."""
-
 FAILURES = (ContactimgError, ArithmeticError, ImportError, MemoryError, np.linalg.LinAlgError)
 """Errors of a setting that do not stop the others."""
 
@@ -147,7 +144,7 @@ def measure_knob(knob: Knob, *, seconds: float, clock: Clock = perf_counter) -> 
     for turn in range(1, MAX_RUNS):
         for k, taken in enumerate(times):
             # the first run may include compilation, so that all but slow settings are repeated once
-            if taken and (min(taken) <= left or (turn == 1 and min(taken) <= MAX_REPEATED_S)):
+            if taken and min(taken) <= (seconds if turn == 1 else left):
                 timed(k)
                 left -= taken[-1]
     own = pd.Series([min(taken, default=math.nan) for taken in times])
