@@ -15,6 +15,7 @@ from contactimg.calibration.plateau import find_plateau
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
+from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.fit.shapes import render_ellipse
 from contactimg.imaging.measure import ImageMeasurement, count_again
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -32,12 +33,8 @@ MARGIN_BLUR_WIDTHS, MARGIN_RADII, LEAST_MARGIN_PX = 4.0, 0.8, 5.0
 """Margin of a window about its contact. Chosen: the blurred edge ends there, and neighbours show."""
 LARGEST_SIDE_PX = 512
 """Largest side of a window; of a larger contact the middle is shown."""
-UNIT = 1000
-"""The numbers that are sent to the page are thousandths of the contrast."""
 OVERSAMPLING = 4
 """Pixels each way in which a free shape is drawn before it is blurred. Accuracy: 1/8 px."""
-PLAIN_BLUR_PX = 1.0
-"""Blur where none was determined. Chosen: that of a sharp image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +69,7 @@ class FrameView:
         measure = partial(measure_prepared, frame, reference, options.scene, film=options.film)
         blur = measure(optics=SharedOptics()).optics.blur_px
         counted = measure(count_at=0.5)
-        return cls(frame, reference, counted, blur if np.isfinite(blur) else PLAIN_BLUR_PX, options)
+        return cls(frame, reference, counted, blur if np.isfinite(blur) else DEFAULT_BLUR_PX, options)
 
     @property
     def light(self) -> Image:
@@ -219,5 +216,5 @@ def draw_contacts(
 def _packed(image: NDArray) -> str:
     """Base64 of thousandths as int16, little-endian."""
     top = np.iinfo(np.int16).max
-    scaled = np.clip(np.nan_to_num(np.asarray(image, float) * UNIT), -top, top)
+    scaled = np.clip(np.nan_to_num(np.asarray(image, float) * 1000), -top, top)
     return base64.b64encode(np.rint(scaled).astype("<i2").tobytes()).decode()
