@@ -14,12 +14,8 @@ FIGURE_INCHES = (4.6, 3.5)
 """Width and height of a figure. Chosen: text of 10 and 8.3 pt is 7 and 6 pt in a column of 85 mm."""
 PANEL_INCHES = 1.2
 """Height that a panel of residuals adds."""
-RESIDUAL_MARGIN = 0.15
-"""Share of a panel's height above and below the points. Chosen: marks do not touch its frame."""
 LEGEND_ROW_INCHES = 0.165
 """Height of a row of a legend of 8.3 pt."""
-FIGURE_DPI = 220.0
-"""Pixels per inch of PNG files. Chosen: 300 in a column of 85 mm."""
 DENSE_DECADES, SPARSE_DECADES = 0.7, 2.2
 """Logarithmic axes shorter than the first have ticks at every digit, longer than the second only at powers of
 ten. Chosen by eye."""
@@ -43,13 +39,14 @@ def axes_with_panel(ax: Axes | None) -> tuple[Axes, Axes, Axes]:
     figure = new_figure((width, height + PANEL_INCHES))
     top, below = figure.subplots(2, 1, sharex=True, height_ratios=(height - 0.6, PANEL_INCHES))
     top.tick_params(labelbottom=False)
-    below.margins(y=RESIDUAL_MARGIN)
+    below.margins(y=0.15)  # the marks do not touch the frame
     return top, below, below
 
 
 def new_figure(size: tuple[float, float]) -> Figure:
     """A figure outside of pyplot that is laid out when it is drawn, ``size`` in inches."""
-    figure = Figure(figsize=size, dpi=FIGURE_DPI, layout="constrained")
+    # 220 pixels per inch are 300 in a column of 85 mm
+    figure = Figure(figsize=size, dpi=220.0, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 

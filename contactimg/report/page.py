@@ -38,9 +38,6 @@ SHOWN_COMMANDS = ("overlay", "analyse", "calibrate")
 """Commands whose outputs are part of the page."""
 PICTURE_BYTES = 2_400_000
 """Size of all pictures of frames together. Chosen: the page and its print stay below 5 MB."""
-JPEG_QUALITY = 82
-"""Quality of the compressed pictures, 0 to 100. Chosen: outlines stay sharp. JPEG, because browsers print it
-as it is and other formats without compression."""
 LEAST_WIDTH_PX = 480
 """Pictures are not made narrower. Chosen: the screen of a phone."""
 
@@ -293,9 +290,12 @@ def embed_picture(path: Path, *, caption: str, most_bytes: int) -> Picture:
 
 
 def _as_jpeg(image: Image.Image) -> bytes:
-    """An image as JPEG with colours at full resolution, so that thin lines keep theirs."""
+    """An image as JPEG with colours at full resolution, so that thin lines keep theirs.
+
+    Browsers print JPEG as it is and other formats without compression. Outlines stay sharp at this quality.
+    """
     buffer = io.BytesIO()
-    image.save(buffer, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
+    image.save(buffer, "JPEG", quality=82, subsampling=0, optimize=True)
     return buffer.getvalue()
 
 
