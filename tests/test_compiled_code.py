@@ -8,10 +8,12 @@ import time
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
 import contactimg
 from contactimg import compiled
+from contactimg.imaging.measure import measure_image
 
 PACKAGE = Path(contactimg.__file__).parent
 
@@ -155,3 +157,20 @@ print(*values, other, *begun, min(declared) >= 2, len(told))
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_each_function_that_begins_to_be_compiled_is_told(package, tmp_path):
     assert run(package, TOLD, NUMBA_CACHE_DIR=tmp_path / "cache") == "8.0 10.0 12.0 1 2 True 2"
+
+
+def test_no_compiled_function_carries_the_text_of_an_error():
+    """numba checks the shapes of an array assigned to a part of another; the text takes seconds to compile."""
+    frame = np.zeros((120, 160), np.float32)
+    frame[40:60, 50:70] = 100.0
+    measure_image(frame + np.random.default_rng(1).normal(0, 1, frame.shape), frame * 0.0 + 1.0)
+    functions = {
+        function
+        for name, module in list(sys.modules.items())
+        if name.startswith("contactimg.")
+        for function in vars(module).values()
+        if isinstance(function, numba.core.registry.CPUDispatcher)
+    }
+    stored = {file for one in functions for file in Path(one.stats.cache_path).glob("*.nbc")}
+    assert len(stored) > 50
+    assert not [file.name for file in stored if b"cpython7unicode" in file.read_bytes()]

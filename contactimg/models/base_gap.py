@@ -263,7 +263,7 @@ def _follow(places, steps, bare, caps, contacts, layer):  # type: ignore[no-unty
     """Places moved along x and y, in smaller and smaller steps, while the gap falls; with their gaps."""
     result = np.empty((3, places.shape[1]))
     for k in range(places.shape[1]):
-        x, y = places[:, k]
+        x, y = places[0, k], places[1, k]
         best = _gap_at(x, y, bare, caps, contacts, layer)
         for step in steps:
             moved = True
@@ -273,5 +273,5 @@ def _follow(places, steps, bare, caps, contacts, layer):  # type: ignore[no-unty
                     trial = _gap_at(x + dx, y + dy, bare, caps, contacts, layer)
                     if trial < best:
                         x, y, best, moved = x + dx, y + dy, trial, True
-        result[:, k] = x, y, best
+        result[0, k], result[1, k], result[2, k] = x, y, best
     return result
