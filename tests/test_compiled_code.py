@@ -160,7 +160,7 @@ def test_each_function_that_begins_to_be_compiled_is_told(package, tmp_path):
 
 
 def test_no_compiled_function_carries_the_text_of_an_error():
-    """numba checks the shapes of an array assigned to a part of another; the text takes seconds to compile."""
+    """numba checks the shapes of an array assigned to a part of another: that text takes seconds."""
     frame = np.zeros((120, 160), np.float32)
     frame[40:60, 50:70] = 100.0
     measure_image(frame + np.random.default_rng(1).normal(0, 1, frame.shape), frame * 0.0 + 1.0)
