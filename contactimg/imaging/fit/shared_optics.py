@@ -51,6 +51,7 @@ from contactimg.imaging.profile.limits import (
     RESOLVED,
     ROUNDS,
     SETTLED_SIGMA,
+    SHOWN_BLUR_WIDTHS,
     TWO_SIGNIFICANT,
     USUAL_CHI_SQUARE,
 )
@@ -213,13 +214,15 @@ def settle_optics(
     -------
     JointFit
         A fit with contrast and blur right to a fraction of their uncertainties stays as it is. Where no
-        contact shows its contrast, see `contactimg.imaging.fit.unseen_contrast`.
+        contact shows its contrast, or Newton's steps lead small contacts to a worse fit, see
+        `contactimg.imaging.fit.unseen_contrast`.
     """
     newton = partial(_newton, optics_prior=optics_prior, inflation=inflation, wide_contrast=wide_contrast)
     joint, few, lost = None, steps < ITERATIONS, False
     if few or not _is_unseen(problem, fit, optics_prior):
         joint = newton(problem, fit, steps=steps)
-        lost = bool(np.median(joint.fit.chi_square) > POOR_CHI_SQUARE * np.median(fit.chi_square))
+        worse = np.median(joint.fit.chi_square) > POOR_CHI_SQUARE * np.median(fit.chi_square)
+        lost = bool(worse) and _is_unseen(problem, fit, optics_prior, SHOWN_BLUR_WIDTHS)
         if not lost:
             problem, fit = replace(problem, prior=joint.prior), joint.fit
     if joint is None or (not few and (lost or _is_unseen(problem, fit, optics_prior))):
@@ -284,17 +287,14 @@ def _newton(
     )  # fmt: skip
 
 
-def _is_unseen(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> bool:
-    """Whether no contact shows its contrast, and nothing else tells contrast and blur."""
+def _is_unseen(
+    problem: FitProblem, fit: FittedDisks, prior: OpticsPrior, widest: float = NEAR_BLUR_WIDTHS
+) -> bool:
+    """Whether no contact is wider than that in blur widths, and nothing else tells contrast and blur."""
     std = np.sqrt(np.diag(np.linalg.inv(prior.information))) / np.array([1.0, prior.mean[1]])
     free = bool((std >= LEAST_PRIOR_STD).all()) and bool(len(problem.profile.powers))
-    return free and hides_contrast(fit)
-
-
-def hides_contrast(fit: FittedDisks) -> bool:
-    """Whether all contacts are too small to show their contrast."""
     lit = len(fit.disks) > 0 and float(np.median(fit.disks[:, CONTRAST])) > 0.0
-    return lit and _widest(fit) <= NEAR_BLUR_WIDTHS * fit.blur
+    return free and lit and _widest(fit) <= widest * fit.blur
 
 
 def _widest(fit: FittedDisks) -> float:
