@@ -43,6 +43,21 @@ def test_contacts_on_a_background_clipped_at_black_are_found(plain, level, with_
     assert recall >= 0.95 or found.status != Status.OK
 
 
+@pytest.mark.parametrize(("period", "depth"), [(25, 0.03), (40, 0.03), (60, 0.08), (100, 0.08)])
+def test_flicker_of_the_light_hides_no_background(period, depth):
+    """Mains light and a shutter that reads row by row make bands, of which only the darkest look empty."""
+
+    def bands(rows, rng):
+        return 1.0 + depth * np.sin(2 * np.pi * np.arange(rows) / period + rng.uniform(0, 6.3))
+
+    for count in (25, 140):
+        scene = World(rows=bands)(count, np.random.default_rng(511 + period))
+        disks = measure_image(scene.frame, scene.reference, polarity="bright").disks
+        assert shares(scene.truth, disks) == (1.0, 1.0)
+        area = (scene.truth.area_px2 * scene.truth.visible).sum()
+        assert disks.visible_area_px2.sum() == pytest.approx(area, rel=0.01)
+
+
 def test_a_slow_fall_of_the_light_is_no_field_stop():
     y, x = np.mgrid[:480, :640]
     distance = np.hypot(x - 320, y - 240)

@@ -25,6 +25,7 @@ from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
 from contactimg.imaging.pixels.masks import Flags, Values
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
+from contactimg.imaging.profile.limits import FEWEST
 
 Regions = NDArray[np.int32]
 
@@ -52,14 +53,11 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
     background = difference.illumination.background
     if background.shape != blocks.shape:  # small contacts leave no block free
         return difference
-    used = background & np.isfinite(blocks)
     for axis in (1, 0):
-        halves = _half_lines(blocks, used) if axis else _half_lines(blocks.T, used.T)
-        if _in_common(*halves) > 0.0:
-            difference = _without_flicker(difference, axis, light_level)
+        difference = _without_flicker(difference, axis, light_level)
     if difference is not flickering:
         blocks = block_means(difference.image, difference.valid)
-        used = background & np.isfinite(blocks)
+    used = background & np.isfinite(blocks)
     flat = blocks[used]
     if flat.size < FEWEST_BLOCKS:
         return difference
@@ -229,15 +227,20 @@ def _in_common(means: NDArray, number: NDArray, fewest: int = 0) -> float:
 
 def _without_flicker(difference: DifferenceImage, axis: int, level: float) -> DifferenceImage:
     """The difference image without what the background of a row (axis 1) or column (axis 0) has in common."""
-    image, background = difference.image, difference.illumination.background
+    image, blocks = difference.image, block_means(difference.image, difference.valid)
+    background = difference.illumination.background & np.isfinite(blocks)
+    if not axis:
+        image, blocks, background = image.T, blocks.T, background.T
+    near, hides = _near_the_median_of_lines(blocks, background)
+    if hides:
+        background = near
+    elif _in_common(*_half_lines(blocks, background)) > 0.0:
+        share = background.mean(axis=1, keepdims=True)
+        background = np.where(share < 0.5 * np.median(share), near, background)  # flicker took a line out
+    else:
+        return difference
     noise = estimate_noise(image, background)
-    image, background = (image, background) if axis else (image.T, background.T)
-    blocks = block_means(image)
-    lost = background.mean(axis=1) < 0.5 * np.median(background.mean(axis=1))  # flicker took it out
-    beside = np.abs(blocks - np.median(blocks, axis=1)[:, None])
-    near = beside < BACKGROUND_CLIP_SIGMA * neighbour_scatter(blocks.T)
-    used = np.where(lost[:, None], near, background).astype(np.uint8)
-    means, number = _half_lines(image, to_pixels(used, image.shape) > 0)
+    means, number = _half_lines(image, to_pixels(background.astype(np.uint8), image.shape) > 0)
     shared = _in_common(means, number, BLOCK)
     # of less, the 2 a lines of a contact of radius a = 10 px add a fifth to the variance of the noise
     if not shared > 0.01 * noise**2:
@@ -246,3 +249,24 @@ def _without_flicker(difference: DifferenceImage, axis: int, level: float) -> Di
     offset = (means * number).sum(axis=1, keepdims=True) / np.maximum(count, 1.0)
     left = (offset * shared / (shared + noise**2 / np.maximum(count, 1e-3))).astype(np.float32)
     return replace(difference, image=_subtract_left(difference.image, left if axis else left.T, level))
+
+
+def _near_the_median_of_lines(blocks: Values, known: Flags) -> tuple[Flags, bool]:
+    """Blocks at the median of their line, and whether flicker hides that they are the background.
+
+    They are if they are far more than those ``known`` to be background, the others stand out to one side, and
+    the median changes from line to line, by more than noise and by less than those stand out.
+    """
+    finite = np.isfinite(blocks)
+    shown = finite.any(axis=1)
+    middle = np.full((len(blocks), 1), np.nan)
+    middle[shown, 0] = np.nanmedian(blocks[shown], axis=1)
+    rest, limit = np.where(finite, blocks - middle, np.inf), BACKGROUND_CLIP_SIGMA * neighbour_scatter(blocks)
+    near, middle = np.abs(rest) < limit, middle[shown, 0]
+    if len(middle) < FEWEST or near.mean() < known.mean() + NOTABLE_SHARE:
+        return near, False
+    rest = rest[finite]
+    few, many = sorted(np.count_nonzero(side > limit) for side in (rest, -rest))
+    steep = np.diff(middle).std() > 0.3 * middle.std()
+    low = limit < np.ptp(middle) < 0.7 * np.abs(rest).max()
+    return near, bool(steep and low and few < 0.1 * many)
