@@ -54,9 +54,9 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
     if background.shape != blocks.shape:  # small contacts leave no block free
         return difference
     for axis in (1, 0):
-        difference = _without_flicker(difference, axis, light_level)
-    if difference is not flickering:
-        blocks = block_means(difference.image, difference.valid)
+        even = _without_flicker(difference, blocks, axis, light_level)
+        if even is not difference:
+            difference, blocks = even, block_means(even.image, even.valid)
     used = background & np.isfinite(blocks)
     flat = blocks[used]
     if flat.size < FEWEST_BLOCKS:
@@ -225,10 +225,9 @@ def _in_common(means: NDArray, number: NDArray, fewest: int = 0) -> float:
     return float(shared.mean()) if significant else 0.0
 
 
-def _without_flicker(difference: DifferenceImage, axis: int, level: float) -> DifferenceImage:
+def _without_flicker(difference: DifferenceImage, blocks: Values, axis: int, level: float) -> DifferenceImage:
     """The difference image without what the background of a row (axis 1) or column (axis 0) has in common."""
-    image, blocks = difference.image, block_means(difference.image, difference.valid)
-    background = difference.illumination.background & np.isfinite(blocks)
+    image, background = difference.image, difference.illumination.background & np.isfinite(blocks)
     if not axis:
         image, blocks, background = image.T, blocks.T, background.T
     near, hides = _near_the_median_of_lines(blocks, background)
@@ -258,15 +257,14 @@ def _near_the_median_of_lines(blocks: Values, known: Flags) -> tuple[Flags, bool
     the median changes from line to line, by more than noise and by less than those stand out.
     """
     finite = np.isfinite(blocks)
-    shown = finite.any(axis=1)
-    middle = np.full((len(blocks), 1), np.nan)
-    middle[shown, 0] = np.nanmedian(blocks[shown], axis=1)
-    rest, limit = np.where(finite, blocks - middle, np.inf), BACKGROUND_CLIP_SIGMA * neighbour_scatter(blocks)
-    near, middle = np.abs(rest) < limit, middle[shown, 0]
+    filled = blocks if finite.all() else np.where(finite, blocks, np.float32(0.0))
+    middle = np.median(filled, axis=1, keepdims=True)
+    rest, limit = filled - middle, BACKGROUND_CLIP_SIGMA * neighbour_scatter(blocks)
+    near = finite & (np.abs(rest) < limit)
     if len(middle) < FEWEST or near.mean() < known.mean() + NOTABLE_SHARE:
         return near, False
     rest = rest[finite]
     few, many = sorted(np.count_nonzero(side > limit) for side in (rest, -rest))
-    steep = np.diff(middle).std() > 0.3 * middle.std()
+    steep = np.diff(middle, axis=0).std() > 0.3 * middle.std()
     low = limit < np.ptp(middle) < 0.7 * np.abs(rest).max()
     return near, bool(steep and low and few < 0.1 * many)
