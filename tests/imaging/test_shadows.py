@@ -40,6 +40,30 @@ def test_contacts_in_a_shadow_are_found_though_they_reach_the_level_of_the_light
     assert true > 0.94 or result.status != Status.OK
 
 
+@pytest.mark.parametrize("seed", [400, 402, 407])
+def test_a_lighter_patch_under_few_contacts_is_background(seed):
+    """The contacts lie at its border, where it does not surround them."""
+    scene = make_scene("patch", 25, seed)
+    result = measure_image(scene.frame, scene.reference, polarity="bright")
+    assert min(shares(scene, result.disks)) > 0.95
+    area = (scene.truth.area_px2 * scene.truth.visible).sum()
+    assert result.disks.visible_area_px2.sum() == pytest.approx(area, rel=0.02)
+
+
+@pytest.mark.parametrize("brightness", [1.3, 2.0])
+def test_a_wide_contact_about_a_brighter_one_is_no_patch(brightness, rng):
+    y, x = np.mgrid[:2400, :3200] / 4.0
+    distance = np.hypot(x - 300, y - 300)
+    cover = ((distance < 170) & (distance > 80) & ~((x > 300) & (np.abs(y - 300) < 60))).astype(np.float32)
+    for centre in ((300, 300), (315, 265), (285, 335)):
+        cover[np.hypot(x - centre[0], y - centre[1]) < 14] = brightness
+    cover = cover.reshape(600, 4, 800, 4)
+    light = 80.0 + 50.0 * cv2.GaussianBlur(cover.mean(axis=(1, 3)), (0, 0), 1.4)
+    frame = np.rint(light + rng.normal(0, 1.5, light.shape)).astype(np.uint8)
+    found = measure_image(frame, np.full_like(frame, 80), polarity="bright").disks
+    assert found.visible_area_px2.sum() == pytest.approx((cover > 0).mean(axis=(1, 3)).sum(), rel=0.02)
+
+
 def test_one_dark_corner_does_not_make_dark_contacts():
     scene = make_scene("plain", 25, 42)
     rows, columns = (np.arange(n) / n for n in scene.frame.shape)

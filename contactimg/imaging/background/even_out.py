@@ -32,6 +32,7 @@ Regions = NDArray[np.int32]
 # Blocks in a region that stand out of it as contacts do: contacts on it. By hand: one may be dirt.
 FEWEST_BEYOND = 2
 CONTACT_SIGMA = 7.0  # how far they stand out, scatters of a block. By hand: texture makes 6
+BRIGHTEST_RATIO = 2.2  # of a contact over another one beside it, more than which a region is none. By hand
 FEWEST_BLOCKS = 60  # of a region. By hand: a contact that fills so many has a radius of 35 px
 MOST_REGIONS = 8  # regions that are followed, the largest; a bound of the work
 # Share of the blocks above which flat ones that are no background are too many for contacts. By hand:
@@ -123,17 +124,25 @@ def _find_background_regions(blocks: Values, scatter: float, known: Flags, light
         # texture is stronger where there is more light
         texture = scatter * (1.0 + level / light_level if light_level else 1.0)
         contact = max(level, 0.0) + CONTACT_SIGMA * texture
-        if np.mean(known[inside]) > 0.5 or level < 0.0 or _has_contacts(blocks, inside, contact):
+        if np.mean(known[inside]) > 0.5 or level < 0.0 or _has_contacts(blocks, inside, contact, level):
             number[k] = number.max() + 1
     return np.asarray(number[labels])
 
 
-def _has_contacts(blocks: Values, inside: Flags, level: float) -> bool:
-    """Whether what a region surrounds is brighter than a level in some blocks."""
+def _has_contacts(blocks: Values, inside: Flags, contact: float, level: float) -> bool:
+    """Whether what a region surrounds is brighter than contacts at least in some blocks.
+
+    In its convex hull, where a contact may lie beside another one that is not convex, it must be far brighter
+    than the ``level`` of the region.
+    """
     closed = cv2.morphologyEx(np.pad(inside, 2).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    whole = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)[2:-2, 2:-2] > 0
-    return int(np.count_nonzero(blocks[whole & ~inside] > level)) >= FEWEST_BEYOND
+    hull = [cv2.convexHull(np.concatenate(outlines))]
+    for around, least in ((outlines, contact), (hull, max(contact, BRIGHTEST_RATIO * level))):
+        whole = cv2.drawContours(np.zeros_like(closed), around, -1, 1, cv2.FILLED)[2:-2, 2:-2] > 0
+        if np.count_nonzero(blocks[whole & ~inside] > least) >= FEWEST_BEYOND:
+            return True
+    return False
 
 
 def follow_region(blocks: Values, members: Flags, shape: tuple[int, int], scatter: float) -> NDArray:
