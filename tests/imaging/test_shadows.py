@@ -40,10 +40,13 @@ def test_contacts_in_a_shadow_are_found_though_they_reach_the_level_of_the_light
     assert true > 0.94 or result.status != Status.OK
 
 
-@pytest.mark.parametrize("seed", [400, 402, 407])
-def test_a_lighter_patch_under_few_contacts_is_background(seed):
-    """The contacts lie at its border, where it does not surround them."""
-    scene = make_scene("patch", 25, seed)
+@pytest.mark.parametrize(
+    ("world", "count", "seed"),
+    [("patch", 25, 400), ("patch", 25, 402), ("patch", 25, 407), ("step", 140, 11)],
+)
+def test_a_lighter_part_of_the_frame_is_background(world, count, seed):
+    """Few contacts lie at its border, where it does not surround them; or it consists of two parts."""
+    scene = make_scene(world, count, seed)
     result = measure_image(scene.frame, scene.reference, polarity="bright")
     assert min(shares(scene, result.disks)) > 0.95
     area = (scene.truth.area_px2 * scene.truth.visible).sum()

@@ -114,10 +114,10 @@ def _find_background_regions(blocks: Values, scatter: float, known: Flags, light
 
     Contacts are brighter than the background; ``light_level`` is its brightness, negative for dark contacts,
     or 0. A region is background where most of its blocks are ``known`` to be, where it is darker than those
-    are, since contacts are brighter, or where contacts stand on it.
+    are, since contacts are brighter, or where contacts stand on it. Regions of one level are one.
     """
     labels, largest = flat_regions(blocks, scatter)
-    number = np.zeros(int(labels.max()) + 1, np.int32)
+    number, levels = np.zeros(int(labels.max()) + 1, np.int32), list[float]()
     for k in largest:
         inside = labels == k
         level = float(np.median(blocks[inside]))
@@ -125,7 +125,9 @@ def _find_background_regions(blocks: Values, scatter: float, known: Flags, light
         texture = scatter * (1.0 + level / light_level if light_level else 1.0)
         contact = max(level, 0.0) + CONTACT_SIGMA * texture
         if np.mean(known[inside]) > 0.5 or level < 0.0 or _has_contacts(blocks, inside, contact, level):
-            number[k] = number.max() + 1
+            same = [n for n, other in enumerate(levels, start=1) if abs(level - other) < scatter]
+            number[k] = same[0] if same else len(levels) + 1
+            levels += [] if same else [level]
     return np.asarray(number[labels])
 
 
