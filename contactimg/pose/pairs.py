@@ -24,7 +24,7 @@ OUTLIER_SIGMA = 4.0
 normal values 1 in 16,000 is."""
 
 MAD_TO_STD = 1.4826
-"""Theory: standard deviation over median absolute deviation of a normal distribution, 1/Phi^-1(3/4)."""
+"""Theory: standard deviation over median absolute deviation of a normal distribution."""
 
 ROUNDS = 20
 """Most fits, each without the outliers of the one before; usually nothing changes after a few."""

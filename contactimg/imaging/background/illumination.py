@@ -14,7 +14,7 @@ from contactimg.compiled import njit
 from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Flags, Mask, Values
-from contactimg.pose.pairs import MAD_TO_STD
+from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.timings import stage
 
 Places = NDArray[np.int64] | slice

@@ -37,7 +37,7 @@ from contactimg.imaging.kernels.pairs import (
 from contactimg.imaging.kernels.solve import marginal_variances, solve_coupled
 from contactimg.imaging.pixels.blocks import BLOCK
 from contactimg.imaging.pixels.masks import for_kernel
-from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA, quantile
+from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA, quantile
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE, EdgeTable, disk_table
 from contactimg.imaging.profile.limits import (
     EDGE_BLUR_WIDTHS,
@@ -46,7 +46,6 @@ from contactimg.imaging.profile.limits import (
     SUSPICIOUS_CHI_SQUARE,
     USUAL_CHI_SQUARE,
 )
-from contactimg.pose.pairs import MAD_TO_STD
 from contactimg.timings import stage
 
 FAINTEST_BESIDE = 0.4

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from contactimg.imaging.fit.edge_scores import FEWEST_SCORES
-from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
+from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.edge_shape import FAMILIES, LARGEST
 from contactimg.imaging.profile.limits import ROUGH_STD
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
-from contactimg.pose.pairs import MAD_TO_STD
 
 
 def pool_optics(frames: Iterable[SharedOptics]) -> SharedOptics | None:

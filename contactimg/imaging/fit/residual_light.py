@@ -20,10 +20,9 @@ from contactimg.imaging.background.illumination import Illumination, fit_illumin
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, find_insignificant, fit_disks
 from contactimg.imaging.fit.problem import CONTRAST, ContrastPrior, FitProblem
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
-from contactimg.imaging.pixels.robust import median, quantile
+from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION, ROUNDS
 from contactimg.imaging.profile.optics import Halo, SharedOptics
-from contactimg.pose.pairs import MAD_TO_STD
 
 CORE_END_FRACTION = 5e-4
 """Level below which only the halo is left. Accuracy."""

@@ -38,7 +38,7 @@ from contactimg.imaging.fit.unseen_contrast import (
     PLATEAU_STD_FRACTION,
     profile_contrast,
 )
-from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
+from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import (
     FEW,
@@ -56,7 +56,6 @@ from contactimg.imaging.profile.limits import (
     USUAL_CHI_SQUARE,
 )
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.pose.pairs import MAD_TO_STD
 
 LONGEST_CONTRAST_STEP = 0.4
 """Longest step of ln contrast. By hand."""

@@ -14,7 +14,7 @@ from scipy import optimize
 
 from contactimg.errors import FrameError
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
-from contactimg.pose.pairs import MAD_TO_STD
+from contactimg.imaging.pixels.robust import MAD_TO_STD
 
 Values = NDArray[np.float64]
 

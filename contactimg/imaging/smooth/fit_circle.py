@@ -19,12 +19,11 @@ from scipy import fft, optimize, special
 from contactimg.errors import FrameError
 from contactimg.imaging.background.illumination import NEGLIGIBLE
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
-from contactimg.imaging.pixels.robust import CLIP_SIGMA
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.smooth.find_circle import RING_PX, SECTORS, SHORTEST_ARC, Circle, EdgeSamples
 from contactimg.optics.film import ExcessTable
 from contactimg.optics.wide_edge import EdgeLight, edge_light
-from contactimg.pose.pairs import MAD_TO_STD
 
 Values = NDArray[np.float64]
 
