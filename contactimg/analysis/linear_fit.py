@@ -25,7 +25,6 @@ from scipy import optimize
 
 from contactimg.analysis.estimates import Estimate, student_estimate
 from contactimg.errors import ConvergenceError, InputError
-from contactimg.pose.pairs import OUTLIER_SIGMA
 
 Values = NDArray[np.float64]
 
@@ -223,9 +222,9 @@ def _settle(
     """
     x, y, often = np.asarray(points.x), np.asarray(points.y), np.asarray(points.weight)
     x_std = np.asarray(points.x_std)
-    # how far the most likely x may lie from the one that was read: without a limit a point far off may move
-    # others to and fro
-    mixed, farthest = np.asarray(points.correlation) * x_std * points.y_std, OUTLIER_SIGMA * x_std
+    # the most likely x lies farther from the one that was read once in 16,000 points; without a limit a point
+    # far off may move others to and fro
+    mixed, farthest = np.asarray(points.correlation) * x_std * points.y_std, 4.0 * x_std
     terms, derivatives = basis(x, 0), basis(x, 1)
     excess = (scatter * np.asarray(points.spread)) ** 2 + _floor(points)
     settled = PASS_TOLERANCE * (float(np.abs(y).max()) or 1.0)

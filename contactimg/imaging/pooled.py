@@ -59,7 +59,7 @@ WORST_SCATTER = 1.5
 whose inside scatters by so many times what is outside. Chosen by hand: the scatter of equal frames varies by
 a few per cent."""
 FEWEST_SQUARES = 30
-"""Squares or places that a scatter is measured on: to 13 % (theory: sqrt(1/2n))."""
+"""Squares that a scatter is measured on: to 13 % (theory: sqrt(1/2n))."""
 FEWEST_WITNESSES = 3
 """Other views that must agree where one is said to differ."""
 OUTLIER_FRACTION = 0.003

@@ -6,7 +6,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 from scipy.integrate import cumulative_trapezoid
 
-from contactimg.imaging.pooled import FEWEST_SQUARES
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
 
 Values = NDArray[np.float64]
@@ -88,7 +87,7 @@ def limit_radii(
     step = slice(half, None, 2 * half + 1)
     background = sums[step, step][free[step, step] > 0]
     limits = np.full(len(places), np.nan)
-    if background.size < FEWEST_SQUARES or not contrast > 0:
+    if background.size < 30 or not contrast > 0:  # fewer tell the scatter of the light to 13 % at best
         return limits
     middle = float(np.median(background))
     spread = float(np.median(np.abs(background - middle))) / float(special.ndtri(0.75))
