@@ -171,11 +171,12 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
     regions, runs, plateau, half_area = _with_plateaus(smooth, level)
     faint, ragged = _faint_regions(seen, level, regions)
     bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2) & ~ragged
-    one = is_round(regions, smooth.shape) & ~bright & ~ragged
+    shown = ~bright & ~ragged & (regions["area"] > SMALL_AREA_PX2)
+    one = is_round(regions, smooth.shape) & shown
     round_ones = regions[one]
     places = np.column_stack([round_ones["x"], round_ones["y"], np.sqrt(round_ones["area"] / np.pi)])
     found: list[Outlined] = [(plateau[one], places, False)]
-    for k in np.flatnonzero(~one & ~bright & ~ragged & (regions["area"] > SMALL_AREA_PX2)):
+    for k in np.flatnonzero(shown & ~one):
         disks, whole = disks_in_region(regions[k], k, runs, smooth.shape)
         lower = _whole_at_lower_level(regions[k], smooth, level) if len(disks) > 1 else None
         found.append((plateau[k], disks, whole) if lower is None else (plateau[k], lower, True))
@@ -278,18 +279,25 @@ def _measure_plateaus(image, runs, peak, plateau, half_area):
     count = np.zeros(len(peak))
     for i in range(len(runs)):
         y, first, last, k = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3]
-        for x in range(first, last + 1):
-            value = image[y, x]
-            if value > CORE_FRACTION * peak[k]:
-                plateau[k] += value
-                count[k] += 1.0
+        number, total = _sum_above(image[y, first : last + 1], np.float32(CORE_FRACTION * peak[k]))
+        count[k] += number
+        plateau[k] += total
     for k in range(len(peak)):
         plateau[k] /= max(count[k], 1.0)
     for i in range(len(runs)):
         y, first, last, k = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3]
-        for x in range(first, last + 1):
-            if image[y, x] > 0.5 * plateau[k]:
-                half_area[k] += 1.0
+        half_area[k] += _sum_above(image[y, first : last + 1], np.float32(0.5 * plateau[k]))[0]
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _sum_above(line, level):
+    """Number and sum of the pixels of a line above a level, without a branch: vector instructions."""
+    number = total = zero = np.float32(0.0)
+    for x in range(len(line)):
+        above = np.float32(1.0) if line[x] > level else zero
+        number += above
+        total += above * line[x]
+    return number, total
 
 
 def _outlined(window: NDArray[np.float32], level: float, least: float = 0.0) -> list[Outlined]:

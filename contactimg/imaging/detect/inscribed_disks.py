@@ -16,8 +16,6 @@ from contactimg.imaging.detect.components import mask_of_component, sides_cut, w
 
 SMALLEST_INSCRIBED = 2.0
 """Least radius of a disk inscribed in a region, px: below, noise at the rim makes as large ones. By hand."""
-SMALLEST_ROUND = 1.6
-"""Least radius of a region that is round by itself, px. Chosen by hand."""
 ROUND_MOMENT_EXCESS = 0.01
 """A region is round if its second moment exceeds that of a disk by less than this plus ``1/area`` (the part
 of the pixels themselves), ..."""
@@ -46,19 +44,19 @@ PENETRATION = 0.7
 
 
 def is_round(regions: NDArray[np.void], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Whether each region is a disk by its second moment and its sides, and not cut by the border.
+    """Whether each region is one disk by its second moment and its sides, or too small to be anything else.
 
-    A disk has the least second moment of all regions of its area: ``area^2/(2 pi)``.
+    A disk has the least second moment of all regions of its area: ``area^2/(2 pi)``. One that the border cuts
+    is not round.
     """
-    radius = np.sqrt(regions["area"] / np.pi)
+    area = np.maximum(regions["area"], 1)
     longest = np.maximum(regions["right"] - regions["left"], regions["bottom"] - regions["top"]) + 1
-    excess = 2.0 * np.pi * regions["moment"] / np.maximum(regions["area"], 1) ** 2.0 - 1.0
-    return (
-        ~np.any(sides_cut(regions, shape), axis=0)
-        & (radius > SMALLEST_ROUND)
-        & (excess < ROUND_MOMENT_EXCESS + 1.0 / np.maximum(regions["area"], 1))
-        & (longest < 2.0 * radius + ROUND_WIDTH_EXCESS_PX)
-    )
+    excess = 2.0 * np.pi * regions["moment"] / area**2.0 - 1.0
+    round_ones = excess < ROUND_MOMENT_EXCESS + 1.0 / area
+    round_ones &= longest < 2.0 * np.sqrt(area / np.pi) + ROUND_WIDTH_EXCESS_PX
+    # around the centre of an inscribed disk there is a whole square of pixels
+    small = area < (2.0 * SMALLEST_INSCRIBED - 1.0) ** 2
+    return ~np.any(sides_cut(regions, shape), axis=0) & (round_ones | small)
 
 
 def disks_in_region(
