@@ -27,7 +27,7 @@ from contactimg.imaging.evidence.status import LIGHT_CHANGE, judge_frame
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.foreground import Foreground, find_foreground
-from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.blocks import block_means, side_of
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
     find_margin,
@@ -409,7 +409,9 @@ def _subtract_background(
         )
         if polarity == "auto":
             valid = frame_pair.valid if difference.valid is None else difference.valid
-            polarity = find_polarity(block_means(difference.image, valid))
+            background = difference.illumination.background
+            side = side_of(background.shape, frame.shape)
+            polarity = find_polarity(block_means(difference.image, valid, side=side), background)
         return difference, -1 if polarity == "dark" else 1
     return estimate_background(frame, valid=frame_pair.valid, polarity=polarity)
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_components
+from contactimg.imaging.detect.inscribed_disks import fill, find_holes
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.imaging.pixels.blocks import SignedImage, to_pixels
 from contactimg.imaging.pixels.masks import Mask
@@ -159,6 +160,7 @@ def _lines(image: NDArray[np.float32], squares: NDArray[np.bool_], level: float)
     if not (areas > SMALLEST_LINE).any():
         return label_regions(np.zeros((1, 1), np.bool_))
     above = (cv2.blur(image, (3, 3)) > level).astype(np.uint8)
+    above = fill(above, find_holes(above), LINE_WIDTH_PX**2)  # a contact with a hole is no ring of a hair
     return label_regions(_thin_parts(above, LINE_WIDTH_PX) > 0)
 
 

@@ -146,7 +146,8 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
 def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     """Relative gains of the four pixels of a colour mosaic, shape (2, 2); None for a plain sensor.
 
-    Each is the median ratio of its pixels to the mean of their square of four.
+    Each is the median ratio of its pixels to the mean of their square of four. Where most pixels of a colour
+    are black they tell none.
     """
     rows, columns = (size // 2 * 2 for size in image.shape)
     if not rows * columns:
@@ -163,6 +164,8 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     ratio = phases[:, bright] / mean[bright]
     gains = np.array([median(part) for part in ratio], float)
     error = np.array([robust_std(part) for part in ratio]) / np.sqrt(ratio.shape[1])
+    if not gains.min() > 0.0:
+        return None
     step = np.abs(gains - 1.0)
     # the median of whole numbers is known to half of one
     alike = np.max(step) < max(MOSAIC_STEP, 1.0 / median(mean[bright]))
