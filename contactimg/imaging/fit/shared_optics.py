@@ -414,13 +414,14 @@ def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[
         With a loose prior.
     problem : FitProblem
         Its contrast is assumed, with the spread `SPREAD_FRACTION`, if fewer than three contacts are
-        wide.
+        wide, or most of them have less than half of it.
     inflation : ndarray, shape (n,)
         Factor of the variance of each contrast for noise that neighbouring pixels share.
     """
     wide, default = wide_disks(fit), problem.contrast
     values, stds = fit.disks[wide, CONTRAST], fit.std[wide, CONTRAST] * np.sqrt(inflation[wide])
-    if len(values) < FEWEST:
+    # a few faint ones that happen to fit well do not stand for contacts of another shape
+    if len(values) < FEWEST or float(np.median(values)) < 0.5 * default:
         spread = SPREAD_FRACTION * default
         return ContrastPrior(default, spread, spread, problem.prior.odd)
     middle = float(np.median(values))
