@@ -50,8 +50,9 @@ WIDER_RATIO = 1.15
 region, from which it has a brightness of its own. By hand: pixels and noise make 1.1."""
 HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
 """Radius at half height of a Gaussian over its standard deviation (theory)."""
-FAINT_SMOOTHING_PX = 1.0
-"""Standard deviation of the filter behind which faint regions are outlined. By hand."""
+FAINT_SMOOTHING_SQUARES = 0.5
+"""Standard deviation of the filter behind which faint regions are outlined, over the side of the squares that
+show them. By hand."""
 LEAST_CORE = 10
 """Squares well inside regions that show a plateau better than their peaks. By hand."""
 MOST_RUNS = 1500
@@ -169,7 +170,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         smooth_noise = noise / (2.0 * np.sqrt(np.pi) * blur)
     level = max(0.5 * contrast, SIGNIFICANT_SIGMA * smooth_noise)
     regions, runs, plateau, half_area = _with_plateaus(smooth, level)
-    faint, ragged = _faint_regions(seen, level, regions)
+    faint, ragged, width = _faint_regions(seen, level, regions)
     bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2) & ~ragged
     shown = ~bright & ~ragged & (regions["area"] > SMALL_AREA_PX2)
     one = is_round(regions, smooth.shape) & shown
@@ -186,7 +187,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         # the disk that the blur reduces to this fraction of its height
         share = np.minimum(height / contrast, 0.99)
         small = float(blur * np.sqrt(-2.0 * np.log1p(-share))) if contrast > height else 0.0
-        spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + FAINT_SMOOTHING_PX**2)
+        spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + width**2)
         if len(disks) == 1 and disks[0, 2] < WIDER_RATIO * spot:
             disks[0, 2] = small
             found.append((contrast, disks, False))
@@ -323,30 +324,36 @@ def _at_own_half(region: np.void, image: NDArray[np.float32], level: float, plat
 
 def _faint_regions(
     seen: SignedImage, level: float, regions: NDArray[np.void]
-) -> tuple[list[Outlined], NDArray[np.bool_]]:
+) -> tuple[list[Outlined], NDArray[np.bool_], float]:
     """Regions that stand out of the noise and contain none found before, each in a window of its own.
 
     Those found before are pieces of a region whose own plateau lies about at the level at which they were
-    outlined, where they are ragged: which of them is returned too.
+    outlined, where they are ragged: which of them is returned too, and the width (px) of the filter.
     """
-    image, (coarse, coarse_noise) = seen.image, seen.squares(2)
-    floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
-    if not floor < level:
-        return [], np.zeros(len(regions), np.bool_)
+    image = seen.image
+    for side in (2, 4, 8):  # the finest squares whose noise hides no faint region
+        coarse, coarse_noise = seen.squares(side)
+        floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
+        if floor < FAINT_RATIO * level:
+            break
+    else:
+        return [], np.zeros(len(regions), np.bool_), 0.0
+    width = FAINT_SMOOTHING_SQUARES * side
     support, runs, plateau, half_area = _with_plateaus(coarse, floor)
+    half_area *= side**2
     # a few pixels of noise on a faint plateau reach the level as well
-    where = component_of_pixels(runs, regions["peak_x"] // 2, regions["peak_y"] // 2)
+    where = component_of_pixels(runs, regions["peak_x"] // side, regions["peak_y"] // side)
     outlined = (where >= 0) & (regions["area"] > SMALL_AREA_PX2)
     covered = np.bincount(where[outlined], regions["area"][outlined], minlength=len(support))
     at_level = plateau < FAINT_RATIO * 2.0 * level
-    taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * 4.0 * half_area))
-    light = support["flux"] * 4.0 > LIGHT_SIGMA * 2.0 * coarse_noise * np.sqrt(support["area"] * 4.0)
-    shown = light & ~taken & (half_area * 4.0 > WIDE_PX2)
+    taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * half_area))
+    light = support["flux"] > LIGHT_SIGMA * coarse_noise * np.sqrt(support["area"])
+    shown = light & ~taken & (half_area > WIDE_PX2)
     found: list[Outlined] = []
     for k in np.flatnonzero(shown):
         box, corner = window_of(support[k], 1)
-        part = image[tuple(slice(2 * side.start, 2 * side.stop) for side in box)]
-        blurred = cv2.GaussianBlur(part, (0, 0), FAINT_SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
+        part = image[tuple(slice(side * at.start, side * at.stop) for at in box)]
+        blurred = cv2.GaussianBlur(part, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
         faint = _outlined(np.asarray(blurred, np.float32), 0.5 * float(plateau[k]), 0.5 * WIDE_PX2)
-        found += [(height, disks + 2.0 * corner, whole) for height, disks, whole in faint]
-    return found, np.append(shown, False)[where]
+        found += [(height, disks + side * corner, whole) for height, disks, whole in faint]
+    return found, np.append(shown, False)[where], width
