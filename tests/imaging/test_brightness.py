@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from camera_worlds import Layout, World, make_scene, odd_one, scaled, spread
+from camera_worlds import Layout, World, field_stop, in_stop, make_scene, odd_one, scaled, spread
 from contact_frames import match
 
 from contactimg.imaging.measure import measure_image
@@ -71,6 +71,34 @@ def test_contacts_of_many_brightnesses_are_all_found_and_right_within_their_erro
     # 100 normal deviates: 68 +- 4.7 % and 95 +- 2.1 %, three times that
     assert np.mean(seen < 1) > 0.54
     assert np.mean(seen < 2) > 0.885
+
+
+@pytest.mark.parametrize(("electrons", "contrast", "factor"), [(3.0, 20.0, 0.5), (8.0, 22.0, 0.35)])
+def test_faint_contacts_that_noise_tears_are_one_contact_each(electrons, contrast, factor):
+    """At the level of the others, and in squares of 2 px, noise is as high as they are."""
+    world = World(
+        layout=Layout(radii=(5, 22), pairs=0),
+        alter=scaled(0.2, factor),
+        electrons=electrons,
+        contrast=contrast,
+    )
+    for seed in range(3):
+        scene = world(25, np.random.default_rng([9, 1 + round(electrons), seed]))
+        result = measure_image(scene.frame, scene.reference)
+        wide = scene.truth[scene.truth.radius_px > 6].reset_index(drop=True)
+        assert len(result.disks) <= len(scene.truth)
+        pull, _ = pulls(wide, result.disks)
+        assert np.abs(pull).max() < 4
+
+
+@pytest.mark.parametrize("polarity", ["auto", "dark"])
+def test_dark_contacts_that_cover_most_of_a_field_stop_are_found(polarity):
+    """Scattered as all blocks are, the light of none of them would stand out."""
+    world = World(layout=Layout(radii=(7, 29), covered=0.3, region=in_stop), light=field_stop, contrast=-40.0)
+    scene = world(60, np.random.default_rng(3))
+    result = measure_image(scene.frame, scene.reference, polarity=polarity)
+    assert result.polarity == "dark"
+    assert len(match(scene.truth, result.disks)) >= 0.95 * len(scene.truth)
 
 
 def test_the_message_tells_how_many_contacts_have_a_brightness_of_their_own():

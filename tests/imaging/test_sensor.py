@@ -79,6 +79,14 @@ def test_gains_of_a_colour_mosaic_are_found_and_taken_out(rng):
     assert np.ptp([even[i::2, j::2].mean() for i in (0, 1) for j in (0, 1)]) < 0.5
 
 
+def test_a_colour_whose_pixels_are_black_tells_no_gain(rng):
+    gains = np.tile(BAYER, (SHAPE[0] // 2, SHAPE[1] // 2))
+    image = noisy(np.maximum(90 * gains - 62, 0), rng, noise=1.0)
+    assert np.median(image[::2, ::2]) == 0
+    assert mosaic_gains(image) is None
+    assert len(measure_image(image, image).disks) == 0
+
+
 @pytest.mark.parametrize("name", LIT)
 def test_a_plain_sensor_has_no_mosaic(name, rng):
     assert mosaic_gains(LIT[name](rng)) is None

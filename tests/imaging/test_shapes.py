@@ -2,7 +2,18 @@
 
 import numpy as np
 import pytest
-from camera_worlds import World, make_scene, sparse, stretched
+from camera_worlds import (
+    Layout,
+    World,
+    dirt,
+    gaussian,
+    jpeg,
+    make_scene,
+    pierced,
+    s_curve,
+    sparse,
+    stretched,
+)
 from contact_frames import match
 from shape_frames import bone, ellipse, frame, ring, triangle
 
@@ -122,6 +133,37 @@ def test_contacts_with_holes_or_speckles_are_all_found_and_said(world):
     counted = result.disks["flags"].to_numpy() & int(Flag.COUNTED) > 0
     assert counted.any()
     assert set(result.disks["shape"][counted]) == {"free"}
+    assert result.status != "ok"
+
+
+def test_sharp_contacts_with_holes_are_no_lines():
+    """A rim of 2 px around a hole is as thin as a hair."""
+    layout = Layout(radii=(5.4, 8.7), pairs=0.3)
+    world = World(layout=layout, interior=pierced, psf=gaussian(0.7), electrons=60.0, contrast=89.0)
+    scene = world(60, np.random.default_rng(4))
+    result = measure_image(scene.frame, scene.reference)
+    assert len(match(scene.truth, result.disks, reach=2.0)) == len(scene.truth)
+    assert result.status != "ok"
+
+
+def test_few_faint_contacts_that_fit_well_tell_no_contrast():
+    """Fringes leave no contact well fitted; what compression leaves is 8 times fainter, and round."""
+    world = World(
+        layout=Layout(radii=(4.6, 11.1), pairs=0.3),
+        fringes=("20 nm", 3.0),
+        specks=dirt,
+        response=s_curve(0.12),
+        file=jpeg(45),
+        level=40.0,
+        contrast=33.0,
+        electrons=8.0,
+        texture=0.005,
+        reference=False,
+    )
+    scene = world(120, np.random.default_rng(2))
+    result = measure_image(scene.frame)
+    assert len(match(scene.truth, result.disks, reach=2.0)) >= 0.95 * len(scene.truth)
+    assert result.contrast > 20.0
     assert result.status != "ok"
 
 
