@@ -373,13 +373,12 @@ def visible_areas(contacts: pd.DataFrame, shape: tuple[int, ...]) -> NDArray[np.
 
 def outlines_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
     """The outlines of the contacts of free shape as a table."""
-    labels, parts = measurement.disks["label"].to_numpy(), [OUTLINES.empty()]
+    labels, parts = measurement.disks["label"].to_numpy(), list[pd.DataFrame]()
     for row, lines in measurement.outlines():
         for number, line in enumerate(lines):
             places = {"point": range(len(line)), "x_px": line[:, 0], "y_px": line[:, 1]}
-            table = pd.DataFrame(places | {"label": labels[row], "outline": number, "frame": name})
-            parts.append(OUTLINES.conform(table))
-    return pd.concat(parts[1:] or parts, ignore_index=True)
+            parts.append(pd.DataFrame(places | {"label": labels[row], "outline": number, "frame": name}))
+    return OUTLINES.joined(parts)
 
 
 _LENGTHS_AND_AREAS = [

@@ -363,7 +363,9 @@ class MeasuredSeries:
     def whole(self) -> Run:
         """The run with the tables of all frames in memory."""
         blocks = list(self.blocks())
-        contacts, frames, rejected, outlines = (_joined(schema, blocks) for schema in _TABLES)
+        contacts, frames, rejected, outlines = (
+            one.joined(getattr(block, one.name) for block in blocks) for one in _TABLES
+        )
         law = next((block.law for block in blocks if block.law is not None), None)
         return Run(self.scene, contacts, frames, self.pose, {"rejected": rejected, "outlines": outlines}, law)
 
@@ -404,13 +406,10 @@ class MeasuredSeries:
         """The run in pixels."""
         tables = [part.tables for part in self.parts]
         frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
-        contacts, rejected, outlines = (_joined(schema, tables) for schema in (CONTACTS, REJECTED, OUTLINES))
+        contacts, rejected, outlines = (
+            one.joined(getattr(part, one.name) for part in tables) for one in (CONTACTS, REJECTED, OUTLINES)
+        )
         return Run(self.scene, contacts, frames, tables={"rejected": rejected, "outlines": outlines})
-
-
-def _joined(schema: Schema, parts: Sequence[object]) -> pd.DataFrame:
-    """The tables of a schema of several parts as one."""
-    return schema.conform(pd.concat([getattr(part, schema.name) for part in parts], ignore_index=True))
 
 
 def write_run(
@@ -442,7 +441,7 @@ def write_run(
             frames.append(rows)
     if tables[-1].empty:
         tables[-1].path.unlink()
-    whole = FRAMES.conform(pd.concat(frames, ignore_index=True))
+    whole = FRAMES.joined(frames)
     if series.law is not None and whole["law"].ne("").any():
         record["law"] = series.law.sentence()
     films = {part.row["frame"]: asdict(part.film) for part in series.parts if part.film is not None}

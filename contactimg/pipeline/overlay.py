@@ -95,7 +95,7 @@ def compare_run(
     if not (loaded & good).any():
         raise InputError("there is nothing to compare: no frame with a load could be measured")
     frames = run.frames[loaded & good]
-    matches, scores, left_out = [MATCHES.empty()], list[dict[str, Any]](), dict[str, list[str]]()
+    matches, scores, left_out = list[pd.DataFrame](), list[dict[str, Any]](), dict[str, list[str]]()
     sites = contact_sites(asperities, run.scene)
     surfaces = {model: (scene_of_model(run.scene, model), asperities) for model in COMPARED_MODELS}
     jobs = [
@@ -130,7 +130,7 @@ def compare_run(
                 matches.append(pairs)
     table = SCORES.conform(pd.DataFrame(scores, columns=list(SCORES.columns)))
     reasons = {name: "; ".join(why) for name, why in left_out.items()}
-    return Comparison(MATCHES.conform(pd.concat(matches)), table, seen, plans, reasons)
+    return Comparison(MATCHES.joined(matches), table, seen, plans, reasons)
 
 
 def compare_frame(

@@ -31,7 +31,6 @@ from contactimg.pipeline.analyse.places import (
     annuli_of,
     differences,
     grouped,
-    joined,
     predict_places,
     usable_frames,
 )
@@ -178,9 +177,9 @@ def analyse_places(
     area, area_laws = _areas(places, seen, averages, options, notes)
     return Analysis(
         area=area,
-        profile=joined([average.profile for average in averages], PROFILE),
-        normalised=joined([average.normalised for average in averages], NORMALISED),
-        pressure_law=joined(points, PRESSURE_LAW),
+        profile=PROFILE.joined(average.profile for average in averages),
+        normalised=NORMALISED.joined(average.normalised for average in averages),
+        pressure_law=PRESSURE_LAW.joined(points),
         friction=friction,
         area_laws=area_laws,
         contact_laws=_contact_laws(averages, own, options, notes),
@@ -344,8 +343,8 @@ def _average_load(
     if scene.indenter is not None and scene.elastic is not None:
         smooth = {"sphere_radius": scene.indenter.radius, "contact_modulus": scene.elastic.contact_modulus}
         profiles.append(hertz_profile(edges, load=load, frame=name, **smooth))
-        normalised = normalise_profile(joined(profiles, PROFILE), load=load, **smooth)
-    return LoadAverage(name, load, moments, joined(profiles, PROFILE), normalised, ring_area)
+        normalised = normalise_profile(PROFILE.joined(profiles), load=load, **smooth)
+    return LoadAverage(name, load, moments, PROFILE.joined(profiles), normalised, ring_area)
 
 
 POINT_COLUMNS = {"r": "r_m", "n": "n_contacts"} | {
@@ -400,7 +399,7 @@ def _areas(
         laws |= {} if law is None else {model: law}
     rings = [("gt", one.load, one.ring_area) for one in averages if np.isfinite(one.ring_area)]
     tables.append(AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"])))
-    return joined(tables, AREA), laws
+    return AREA.joined(tables), laws
 
 
 def _contact_laws(

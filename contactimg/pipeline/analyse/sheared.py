@@ -93,7 +93,7 @@ def analyse_shear(
     Upper limits need the images: frames in which some asperity of the table does not touch are read again
     from the folder that the run names. Where they are gone, the limit is the detection limit of the frame.
     """
-    tables, laws = [FOLLOWED.empty()], list[ShearLaws]()
+    tables, laws = list[pd.DataFrame](), list[ShearLaws]()
     for place in places:
         if place.asperities is None or not place.contacts["asperity"].notna().any():
             if place.loads["tangential_N"].notna().any():
@@ -121,7 +121,7 @@ def analyse_shear(
                 f"{place.name}: no laws of half-axes: no contact was measured as an ellipse in all frames; "
                 'process with [measure] shape = "ellipse"'
             )
-    followed = FOLLOWED.conform(pd.concat(tables[1:] or tables, ignore_index=True))
+    followed = FOLLOWED.joined(tables)
     beta = None
     try:
         beta = fit_beta(laws, confidence=confidence) if laws else None
