@@ -16,6 +16,7 @@ from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.local_law import LawPlan, decide_law, law_evidence
 from contactimg.engine.calls import in_parallel
 from contactimg.files import (
+    FrameTables,
     OutputFolder,
     Run,
     TableFormat,
@@ -312,8 +313,8 @@ class MeasuredSeries:
         None without an indenter.
     shown : Apex or None
         Apex and radius of the lens that the contacts show, None where they show none.
-    decided : LawPlan or None
-        Of a block: the law of the local forces that the whole series decided on.
+    law : LawPlan or None
+        The law of the local forces, on which the contacts of all frames decide; None without forces.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`, for what is done with blocks.
     """
@@ -324,11 +325,11 @@ class MeasuredSeries:
     pose: PoseFit | None = None
     apex: Apex | None = None
     shown: Apex | None = None
-    decided: LawPlan | None = None
+    law: LawPlan | None = None
     workers: int | None = 1
 
     def posed(self, shape: tuple[int, int], asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
-        """The series with the pose and apex that the frame with most contacts gives.
+        """The series with the pose and apex that the frame with most contacts gives, and the law of forces.
 
         Frames have this usual shape. Where an asperity first touches depends on the apex, by less than the
         asperities are apart: where the apex is found from the contacts, the pose is found once more.
@@ -337,11 +338,11 @@ class MeasuredSeries:
             return self
         counts = [part.row.get("n_contacts", pd.NA) for part in self.parts]
         most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
-        run = replace(self, parts=[self.parts[most]])._in_pixels
+        run = replace(self, parts=[self.parts[most]]).in_pixels
         pose = find_pose(run, self.sites, self.scene.pose(shape))
         places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
         several = replace(self, parts=[self.parts[k] for k in places])
-        located = with_pose(several._in_pixels, self.sites, pose)
+        located = with_pose(several.in_pixels, self.sites, pose)
         shown = shown_apex(located, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
         posed = replace(self, pose=pose, apex=apex, shown=shown)
@@ -350,66 +351,52 @@ class MeasuredSeries:
             scene = self.scene.with_apex(apex.place)
             sites = contact_sites(asperities, scene)
             posed = replace(posed, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose))
-        return posed
+        if posed.scene.elastic is None:
+            return posed
+        evidence = posed.of_blocks(lambda block: _law_evidence(block.located, block.sites))
+        return replace(posed, law=decide_law(posed.scene, pd.concat(evidence)))
 
-    def blocks(self) -> Iterator[Run]:
-        """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""
-        return (part._finished for part in self._parts(self.law))
-
-    def of_blocks(self, make: Callable[[Run], Result]) -> Iterator[Result]:
-        """The results of a function for the blocks, in order; several processes share the blocks."""
-        return self._share(lambda block: make(block._finished), self.law)
-
-    def whole(self) -> Run:
-        """The run with the tables of all frames in memory."""
-        blocks = list(self.blocks())
-        contacts, frames, rejected, outlines = (
-            one.joined(getattr(block, one.name) for block in blocks) for one in _TABLES
-        )
-        law = next((block.law for block in blocks if block.law is not None), None)
-        return Run(self.scene, contacts, frames, self.pose, {"rejected": rejected, "outlines": outlines}, law)
-
-    @cached_property
-    def law(self) -> LawPlan | None:
-        """The law of the local forces, on which the contacts of all frames decide; None without forces."""
-        if self.decided is not None or self.scene.elastic is None or self.pose is None:
-            return self.decided
-        evidence = self._share(lambda block: _law_evidence(block._located, block.sites))
-        return decide_law(self.scene, pd.concat(evidence))
-
-    def _share(
-        self, call: Callable[["MeasuredSeries"], Result], law: LawPlan | None = None
-    ) -> Iterator[Result]:
-        """The results of a function of each block, as a series of its own."""
-        count = -(-len(self.parts) // BLOCK_FRAMES)
-        return in_parallel(call, ((part,) for part in self._parts(law)), count=count, workers=self.workers)
-
-    def _parts(self, law: LawPlan | None) -> Iterator["MeasuredSeries"]:
-        """The blocks, each as a series; a short series is its only block, which keeps its tables."""
+    def blocks(self) -> Iterator["MeasuredSeries"]:
+        """The series, a few frames at a time; a short one is its only block, which keeps its tables."""
         if len(self.parts) <= BLOCK_FRAMES:
             return iter((self,))
         firsts = range(0, len(self.parts), BLOCK_FRAMES)
-        return (replace(self, parts=self.parts[k : k + BLOCK_FRAMES], decided=law) for k in firsts)
+        return (replace(self, parts=self.parts[k : k + BLOCK_FRAMES]) for k in firsts)
+
+    def of_blocks(self, make: Callable[["MeasuredSeries"], Result]) -> Iterator[Result]:
+        """The results of a function for the blocks, in order; several processes share the blocks."""
+        count = -(-len(self.parts) // BLOCK_FRAMES)
+        return in_parallel(make, ((block,) for block in self.blocks()), count=count, workers=self.workers)
+
+    def whole(self) -> Run:
+        """The run with the tables of all frames in memory."""
+        blocks = [block.run for block in self.blocks()]
+        frames, tables = FRAMES.joined(block.frames for block in blocks), _joined(blocks)
+        law = next((block.law for block in blocks if block.law is not None), None)
+        return Run(self.scene, tables.pop(CONTACTS.name), frames, self.pose, tables, law)
 
     @cached_property
-    def _finished(self) -> Run:
-        """The run with pose and forces."""
-        return with_forces(self._located, self.sites, self.law)
+    def run(self) -> Run:
+        """The tables of the frames, with pose and forces."""
+        return with_forces(self.located, self.sites, self.law)
 
     @cached_property
-    def _located(self) -> Run:
+    def located(self) -> Run:
         """The run without forces."""
-        return with_pose(self._in_pixels, self.sites, self.pose)
+        return with_pose(self.in_pixels, self.sites, self.pose)
 
     @cached_property
-    def _in_pixels(self) -> Run:
+    def in_pixels(self) -> Run:
         """The run in pixels."""
-        tables = [part.tables for part in self.parts]
+        tables = _joined([part.tables for part in self.parts])
         frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
-        contacts, rejected, outlines = (
-            one.joined(getattr(part, one.name) for part in tables) for one in (CONTACTS, REJECTED, OUTLINES)
-        )
-        return Run(self.scene, contacts, frames, tables={"rejected": rejected, "outlines": outlines})
+        return Run(self.scene, tables.pop(CONTACTS.name), frames, tables=tables)
+
+
+def _joined(parts: Sequence[Run | FrameTables]) -> dict[str, pd.DataFrame]:
+    """Name -> the tables of several parts as one: contacts, rejected and outlines."""
+    schemas = (CONTACTS, REJECTED, OUTLINES)
+    return {one.name: one.joined(getattr(part, one.name) for part in parts) for one in schemas}
 
 
 def write_run(
@@ -431,9 +418,9 @@ def write_run(
     with ExitStack() as stack:
         tables = [stack.enter_context(TableWriter(schema, folder, table_format)) for schema in _TABLES]
 
-        def encoded(block: Run) -> tuple[list[str | pd.DataFrame], pd.DataFrame]:
-            rows = [encoded_rows(getattr(block, one.name), one, table_format) for one in _TABLES]
-            return rows, block.frames
+        def encoded(block: MeasuredSeries) -> tuple[list[str | pd.DataFrame], pd.DataFrame]:
+            rows = [encoded_rows(getattr(block.run, one.name), one, table_format) for one in _TABLES]
+            return rows, block.run.frames
 
         for contents, rows in series.of_blocks(encoded):
             for table, part in zip(tables, contents, strict=True):

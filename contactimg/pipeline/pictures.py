@@ -78,7 +78,7 @@ def draw_overlays(
     jobs = (
         (sources[name], partial(draw_measured, shown=shown, view=view(name)))
         for block in series.blocks()
-        for name, shown in block.by_frame()
+        for name, shown in block.run.by_frame()
         if name in sources
     )
     draw_frames(jobs, folder, count=len(sources), workers=workers)
