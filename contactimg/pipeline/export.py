@@ -1,10 +1,10 @@
 """A run for other programs, and regions that were drawn there as corrections by hand."""
 
-import re
 from collections.abc import Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from contactimg.engine.progress import counted
@@ -24,8 +24,6 @@ from contactimg.files.exports import (
 from contactimg.pipeline.pictures import file_stem
 from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED
 from contactimg.tables.outlines import REJECTED_COLOUR, contact_outlines, kind_of
-
-_NAME = re.compile(r"contact_(\d+)")
 
 
 def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) -> None:
@@ -92,16 +90,10 @@ def region_name(label: int) -> str:
 
     Examples
     --------
-    >>> region_name(12), label_of("contact_0012"), label_of("0123-0456")
-    ('contact_0012', 12, None)
+    >>> region_name(12)
+    'contact_0012'
     """
     return f"contact_{label:04d}"
-
-
-def label_of(name: str) -> int | None:
-    """Label of the contact with a region of this name; None for a region drawn anew."""
-    match = _NAME.fullmatch(name)
-    return int(match[1]) if match else None
 
 
 def frame_sources(run: Run) -> dict[str, FrameSource]:
@@ -186,25 +178,21 @@ def edits_between(
     DataFrame
         Columns of `contactimg.tables.EDITS`, without frame, author and time.
     """
-    places = contacts.set_index("label")[["x_px", "y_px"]].astype(float).T.to_dict()
-    before, rows, kept = {region.name: region for region in exported}, list[dict[str, object]](), set[int]()
+    names = contacts["label"].map(region_name)
+    places = contacts[["x_px", "y_px"]].astype(float).set_axis(names).T.to_dict()
+    before, rows = {region.name: region for region in exported}, list[dict[str, object]]()
     for region in corrected:
         if region.name.startswith(REJECTED_PREFIX):
             continue
-        label, why = label_of(region.name), "drawn"
-        if label is not None and label in places and label not in kept:
-            kept.add(label)
-            old, names = before[region.name], ("x", "y", "radius_x", "radius_y")
-            if all(abs(getattr(region, name) - getattr(old, name)) < SAME_PX for name in names):
+        place, why = places.pop(region.name, None), "drawn"  # only the first of its name is that contact
+        if place is not None:
+            sizes = ((one.x, one.y, one.radius_x, one.radius_y) for one in (region, before[region.name]))
+            if np.abs(np.subtract(*sizes)).max() < SAME_PX:
                 continue
             why = "moved"
-            rows.append(places[label] | {"action": "exclude", "reason": f"moved in {program}"})
+            rows.append(place | {"action": "exclude", "reason": f"moved in {program}"})
         new = {"x_px": region.x, "y_px": region.y, "radius_px": region.radius}
         rows.append(new | {"action": "add", "reason": f"{why} in {program}"})
-    gone = [
-        place | {"action": "exclude", "reason": f"deleted in {program}"}
-        for label, place in places.items()
-        if label not in kept
-    ]
+    gone = [place | {"action": "exclude", "reason": f"deleted in {program}"} for place in places.values()]
     columns = ["action", "x_px", "y_px", "radius_px", "reason"]
     return EDITS.conform(pd.DataFrame([*gone, *rows], columns=columns))
