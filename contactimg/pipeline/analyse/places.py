@@ -195,6 +195,17 @@ def _optional(read: Callable[[], Result], folder: Path, without: str) -> Result 
         return None
 
 
+def fit_or_note(
+    notes: list[str], what: str, fit: Callable[..., Result], *data: object, **how: object
+) -> Result | None:
+    """The fit, or None and a note where the data do not allow it."""
+    try:
+        return fit(*data, **how)
+    except ContactimgError as error:
+        notes.append(f"{what}: {error}")
+        return None
+
+
 # --- places of one surface
 
 

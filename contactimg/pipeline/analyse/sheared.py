@@ -13,7 +13,7 @@ from contactimg.analysis.estimates import Estimate
 from contactimg.errors import ContactimgError
 from contactimg.files.runs import frame_shift
 from contactimg.frame import Frame
-from contactimg.pipeline.analyse.places import Place
+from contactimg.pipeline.analyse.places import Place, fit_or_note
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.shear.followed import ShearLaws, fit_beta, fit_shear_laws, follow_contacts
@@ -122,11 +122,7 @@ def analyse_shear(
                 'process with [measure] shape = "ellipse"'
             )
     followed = FOLLOWED.joined(tables)
-    beta = None
-    try:
-        beta = fit_beta(laws, confidence=confidence) if laws else None
-    except ContactimgError as error:
-        notes.append(f"beta: {error}")
+    beta = fit_or_note(notes, "beta", fit_beta, laws, confidence=confidence) if laws else None
     return Sheared(followed, tuple(laws), beta, confidence)
 
 
