@@ -166,8 +166,8 @@ def draw_comparison(
     comparison: Comparison, run: Run, experiment: Experiment, folder: Path, *, workers: int | None
 ) -> None:
     """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files."""
-    names, pose = {source.name for source in experiment.frames}, run.need_pose()
-    lost = [frame for frame in comparison.seen if frame not in names]
+    known, pose = {source.name for source in experiment.frames}, run.need_pose()
+    lost = [frame for frame in comparison.seen if frame not in known]
     if lost:
         raise InputError(f"frame {lost[0]} of the run is not among the frames of its scene; repeat `process`")
     loads, tables = run.frames.set_index("frame")["load_N"], dict(run.by_frame())
@@ -189,5 +189,5 @@ def draw_comparison(
             }
             yield frame, partial(draw_predicted, marked=marked, hertz_circle=circle)
 
-    shown = {"pixel_size": pose.pixel_size, "workers": workers}
-    draw_frames(experiment, comparison.seen, drawings(), folder, **shown)
+    names, pixel_size = comparison.seen.keys(), pose.pixel_size
+    draw_frames(experiment, names, drawings(), folder, pixel_size=pixel_size, workers=workers)
