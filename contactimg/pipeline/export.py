@@ -9,18 +9,7 @@ import pandas as pd
 
 from contactimg.engine.progress import counted
 from contactimg.errors import InputError
-from contactimg.files import FrameSource, Run, open_experiment
-from contactimg.files.exports import (
-    Region,
-    read_regions,
-    region_of,
-    write_labels,
-    write_napari_points,
-    write_napari_shapes,
-    write_overlay_tiff,
-    write_regions,
-    write_workbook,
-)
+from contactimg.files import FrameSource, Run, exports, open_experiment
 from contactimg.pipeline.pictures import file_stem
 from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED
 from contactimg.tables.outlines import REJECTED_COLOUR, contact_outlines, kind_of
@@ -45,7 +34,7 @@ def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) 
     """
     if "xlsx" in formats:
         tables = [(FRAMES, run.frames), (CONTACTS, run.contacts), (REJECTED, run.rejected)]
-        write_workbook(tables, folder / "contacts.xlsx", units=units)
+        exports.write_workbook(tables, folder / "contacts.xlsx", units=units)
     for name in {"fiji", "napari", "labels"} & set(formats):
         (folder / name).mkdir()
     sources = frame_sources(run) if {"fiji", "labels"} & set(formats) else {}
@@ -53,35 +42,35 @@ def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) 
         contacts, outlines, stem = shown.contacts, shown.outlines, file_stem(frame)
         image = sources[frame].read().image if frame in sources else None
         if "napari" in formats:
-            write_napari_shapes(contacts, outlines, folder / "napari" / f"{stem}_shapes.csv")
-            write_napari_points(contacts, folder / "napari" / f"{stem}_points.csv")
+            exports.write_napari_shapes(contacts, outlines, folder / "napari" / f"{stem}_shapes.csv")
+            exports.write_napari_points(contacts, folder / "napari" / f"{stem}_points.csv")
         if "fiji" in formats:
             regions = contact_regions(contacts, outlines) + rejected_regions(shown.rejected)
-            write_regions(regions, folder / "fiji" / f"{stem}.zip")
+            exports.write_regions(regions, folder / "fiji" / f"{stem}.zip")
             if image is not None:
                 file, camera = folder / "fiji" / f"{stem}_overlay.tif", run.scene.camera
                 pixel_size = None if camera is None else camera.pixel_size
-                write_overlay_tiff(image, regions, file, pixel_size=pixel_size)
+                exports.write_overlay_tiff(image, regions, file, pixel_size=pixel_size)
         if "labels" in formats and image is not None:
-            write_labels(contacts, image.shape, outlines, folder / "labels" / f"{stem}_labels.tif")
+            exports.write_labels(contacts, image.shape, outlines, folder / "labels" / f"{stem}_labels.tif")
 
 
-def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[Region]:
+def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[exports.Region]:
     """Contacts of one frame as regions, named and coloured by what they are."""
     shapes = contact_outlines(contacts, outlines)
     return [
-        region_of(outline, name=region_name(outline.label), colour=kind_of(int(flags)).colour)
+        exports.region_of(outline, name=region_name(outline.label), colour=kind_of(int(flags)).colour)
         for outline, flags in zip(shapes, contacts["flags"], strict=True)
     ]
 
 
-def rejected_regions(rejected: pd.DataFrame) -> list[Region]:
+def rejected_regions(rejected: pd.DataFrame) -> list[exports.Region]:
     """Rejected candidates of one frame as regions."""
     regions = []
     places = rejected[["x_px", "y_px", "radius_px"]].to_numpy(float).tolist()
     for number, ((x, y, radius), reason) in enumerate(zip(places, rejected["reason"], strict=True), start=1):
         name = f"rejected_{number:04d} {reason.partition(':')[0]}".replace("/", " ")
-        regions.append(Region(name, x, y, max(radius, 1.0), max(radius, 1.0), colour=REJECTED_COLOUR))
+        regions.append(exports.Region(name, x, y, max(radius, 1.0), max(radius, 1.0), colour=REJECTED_COLOUR))
     return regions
 
 
@@ -155,12 +144,16 @@ def edits_from_regions(
         raise InputError(f"{run.folder}: has no frame {frame!r}")
     shown = dict(run.by_frame())[frame]
     exported = contact_regions(shown.contacts, shown.outlines)
-    edits = edits_between(shown.contacts, exported, read_regions(path), program="ImageJ")
+    edits = edits_between(shown.contacts, exported, exports.read_regions(path), program="ImageJ")
     return edits.assign(frame=frame, author=author, time=time)
 
 
 def edits_between(
-    contacts: pd.DataFrame, exported: Iterable[Region], corrected: Iterable[Region], *, program: str
+    contacts: pd.DataFrame,
+    exported: Iterable[exports.Region],
+    corrected: Iterable[exports.Region],
+    *,
+    program: str,
 ) -> pd.DataFrame:
     """Edits that turn the regions of a frame's contacts into those that came back.
 
@@ -186,8 +179,8 @@ def edits_between(
             continue
         place, why = places.pop(region.name, None), "drawn"  # only the first of its name is that contact
         if place is not None:
-            sizes = ((one.x, one.y, one.radius_x, one.radius_y) for one in (region, before[region.name]))
-            if np.abs(np.subtract(*sizes)).max() < SAME_PX:
+            now, old = ((one.x, one.y, one.radius_x, one.radius_y) for one in (region, before[region.name]))
+            if np.abs(np.subtract(now, old)).max() < SAME_PX:
                 continue
             why = "moved"
             rows.append(place | {"action": "exclude", "reason": f"moved in {program}"})

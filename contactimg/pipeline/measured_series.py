@@ -12,36 +12,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg import files
 from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.local_law import LawPlan, decide_law, law_evidence
 from contactimg.engine.calls import in_parallel
-from contactimg.files import (
-    FrameTables,
-    OutputFolder,
-    Run,
-    TableFormat,
-    TableWriter,
-    encoded_rows,
-    main_tables,
-    provenance,
-    read_run,
-)
 from contactimg.files.runs import apex_record, frame_shift, pose_record
 from contactimg.forces import fill_forces, sphere_radii
 from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.plausibility import FORCES_OFF_LOAD
-from contactimg.pose import Pose
+from contactimg.pose import Pose, fit
 from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find_centre
-from contactimg.pose.fit import (
-    LARGEST_TURN_RAD,
-    NEARLY_ALL,
-    SIGNIFICANT_FRACTION,
-    PoseFit,
-    common_shift,
-    fit_pose,
-    search_everywhere,
-)
 from contactimg.pose.pairs import FEWEST_CONTACTS, PAIRING_FRACTION, pair_points, pairing_distance
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Flag, Schema, Status
@@ -74,7 +55,7 @@ Result = TypeVar("Result")
 
 
 @stage("pose")
-def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
+def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.PoseFit:
     """The pose of a series: the one that its contacts confirm, or the stated one.
 
     The contacts of the frame that has most of them are looked for near the stated pose, or else anywhere on
@@ -90,14 +71,14 @@ def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
         As stated.
     """
     if sites is None or run.scene.measure.pose != "fit":
-        return PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
+        return fit.PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
     targets, counts = sites[["x_m", "y_m"]].to_numpy(float), run.frames["n_contacts"].fillna(0)
     name = str(run.frames["frame"].iloc[int(counts.to_numpy(float).argmax())])
     part, shift = run.contacts[run.contacts["frame"] == name], frame_shift(run.frames, name)
     x_px, y_px = part["x_px"] - shift[0], part["y_px"] - shift[1]
     reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
-    pose = fit_pose(x_px, y_px, targets, guess, largest_shift=reach)
-    found = pose if pose.fitted else search_everywhere(x_px, y_px, targets, guess)
+    pose = fit.fit_pose(x_px, y_px, targets, guess, largest_shift=reach)
+    found = pose if pose.fitted else fit.search_everywhere(x_px, y_px, targets, guess)
     if found is not None and (not pose.fitted or found.pose.mirrored != guess.mirrored):
         _say_where(found, guess, run.scene)
     pose = found or pose
@@ -111,13 +92,13 @@ def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
     return pose
 
 
-def _say_where(found: PoseFit, guess: Pose, scene: Scene) -> None:
+def _say_where(found: fit.PoseFit, guess: Pose, scene: Scene) -> None:
     """Log that the camera looks elsewhere: as a warning if the scene states where, or it is turned."""
     turned = np.abs(np.sin(found.pose.rotation - guess.rotation))
     mirrored = found.pose.mirrored != guess.mirrored
     stated = scene.camera is not None and scene.camera.centre is not None
     logger.log(
-        logging.WARNING if stated or mirrored or turned > np.sin(LARGEST_TURN_RAD) else logging.INFO,
+        logging.WARNING if stated or mirrored or turned > np.sin(fit.LARGEST_TURN_RAD) else logging.INFO,
         "the camera does not look where [camera] says; %d of %d contacts fall on asperities with [camera] "
         "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here%s",
         found.n_matched,
@@ -143,7 +124,7 @@ def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -
     return Apex(scene.indenter.apex) if stated else shown
 
 
-def shown_apex(run: Run, pose: Pose | None, asperities: pd.DataFrame | None) -> Apex | None:
+def shown_apex(run: files.Run, pose: Pose | None, asperities: pd.DataFrame | None) -> Apex | None:
     """The apex that the contacts of one frame of a run show, the frame that shows it best; None if none does.
 
     Without asperities it is the centre of the contacts.
@@ -188,10 +169,10 @@ def locate_frames(
     asperity, reach = np.full(len(located), -1), pairing_distance(targets, pose)
     for rows in contacts.groupby("frame").indices.values():
         i, j, _ = pair_points(points[rows], targets, max_distance=reach)
-        if len(i) < NEARLY_ALL * len(rows) and len(rows) >= FEWEST_CONTACTS:
-            shift = common_shift(points[rows], targets, near=reach, far=reach / PAIRING_FRACTION)
+        if len(i) < fit.NEARLY_ALL * len(rows) and len(rows) >= FEWEST_CONTACTS:
+            shift = fit.common_shift(points[rows], targets, near=reach, far=reach / PAIRING_FRACTION)
             moved = pair_points(points[rows] - shift, targets, max_distance=reach)
-            i, j, _ = moved if len(moved[0]) >= NEARLY_ALL * len(rows) else (i, j, _)
+            i, j, _ = moved if len(moved[0]) >= fit.NEARLY_ALL * len(rows) else (i, j, _)
         asperity[rows[i]] = j
     return located.assign(asperity=pd.arrays.IntegerArray(asperity, asperity < 0))
 
@@ -212,7 +193,7 @@ def _known(contacts: pd.DataFrame, column: str) -> pd.DataFrame:
 
 
 @stage("pose")
-def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run:
+def with_pose(run: files.Run, sites: pd.DataFrame | None, pose: fit.PoseFit | None) -> files.Run:
     """The run with sample coordinates and asperities under a pose; as it is without one."""
     if pose is None:
         return run
@@ -221,8 +202,8 @@ def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run
     located = CONTACTS.conform(locate_frames(run.contacts, frames, pose.pose, targets))
     if targets is not None:
         counts = _known(located, "asperity")
-        few = counts[counts["known"] < NEARLY_ALL * counts["all"]]
-        lost = few[(few["known"] < SIGNIFICANT_FRACTION * few["all"]) & (few["all"] >= FEWEST_CONTACTS)]
+        few = counts[counts["known"] < fit.NEARLY_ALL * counts["all"]]
+        lost = few[(few["known"] < fit.SIGNIFICANT_FRACTION * few["all"]) & (few["all"] >= FEWEST_CONTACTS)]
         notes = {
             name: f"only {found} of {count} contacts fall on an asperity: check the asperity table, [camera] "
             "pixel_size_m and centre_m, and [indenter] apex_m"
@@ -233,7 +214,7 @@ def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run
 
 
 @stage("forces")
-def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None) -> Run:
+def with_forces(run: files.Run, sites: pd.DataFrame | None, law: LawPlan | None) -> files.Run:
     """The run with local forces where the elastic body and the asperity's radius are known, and with sums.
 
     Without a pose it stays as it is.
@@ -256,12 +237,12 @@ def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None) -> Ru
     return replace(run, contacts=contacts, frames=frames, law=law if forces else None)
 
 
-def local_law(run: Run, sites: pd.DataFrame | None) -> LawPlan | None:
+def local_law(run: files.Run, sites: pd.DataFrame | None) -> LawPlan | None:
     """The law of the local forces of a run, and what it leaves out; None without an elastic body."""
     return None if run.scene.elastic is None else decide_law(run.scene, _law_evidence(run, sites))
 
 
-def _law_evidence(run: Run, sites: pd.DataFrame | None) -> pd.DataFrame:
+def _law_evidence(run: files.Run, sites: pd.DataFrame | None) -> pd.DataFrame:
     """Tabulate what the contacts of a run say on the law of the local forces."""
     return law_evidence(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
 
@@ -322,7 +303,7 @@ class MeasuredSeries:
     scene: Scene
     parts: Sequence[MeasuredFrame]
     sites: pd.DataFrame | None
-    pose: PoseFit | None = None
+    pose: fit.PoseFit | None = None
     apex: Apex | None = None
     shown: Apex | None = None
     law: LawPlan | None = None
@@ -368,39 +349,39 @@ class MeasuredSeries:
         count = -(-len(self.parts) // BLOCK_FRAMES)
         return in_parallel(make, ((block,) for block in self.blocks()), count=count, workers=self.workers)
 
-    def whole(self) -> Run:
+    def whole(self) -> files.Run:
         """The run with the tables of all frames in memory."""
         blocks = [block.run for block in self.blocks()]
         frames, tables = FRAMES.joined(block.frames for block in blocks), _joined(blocks)
         law = next((block.law for block in blocks if block.law is not None), None)
-        return Run(self.scene, tables.pop(CONTACTS.name), frames, self.pose, tables, law)
+        return files.Run(self.scene, tables.pop(CONTACTS.name), frames, self.pose, tables, law)
 
     @cached_property
-    def run(self) -> Run:
+    def run(self) -> files.Run:
         """The tables of the frames, with pose and forces."""
         return with_forces(self.located, self.sites, self.law)
 
     @cached_property
-    def located(self) -> Run:
+    def located(self) -> files.Run:
         """The run without forces."""
         return with_pose(self.in_pixels, self.sites, self.pose)
 
     @cached_property
-    def in_pixels(self) -> Run:
+    def in_pixels(self) -> files.Run:
         """The run in pixels."""
         tables = _joined([part.tables for part in self.parts])
         frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
-        return Run(self.scene, tables.pop(CONTACTS.name), frames, tables=tables)
+        return files.Run(self.scene, tables.pop(CONTACTS.name), frames, tables=tables)
 
 
-def _joined(parts: Sequence[Run | FrameTables]) -> dict[str, pd.DataFrame]:
+def _joined(parts: Sequence[files.Run | files.FrameTables]) -> dict[str, pd.DataFrame]:
     """Name -> the tables of several parts as one: contacts, rejected and outlines."""
     schemas = (CONTACTS, REJECTED, OUTLINES)
     return {one.name: one.joined(getattr(part, one.name) for part in parts) for one in schemas}
 
 
 def write_run(
-    series: MeasuredSeries, folder: Path, table_format: TableFormat = "csv"
+    series: MeasuredSeries, folder: Path, table_format: files.TableFormat = "csv"
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Write contacts, frames, rejected and, if any, outlines, a few frames at a time.
 
@@ -416,10 +397,10 @@ def write_run(
         record |= {"apex": apex_record(series.apex)}
     frames = list[pd.DataFrame]()
     with ExitStack() as stack:
-        tables = [stack.enter_context(TableWriter(schema, folder, table_format)) for schema in _TABLES]
+        tables = [stack.enter_context(files.TableWriter(schema, folder, table_format)) for schema in _TABLES]
 
         def encoded(block: MeasuredSeries) -> tuple[list[str | pd.DataFrame], pd.DataFrame]:
-            rows = [encoded_rows(getattr(block.run, one.name), one, table_format) for one in _TABLES]
+            rows = [files.encoded_rows(getattr(block.run, one.name), one, table_format) for one in _TABLES]
             return rows, block.run.frames
 
         for contents, rows in series.of_blocks(encoded):
@@ -436,7 +417,7 @@ def write_run(
 
 
 def write_joined_tables(
-    runs: Mapping[str, Path], target: Path, *, command: str, table_format: TableFormat = "csv"
+    runs: Mapping[str, Path], target: Path, *, command: str, table_format: files.TableFormat = "csv"
 ) -> None:
     """Write the tables all_contacts and all_frames of several runs, with the name of the run first.
 
@@ -450,12 +431,12 @@ def write_joined_tables(
         For the provenance.
     table_format : {"csv", "parquet"}
     """
-    tables = {name: read_run(folder) for name, folder in runs.items()}
-    record = provenance(command=command, inputs=main_tables(runs.values()))
-    with OutputFolder(target, record, main_files=[f"all_frames.{table_format}"]) as out:
+    tables = {name: files.read_run(folder) for name, folder in runs.items()}
+    record = files.provenance(command=command, inputs=files.main_tables(runs.values()))
+    with files.OutputFolder(target, record, main_files=[f"all_frames.{table_format}"]) as out:
         for schema in (CONTACTS, FRAMES):
             parts = [getattr(run, schema.name).assign(run=name) for name, run in tables.items()]
             named = {"run": ("str", "name of the folder of frames")} | schema.columns
             joined = Schema(f"all_{schema.name}", schema.description, **named)
-            with TableWriter(joined, out.folder, table_format) as table:
+            with files.TableWriter(joined, out.folder, table_format) as table:
                 table.add(pd.concat(parts, ignore_index=True))
