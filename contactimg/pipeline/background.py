@@ -9,7 +9,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -28,6 +28,8 @@ from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.tables import SHARED_SHIFTS
 
 logger = logging.getLogger(__name__)
+
+Item = TypeVar("Item")
 
 FEWEST_FRAMES = 5
 """Frames from which on the background is pooled without being asked for. Chosen: each has four others."""
@@ -203,10 +205,10 @@ def contacts_of(part: MeasuredFrame, options: FrameOptions) -> pooled.Contacts:
     return replace(contacts, contrast=contrast, blur=blur, film=film) if known else contacts.left_out()
 
 
-def evenly_spread(numbers: Sequence[int], most: int) -> list[int]:
-    """Choose at most so many of the numbers, evenly spread over them."""
-    places = np.linspace(0, len(numbers) - 1, min(most, len(numbers)))
-    return [numbers[k] for k in np.rint(places).astype(int).tolist()]
+def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
+    """Choose at most so many of the items, evenly spread over them, the first and the last among them."""
+    places = np.linspace(0, len(items) - 1, min(most, len(items)))
+    return [items[k] for k in np.rint(places).astype(int).tolist()]
 
 
 def pool_background(
