@@ -404,8 +404,6 @@ def locate_contacts(
         Position in the frame minus position in the reference, (x, y); one, or one for each contact.
     """
     shift_x, shift_y = (np.asarray(shift, float) for shift in shift_px)
-    if not (np.isfinite(shift_x).all() and np.isfinite(shift_y).all()):
-        raise InputError(f"the shift of a frame must be finite, got {shift_px}")
     x, y = pose.to_sample(contacts["x_px"] - shift_x, contacts["y_px"] - shift_y)
     metres = {
         f"{name}_m{power}": contacts[f"{name}_px{power}"].to_numpy(float) * pose.pixel_size ** int(power or 1)
