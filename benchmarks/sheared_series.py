@@ -91,7 +91,7 @@ def main():
     analysis, place, truth = analysed(folder, size, options.seed)
     if options.folder:
         (folder / "analysis").mkdir(exist_ok=True)
-        write_analysis(analysis, folder / "analysis", smooth_stress=None)
+        write_analysis(analysis, folder / "analysis")
     for name, value in compare(analysis, place, truth, size).items():
         print(f"{name:>34}: {value:.3g}" if isinstance(value, float) else f"{name:>34}: {value}")
     print(f"{'seconds':>34}: {time.perf_counter() - began:.0f}")

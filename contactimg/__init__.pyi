@@ -33,6 +33,7 @@ from .errors import FrameError as FrameError
 from .errors import FrameWarning as FrameWarning
 from .errors import InputError as InputError
 from .errors import ModelRangeError as ModelRangeError
+from .files import Run as Run
 from .files import open_experiment as open_experiment
 from .files import read_frames as read_frames
 from .files import read_run as read_run
@@ -63,7 +64,6 @@ from .pipeline.calibrate.jkr import measure_circles as measure_circles
 from .pipeline.calibrate.thresholds import measure_thresholds as measure_thresholds
 from .pipeline.frame import measure_frame as measure_frame
 from .pipeline.predict import plan_effects as plan_effects
-from .pipeline.series import Run as Run
 from .pipeline.series import measure_series as measure_series
 from .pipeline.simulate import write_simulation as write_simulation
 from .pipeline.tradeoff import measure_tradeoff as measure_tradeoff

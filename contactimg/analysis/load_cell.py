@@ -45,6 +45,10 @@ class LoadCell:
         """The load cell as a scene states it: without ``zero_std_N`` the zero is taken for right."""
         return cls(load.zero_std or 0.0, cls.gain_std if load.gain_std is None else load.gain_std)
 
+    def errors(self, relative: float) -> dict[str, float]:
+        """Standard uncertainties of a slope against loads, with a relative one that all forces share."""
+        return {"relative_std": float(np.hypot(relative, self.gain_std)), "zero_std": self.zero_std}
+
 
 EXACT_LOADS = LoadCell(zero_std=0.0, gain_std=0.0)
 """A load cell without error."""

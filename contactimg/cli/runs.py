@@ -158,7 +158,7 @@ def analyse(
     then = "report" if len(runs) == 1 else ""
     with shared.results_in(output, runs[0], None, inputs, main_files=["results.csv"], then=then) as out:
         analysis = pipeline.analyse_places(places, settings, workers=workers)
-        results = pipeline.write_analysis(analysis, out.folder, smooth_stress=settings.smooth_stress)
+        results = pipeline.write_analysis(analysis, out.folder)
         out.record["notes"] = [*pipeline.differences(places), *analysis.notes]
         echo_results(results, title=", ".join(runs))
         say(*analysis.notes)

@@ -63,30 +63,14 @@ def scaled_curvatures(ratio: Values) -> tuple[Values, Values, Values]:
 
 def scaled_response(depth: Values) -> tuple[Values, Values]:
     """P/(E* R^2) and a/R at ``depth = delta/R``, also where a/R rounds to one."""
-    load, ratio = _responses(np.ravel(depth))
-    return load.reshape(np.shape(depth)), ratio.reshape(np.shape(depth))
+    t = _angle(depth)
+    return _load_at(t), np.tanh(t)
 
 
-@njit(cache=True)
-def _responses(depth):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """`scaled_response` of a row of depths."""
-    load, ratio = np.empty_like(depth), np.empty_like(depth)
-    for i in range(depth.size):
-        load[i], ratio[i] = response_to_depth(depth[i])
-    return load, ratio
-
-
-@njit(cache=True)
-def response_to_depth(depth):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """`scaled_response` of one depth."""
-    t = _angle_of(depth)
+def _load_at(t: Values) -> Values:
+    """P/(E* R^2) at ``t = atanh(a/R)``."""
     s = np.tanh(t)
-    if s >= _SERIES_BELOW:
-        return (1 + s * s) * t - s, s
-    squared, series = s * s, 0.0
-    for k in range(_SERIES.size - 1, -1, -1):
-        series = series * squared + _SERIES[k]
-    return s * squared * series, s
+    return np.where(s < _SERIES_BELOW, scaled_load(np.minimum(s, _SERIES_BELOW)), (1 + s**2) * t - s)
 
 
 def scaled_bent_response(depth: Values, curvature: Values, quartic: Values) -> tuple[Values, Values]:
@@ -116,8 +100,7 @@ def scaled_bent_response(depth: Values, curvature: Values, quartic: Values) -> t
         if np.all(np.abs(step) <= np.where(inside, _NEWTON_STEP, 4e-16) * t):
             break
     s = np.tanh(t)
-    plain = np.where(s < _SERIES_BELOW, scaled_load(np.minimum(s, _SERIES_BELOW)), (1 + s**2) * t - s)
-    return plain + s**3 * (4 / 3 * curvature + 64 / 15 * quartic * s**2), s
+    return _load_at(t) + s**3 * (4 / 3 * curvature + 64 / 15 * quartic * s**2), s
 
 
 def _angle(depth: Values) -> Values:
@@ -127,28 +110,22 @@ def _angle(depth: Values) -> Values:
 
 @njit(cache=True)
 def _angles(depth):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """`_angle` of a row of depths."""
-    t = np.empty_like(depth)
-    for i in range(depth.size):
-        t[i] = _angle_of(depth[i])
-    return t
-
-
-@njit(cache=True)
-def _angle_of(depth):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """`_angle` of one depth, by Newton's method.
+    """`_angle` of a row of depths, by Newton's method.
 
     ``t tanh(t)`` is close to ``t^2`` below one and to ``t`` above, so a handful of steps suffice.
     """
-    t = np.sqrt(depth * (1 + depth / 3 + 4 / 45 * depth * depth)) if depth < 1 else depth
-    for _ in range(30):
-        s = np.tanh(t)
-        slope = s + t * (1 - s * s)
-        step = (t * s - depth) / (slope if slope > 0 else 1.0)
-        t = max(t - step, 0.0)
-        if abs(step) <= _NEWTON_STEP * t:
-            break
-    return t
+    angles = np.empty_like(depth)
+    for i, d in enumerate(depth):
+        t = np.sqrt(d * (1 + d / 3 + 4 / 45 * d * d)) if d < 1 else d
+        for _ in range(30):
+            s = np.tanh(t)
+            slope = s + t * (1 - s * s)
+            step = (t * s - d) / (slope if slope > 0 else 1.0)
+            t = max(t - step, 0.0)
+            if abs(step) <= _NEWTON_STEP * t:
+                break
+        angles[i] = t
+    return angles
 
 
 def indentation_from_radius(radius: ArrayLike, *, sphere_radius: float) -> Values:

@@ -11,7 +11,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.compiled import njit
 from contactimg.mechanics import sphere
 from contactimg.mechanics.layer import LARGEST_RATIO, factor_table
 
@@ -75,43 +74,6 @@ class HertzLaw:
             return force, np.sqrt(squared)
         contact_radius = np.sqrt(caps.radius * depth)
         return (4 / 3) * contact_radius * depth, contact_radius
-
-
-def total_response(law: AsperityLaw, penetration: Values, caps: Caps) -> tuple[float, float]:
-    """Sums of the forces and of the contact radii at penetrations."""
-    if isinstance(law, HertzLaw) and caps.bends is None:
-        force, contact_radius = _paraboloid_totals(penetration, caps.radius)
-    elif isinstance(law, SphereLaw) and caps.bends is None:
-        force, contact_radius = _sphere_totals(penetration, caps.radius, law.aspect)
-    else:
-        touching = np.flatnonzero(penetration > 0)
-        force, contact_radius = (v.sum() for v in law.respond(penetration[touching], caps[touching]))
-    return float(force), float(contact_radius)
-
-
-@njit(cache=True, fastmath={"reassoc", "contract"})
-def _paraboloid_totals(penetration, radius):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """`total_response` of paraboloids."""
-    force, contact_radius = 0.0, 0.0
-    for i in range(penetration.size):
-        depth = max(penetration[i], 0.0)
-        a = np.sqrt(radius[i] * depth)
-        contact_radius += a
-        force += a * depth
-    return 4 / 3 * force, contact_radius
-
-
-@njit(cache=True)
-def _sphere_totals(penetration, radius, aspect):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """`total_response` of spheres."""
-    force, contact_radius = 0.0, 0.0
-    for i in range(penetration.size):
-        if penetration[i] > 0.0:
-            R = radius[i]
-            load, ratio = sphere.response_to_depth(aspect * aspect * penetration[i] / R)
-            force += R * R * load
-            contact_radius += R * ratio
-    return force / aspect**3, contact_radius / aspect
 
 
 @dataclass(frozen=True)

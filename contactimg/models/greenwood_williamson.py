@@ -13,17 +13,9 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
+from contactimg.models import proof
 from contactimg.models.height_distributions import HeightLaw
 from contactimg.models.newton_iteration import MAX_DOUBLINGS
-from contactimg.models.proof import (
-    CONVERGED,
-    LOAD_RANGE_N,
-    check_finite,
-    check_range,
-    judge,
-    refuse_beyond_floats,
-    relative_error,
-)
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.surfaces import LENGTH_RANGE_M
 from contactimg.tables import PROFILE
@@ -172,7 +164,7 @@ class RingSolution:
     area: float
     iterations: int = 0
     residual: float = 0.0
-    status: str = CONVERGED
+    status: str = proof.CONVERGED
 
     @cached_property
     def pressure(self) -> Values:
@@ -213,8 +205,8 @@ class RingSolution:
     def proved(self, errors: dict[str, float], tolerance: float = 0.0) -> "RingSolution":
         """The solution with its status, once its numbers are finite and the errors are small."""
         names = ("r", "depth", "pressure", "density", "area_fraction", "indentation", "area")
-        check_finite({name.replace("_", " "): getattr(self, name) for name in names})
-        return replace(self, status=judge(errors, tolerance))
+        proof.check_finite({name.replace("_", " "): getattr(self, name) for name in names})
+        return replace(self, status=proof.judge(errors, tolerance))
 
     def limits(self) -> list[str]:
         """One sentence for each assumption of the model that does not hold."""
@@ -261,7 +253,7 @@ def ring_weights(r: Values) -> Values:
 
 
 @stage("rings")
-@refuse_beyond_floats
+@proof.refuse_beyond_floats
 def solve_greenwood_williamson(
     heights: HeightLaw,
     *,
@@ -315,7 +307,7 @@ def solve_greenwood_williamson(
     area = np.pi**2 * indenter_radius * radius * density * float(heights.moment(deepest, 2))
     depth = deepest - r**2 / (2 * indenter_radius)
     solution = RingSolution("gw", layer, r, depth, np.zeros_like(r), load, area)
-    return solution.proved({"sum of the forces": relative_error(force, load)})
+    return solution.proved({"sum of the forces": proof.relative_error(force, load)})
 
 
 def check_rings(indenter_radius: float, load: float, rings: int) -> None:
@@ -324,7 +316,7 @@ def check_rings(indenter_radius: float, load: float, rings: int) -> None:
         raise InputError(f"indenter_radius must be positive and finite, got {indenter_radius!r} m")
     if not (np.isfinite(load) and load > 0):
         raise InputError(f"load must be positive, got {load!r} N")
-    check_range("indenter_radius", indenter_radius, LENGTH_RANGE_M, "m")
-    check_range("load", load, LOAD_RANGE_N, "N")
+    proof.check_range("indenter_radius", indenter_radius, LENGTH_RANGE_M, "m")
+    proof.check_range("load", load, proof.LOAD_RANGE_N, "N")
     if rings < 8:
         raise InputError(f"rings must be at least 8, got {rings!r}")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.models.asperity_laws import AsperityLaw, Caps, total_response
+from contactimg.models.asperity_laws import AsperityLaw, Caps
 from contactimg.models.coupling import Coupling, NewtonSystem, NotPositiveDefinite
 
 Values = NDArray[np.float64]
@@ -142,8 +142,9 @@ def solve_uncoupled(
 
 def _bearing(system: ContactSystem, penetration: Values) -> tuple[float, float]:
     """Sum of forces and of stiffnesses of independent contacts."""
-    force, contact_radius = total_response(system.law, penetration, system.caps)
-    return force, 2 * contact_radius
+    touching = np.flatnonzero(penetration > 0)
+    force, contact_radius = system.law.respond(penetration[touching], system.caps[touching])
+    return float(force.sum()), 2 * float(contact_radius.sum())
 
 
 def initial_iterate(system: ContactSystem, force: Values, indentation: float) -> Iterate:

@@ -53,7 +53,7 @@ def write_corrections(path: str, data: Sequence[Any], properties: dict[str, Any]
         _edits(frame, regions).assign(frame=name, author="", time="")
         for name, frame, regions in zip(names, contacts_by_frame(run, names), drawn, strict=True)
     ]
-    rows = EDITS.conform(pd.concat(edits, ignore_index=True))
+    rows = EDITS.joined(edits)
     target = EditsFile(Path(path))
     new = rows[~_keys(rows).isin(_keys(target.read()))]
     if len(new):

@@ -9,7 +9,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -18,22 +18,8 @@ from numpy.typing import NDArray
 from contactimg.errors import FrameError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
+from contactimg.imaging import pooled
 from contactimg.imaging.measure import BACKGROUND_IS
-from contactimg.imaging.pooled import (
-    WORST_SCATTER,
-    Agreement,
-    Contacts,
-    PlacedFrame,
-    Placement,
-    PooledBackground,
-    RimSums,
-    View,
-    compare_views,
-    correct_radii,
-    digest_of,
-    excess_variance,
-    smooth_brightness,
-)
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
@@ -42,6 +28,8 @@ from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.tables import SHARED_SHIFTS
 
 logger = logging.getLogger(__name__)
+
+Item = TypeVar("Item")
 
 FEWEST_FRAMES = 5
 """Frames from which on the background is pooled without being asked for. Chosen: each has four others."""
@@ -64,7 +52,7 @@ the noise is known to 0.6 %."""
 
 OF_ELLIPSES = ("semi_major_std_px", "semi_minor_std_px", "angle_std_rad")
 
-PlacedView = tuple[PlacedFrame, NDArray[np.float32]]
+PlacedView = tuple[pooled.PlacedFrame, NDArray[np.float32]]
 """A frame on the anchor, and the means over squares of what it shows of the background."""
 
 
@@ -95,9 +83,9 @@ class Pool:
         radii (px).
     """
 
-    background: PooledBackground
+    background: pooled.PooledBackground
     brightness: NDArray[np.float32]
-    views: tuple[PlacedFrame, ...]
+    views: tuple[pooled.PlacedFrame, ...]
     options: FrameOptions
     source: str
     remark: str
@@ -117,9 +105,9 @@ class Pool:
         differs = "differs from the other frames: left out of the pooled background"
         return "; ".join(filter(None, [self.remark, differs * (number in self.differing)]))
 
-    def without(self, image: NDArray) -> tuple[PooledBackground, list[Contacts]]:
+    def without(self, image: NDArray) -> tuple[pooled.PooledBackground, list[pooled.Contacts]]:
         """The sums without the view of an image (or of a copy of it), and the contacts of the other views."""
-        digest, background, others = digest_of(image), self.background, []
+        digest, background, others = pooled.digest_of(image), self.background, []
         for own in self.views:
             if own.digest != digest:
                 others.append(own.on_anchor(self.brightness.shape))
@@ -143,11 +131,11 @@ def is_measured(part: MeasuredFrame) -> bool:
 
 
 def contribute_view(
-    frame: Frame, _reference: NDArray | None, own: PlacedFrame, *, brightness: NDArray[np.float32]
-) -> tuple[View, RimSums]:
+    frame: Frame, _reference: NDArray | None, own: pooled.PlacedFrame, *, brightness: NDArray[np.float32]
+) -> tuple[pooled.View, pooled.RimSums]:
     """The view of a frame, and its equations."""
     view = own.view(frame.image)
-    return view, RimSums.of(own.on_anchor(brightness.shape), view, brightness)
+    return view, pooled.RimSums.of(own.on_anchor(brightness.shape), view, brightness)
 
 
 def measure_on_pool(
@@ -168,7 +156,10 @@ def measure_on_pool(
 
 
 def _with_excess(
-    measured: MeasuredFrame, pool: Pool, background: PooledBackground, others: Sequence[Contacts]
+    measured: MeasuredFrame,
+    pool: Pool,
+    background: pooled.PooledBackground,
+    others: Sequence[pooled.Contacts],
 ) -> MeasuredFrame:
     """The uncertainties of the radii with what the background at each rim adds to that of the others."""
     table = measured.contacts
@@ -179,7 +170,7 @@ def _with_excess(
     sharp = float(np.sqrt((blur if np.isfinite(blur) else 1.0) ** 2 + PIXEL_VARIANCE))
     disks = table[["x_px", "y_px", "radius_px", "radius_std_px"]].to_numpy(float) - [*shift, 0.0, 0.0]
     views = background.views_at(*disks.T[:3])
-    excess = excess_variance(Contacts(disks, np.empty((0, 3)), blur=sharp), views, others)
+    excess = pooled.excess_variance(pooled.Contacts(disks, np.empty((0, 3)), blur=sharp), views, others)
     # relative to what the background adds to the variance of a pixel on average
     usual = float(np.mean(1.0 / np.maximum(pool.background.count[::4, ::4], 1)))
     factor = (1.0 + excess) / (1.0 + usual)
@@ -193,7 +184,7 @@ def _with_excess(
 # --- the pool of a series
 
 
-def contacts_of(part: MeasuredFrame, options: FrameOptions) -> Contacts:
+def contacts_of(part: MeasuredFrame, options: FrameOptions) -> pooled.Contacts:
     """The contacts of a frame, to be divided out if they are disks of known optics, else to be left out.
 
     An ellipse divided out as a disk would leave a ring in every frame, which takes its ellipticity away.
@@ -204,7 +195,7 @@ def contacts_of(part: MeasuredFrame, options: FrameOptions) -> Contacts:
     std = np.nan_to_num(tables.contacts["radius_std_px"].to_numpy(float), nan=1.0)
     places = np.column_stack([tables.contacts[columns].to_numpy(float), std])
     rejected = tables.rejected[columns].dropna().to_numpy(float)
-    contacts = Contacts(places[disk], np.concatenate([rejected, places[~disk, :3]]))
+    contacts = pooled.Contacts(places[disk], np.concatenate([rejected, places[~disk, :3]]))
     if optics is None or optics.halo is not None or scene.measure.method != "disk":
         return contacts.left_out()
     contrast = float(np.sign(part.row["contrast"]) * optics.contrast / part.level)
@@ -214,10 +205,10 @@ def contacts_of(part: MeasuredFrame, options: FrameOptions) -> Contacts:
     return replace(contacts, contrast=contrast, blur=blur, film=film) if known else contacts.left_out()
 
 
-def evenly_spread(numbers: Sequence[int], most: int) -> list[int]:
-    """Choose at most so many of the numbers, evenly spread over them."""
-    places = np.linspace(0, len(numbers) - 1, min(most, len(numbers)))
-    return [numbers[k] for k in np.rint(places).astype(int).tolist()]
+def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
+    """Choose at most so many of the items, evenly spread over them, the first and the last among them."""
+    places = np.linspace(0, len(items) - 1, min(most, len(items)))
+    return [items[k] for k in np.rint(places).astype(int).tolist()]
 
 
 def pool_background(
@@ -263,19 +254,19 @@ def pool_background(
         }
         if len(views) < FEWEST_VIEWS:
             raise FrameError(f"only {len(views)} different frames show it and agree on it")
-        brightness, equations = smooth_brightness(anchored.image), list[RimSums]()
-        pooled = PooledBackground.empty(brightness.shape)
+        brightness, equations = pooled.smooth_brightness(anchored.image), list[pooled.RimSums]()
+        total = pooled.PooledBackground.empty(brightness.shape)
         for view in anchored.first:
-            pooled = pooled.plus(view.restricted(agreement.used[0], agreement.light[0]), anchored.references)
+            total = total.plus(view.restricted(agreement.used[0], agreement.light[0]), anchored.references)
         call = partial(contribute_view, brightness=brightness)
         for result in _each(experiment, call, views, workers).values():
             if isinstance(result, FailedFrame):
                 raise FrameError(str(result.row["message"]))
-            pooled = pooled.plus(result[0])
+            total = total.plus(result[0])
             equations.append(result[1])
-        corrections = correct_radii(equations, pooled, brightness, noise=agreement.pixel_noise)
+        corrections = pooled.correct_radii(equations, total, brightness, noise=agreement.pixel_noise)
         for sums, correction in zip(equations, corrections, strict=True):
-            pooled = pooled.without_rings(sums.templates, correction)
+            total = total.without_rings(sums.templates, correction)
     except FrameError as error:
         logger.info("the background is not pooled: %s", error)
         return None
@@ -286,7 +277,7 @@ def pool_background(
         remark = f"{fault or 'the reference does not show the surface of the frames'}: not used"
     placed = zip(views.values(), corrections, strict=True)
     return Pool(
-        background=pooled,
+        background=total,
         brightness=brightness,
         views=tuple(replace(own, correction=correction) for own, correction in placed),
         options=options,
@@ -310,15 +301,15 @@ class _Anchored:
     shown: dict[int, PlacedView]
 
     @property
-    def first(self) -> list[View]:
+    def first(self) -> list[pooled.View]:
         """The view of the reference."""
-        return [View.plain(self.image)] if self.references else []
+        return [pooled.View.plain(self.image)] if self.references else []
 
     @cached_property
-    def agreement(self) -> Agreement:
+    def agreement(self) -> pooled.Agreement:
         """Where the views agree, the reference first."""
         squares = [*(view.squares() for view in self.first), *(squares for _, squares in self.shown.values())]
-        return compare_views(squares, sign=self.sign)
+        return pooled.compare_views(squares, sign=self.sign)
 
 
 def _place_views(
@@ -332,14 +323,14 @@ def _place_views(
     registered = bool(options.scene.effects.switched_off("position_drift"))
     level = BACKGROUND_IS["bright" if sign > 0 else "dark"]
 
-    def place(contacts: dict[int, Contacts], anchor: NDArray) -> dict[int, PlacedView]:
+    def place(contacts: dict[int, pooled.Contacts], anchor: NDArray) -> dict[int, PlacedView]:
         """The series without frames that do not show the surface of the anchor, and copies of a frame."""
 
-        def placed(frame: Frame, _reference: NDArray | None, own: Contacts) -> PlacedView | None:
-            placement = Placement.of(frame.image, anchor, background_is=level, registered=registered)
+        def placed(frame: Frame, _reference: NDArray | None, own: pooled.Contacts) -> PlacedView | None:
+            placement = pooled.Placement.of(frame.image, anchor, background_is=level, registered=registered)
             if placement is None:
                 return None
-            on_anchor = PlacedFrame(own, placement, digest_of(frame.image))
+            on_anchor = pooled.PlacedFrame(own, placement, pooled.digest_of(frame.image))
             return on_anchor, on_anchor.view(frame.image).squares()
 
         found = _each(experiment, placed, contacts, workers)
@@ -362,7 +353,7 @@ def _place_views(
         anchored.agreement.scatter_inside(own.on_anchor(anchored.image.shape), view=n)
         for n, (own, _) in enumerate(anchored.shown.values(), start=bool(anchored.references))
     ]
-    if np.median(scatter) > WORST_SCATTER:  # below 1 if contacts show the surface as the model says
+    if np.median(scatter) > pooled.WORST_SCATTER:  # below 1 if contacts show the surface as the model says
         logger.info("contacts do not show the surface as their surroundings do: they are left out")
         hidden = {k: own.contacts.left_out() for k, (own, _) in anchored.shown.items()}
         anchored = replace(anchored, shown=place(hidden, anchored.image))

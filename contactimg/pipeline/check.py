@@ -104,7 +104,7 @@ def check_experiment(
         raise InputError(
             f"no frame shows contacts like which others could be drawn; the first: {failed[0]['message']}"
         )
-    drawn = DRAWN.conform(pd.concat([table for table, _ in tables], ignore_index=True))
+    drawn = DRAWN.joined(table for table, _ in tables)
     classes = summarise_drawn(drawn)
     sentence = _sentence(drawn, classes, float(pd.Series([limit for _, limit in tables]).median()))
     return MeasurementCheck(drawn, classes, sentence, pd.DataFrame(failed, columns=["frame", "message"]))

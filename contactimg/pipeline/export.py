@@ -1,31 +1,18 @@
 """A run for other programs, and regions that were drawn there as corrections by hand."""
 
-import re
 from collections.abc import Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from contactimg.engine.progress import counted
 from contactimg.errors import InputError
-from contactimg.files import FrameSource, Run, open_experiment
-from contactimg.files.exports import (
-    Region,
-    read_regions,
-    region_of,
-    write_labels,
-    write_napari_points,
-    write_napari_shapes,
-    write_overlay_tiff,
-    write_regions,
-    write_workbook,
-)
+from contactimg.files import FrameSource, Run, exports, open_experiment
 from contactimg.pipeline.pictures import file_stem
 from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED
 from contactimg.tables.outlines import REJECTED_COLOUR, contact_outlines, kind_of
-
-_NAME = re.compile(r"contact_(\d+)")
 
 
 def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) -> None:
@@ -47,7 +34,7 @@ def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) 
     """
     if "xlsx" in formats:
         tables = [(FRAMES, run.frames), (CONTACTS, run.contacts), (REJECTED, run.rejected)]
-        write_workbook(tables, folder / "contacts.xlsx", units=units)
+        exports.write_workbook(tables, folder / "contacts.xlsx", units=units)
     for name in {"fiji", "napari", "labels"} & set(formats):
         (folder / name).mkdir()
     sources = frame_sources(run) if {"fiji", "labels"} & set(formats) else {}
@@ -55,35 +42,35 @@ def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) 
         contacts, outlines, stem = shown.contacts, shown.outlines, file_stem(frame)
         image = sources[frame].read().image if frame in sources else None
         if "napari" in formats:
-            write_napari_shapes(contacts, outlines, folder / "napari" / f"{stem}_shapes.csv")
-            write_napari_points(contacts, folder / "napari" / f"{stem}_points.csv")
+            exports.write_napari_shapes(contacts, outlines, folder / "napari" / f"{stem}_shapes.csv")
+            exports.write_napari_points(contacts, folder / "napari" / f"{stem}_points.csv")
         if "fiji" in formats:
             regions = contact_regions(contacts, outlines) + rejected_regions(shown.rejected)
-            write_regions(regions, folder / "fiji" / f"{stem}.zip")
+            exports.write_regions(regions, folder / "fiji" / f"{stem}.zip")
             if image is not None:
                 file, camera = folder / "fiji" / f"{stem}_overlay.tif", run.scene.camera
                 pixel_size = None if camera is None else camera.pixel_size
-                write_overlay_tiff(image, regions, file, pixel_size=pixel_size)
+                exports.write_overlay_tiff(image, regions, file, pixel_size=pixel_size)
         if "labels" in formats and image is not None:
-            write_labels(contacts, image.shape, outlines, folder / "labels" / f"{stem}_labels.tif")
+            exports.write_labels(contacts, image.shape, outlines, folder / "labels" / f"{stem}_labels.tif")
 
 
-def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[Region]:
+def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[exports.Region]:
     """Contacts of one frame as regions, named and coloured by what they are."""
     shapes = contact_outlines(contacts, outlines)
     return [
-        region_of(outline, name=region_name(outline.label), colour=kind_of(int(flags)).colour)
+        exports.region_of(outline, name=region_name(outline.label), colour=kind_of(int(flags)).colour)
         for outline, flags in zip(shapes, contacts["flags"], strict=True)
     ]
 
 
-def rejected_regions(rejected: pd.DataFrame) -> list[Region]:
+def rejected_regions(rejected: pd.DataFrame) -> list[exports.Region]:
     """Rejected candidates of one frame as regions."""
     regions = []
     places = rejected[["x_px", "y_px", "radius_px"]].to_numpy(float).tolist()
     for number, ((x, y, radius), reason) in enumerate(zip(places, rejected["reason"], strict=True), start=1):
         name = f"rejected_{number:04d} {reason.partition(':')[0]}".replace("/", " ")
-        regions.append(Region(name, x, y, max(radius, 1.0), max(radius, 1.0), colour=REJECTED_COLOUR))
+        regions.append(exports.Region(name, x, y, max(radius, 1.0), max(radius, 1.0), colour=REJECTED_COLOUR))
     return regions
 
 
@@ -92,16 +79,10 @@ def region_name(label: int) -> str:
 
     Examples
     --------
-    >>> region_name(12), label_of("contact_0012"), label_of("0123-0456")
-    ('contact_0012', 12, None)
+    >>> region_name(12)
+    'contact_0012'
     """
     return f"contact_{label:04d}"
-
-
-def label_of(name: str) -> int | None:
-    """Label of the contact with a region of this name; None for a region drawn anew."""
-    match = _NAME.fullmatch(name)
-    return int(match[1]) if match else None
 
 
 def frame_sources(run: Run) -> dict[str, FrameSource]:
@@ -163,12 +144,16 @@ def edits_from_regions(
         raise InputError(f"{run.folder}: has no frame {frame!r}")
     shown = dict(run.by_frame())[frame]
     exported = contact_regions(shown.contacts, shown.outlines)
-    edits = edits_between(shown.contacts, exported, read_regions(path), program="ImageJ")
+    edits = edits_between(shown.contacts, exported, exports.read_regions(path), program="ImageJ")
     return edits.assign(frame=frame, author=author, time=time)
 
 
 def edits_between(
-    contacts: pd.DataFrame, exported: Iterable[Region], corrected: Iterable[Region], *, program: str
+    contacts: pd.DataFrame,
+    exported: Iterable[exports.Region],
+    corrected: Iterable[exports.Region],
+    *,
+    program: str,
 ) -> pd.DataFrame:
     """Edits that turn the regions of a frame's contacts into those that came back.
 
@@ -186,25 +171,21 @@ def edits_between(
     DataFrame
         Columns of `contactimg.tables.EDITS`, without frame, author and time.
     """
-    places = contacts.set_index("label")[["x_px", "y_px"]].astype(float).T.to_dict()
-    before, rows, kept = {region.name: region for region in exported}, list[dict[str, object]](), set[int]()
+    names = contacts["label"].map(region_name)
+    places = contacts[["x_px", "y_px"]].astype(float).set_axis(names).T.to_dict()
+    before, rows = {region.name: region for region in exported}, list[dict[str, object]]()
     for region in corrected:
         if region.name.startswith(REJECTED_PREFIX):
             continue
-        label, why = label_of(region.name), "drawn"
-        if label is not None and label in places and label not in kept:
-            kept.add(label)
-            old, names = before[region.name], ("x", "y", "radius_x", "radius_y")
-            if all(abs(getattr(region, name) - getattr(old, name)) < SAME_PX for name in names):
+        place, why = places.pop(region.name, None), "drawn"  # only the first of its name is that contact
+        if place is not None:
+            now, old = ((one.x, one.y, one.radius_x, one.radius_y) for one in (region, before[region.name]))
+            if np.abs(np.subtract(now, old)).max() < SAME_PX:
                 continue
             why = "moved"
-            rows.append(places[label] | {"action": "exclude", "reason": f"moved in {program}"})
+            rows.append(place | {"action": "exclude", "reason": f"moved in {program}"})
         new = {"x_px": region.x, "y_px": region.y, "radius_px": region.radius}
         rows.append(new | {"action": "add", "reason": f"{why} in {program}"})
-    gone = [
-        place | {"action": "exclude", "reason": f"deleted in {program}"}
-        for label, place in places.items()
-        if label not in kept
-    ]
+    gone = [place | {"action": "exclude", "reason": f"deleted in {program}"} for place in places.values()]
     columns = ["action", "x_px", "y_px", "radius_px", "reason"]
     return EDITS.conform(pd.DataFrame([*gone, *rows], columns=columns))

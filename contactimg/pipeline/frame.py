@@ -373,13 +373,12 @@ def visible_areas(contacts: pd.DataFrame, shape: tuple[int, ...]) -> NDArray[np.
 
 def outlines_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
     """The outlines of the contacts of free shape as a table."""
-    labels, parts = measurement.disks["label"].to_numpy(), [OUTLINES.empty()]
+    labels, parts = measurement.disks["label"].to_numpy(), list[pd.DataFrame]()
     for row, lines in measurement.outlines():
         for number, line in enumerate(lines):
             places = {"point": range(len(line)), "x_px": line[:, 0], "y_px": line[:, 1]}
-            table = pd.DataFrame(places | {"label": labels[row], "outline": number, "frame": name})
-            parts.append(OUTLINES.conform(table))
-    return pd.concat(parts[1:] or parts, ignore_index=True)
+            parts.append(pd.DataFrame(places | {"label": labels[row], "outline": number, "frame": name}))
+    return OUTLINES.joined(parts)
 
 
 _LENGTHS_AND_AREAS = [
@@ -405,8 +404,6 @@ def locate_contacts(
         Position in the frame minus position in the reference, (x, y); one, or one for each contact.
     """
     shift_x, shift_y = (np.asarray(shift, float) for shift in shift_px)
-    if not (np.isfinite(shift_x).all() and np.isfinite(shift_y).all()):
-        raise InputError(f"the shift of a frame must be finite, got {shift_px}")
     x, y = pose.to_sample(contacts["x_px"] - shift_x, contacts["y_px"] - shift_y)
     metres = {
         f"{name}_m{power}": contacts[f"{name}_px{power}"].to_numpy(float) * pose.pixel_size ** int(power or 1)

@@ -12,35 +12,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg import files
 from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.local_law import LawPlan, decide_law, law_evidence
 from contactimg.engine.calls import in_parallel
-from contactimg.files import (
-    OutputFolder,
-    Run,
-    TableFormat,
-    TableWriter,
-    encoded_rows,
-    main_tables,
-    provenance,
-    read_run,
-)
 from contactimg.files.runs import apex_record, frame_shift, pose_record
 from contactimg.forces import fill_forces, sphere_radii
 from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.plausibility import FORCES_OFF_LOAD
-from contactimg.pose import Pose
+from contactimg.pose import Pose, fit
 from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find_centre
-from contactimg.pose.fit import (
-    LARGEST_TURN_RAD,
-    NEARLY_ALL,
-    SIGNIFICANT_FRACTION,
-    PoseFit,
-    common_shift,
-    fit_pose,
-    search_everywhere,
-)
 from contactimg.pose.pairs import FEWEST_CONTACTS, PAIRING_FRACTION, pair_points, pairing_distance
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Flag, Schema, Status
@@ -73,7 +55,7 @@ Result = TypeVar("Result")
 
 
 @stage("pose")
-def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
+def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.PoseFit:
     """The pose of a series: the one that its contacts confirm, or the stated one.
 
     The contacts of the frame that has most of them are looked for near the stated pose, or else anywhere on
@@ -89,14 +71,14 @@ def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
         As stated.
     """
     if sites is None or run.scene.measure.pose != "fit":
-        return PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
+        return fit.PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
     targets, counts = sites[["x_m", "y_m"]].to_numpy(float), run.frames["n_contacts"].fillna(0)
     name = str(run.frames["frame"].iloc[int(counts.to_numpy(float).argmax())])
     part, shift = run.contacts[run.contacts["frame"] == name], frame_shift(run.frames, name)
     x_px, y_px = part["x_px"] - shift[0], part["y_px"] - shift[1]
     reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
-    pose = fit_pose(x_px, y_px, targets, guess, largest_shift=reach)
-    found = pose if pose.fitted else search_everywhere(x_px, y_px, targets, guess)
+    pose = fit.fit_pose(x_px, y_px, targets, guess, largest_shift=reach)
+    found = pose if pose.fitted else fit.search_everywhere(x_px, y_px, targets, guess)
     if found is not None and (not pose.fitted or found.pose.mirrored != guess.mirrored):
         _say_where(found, guess, run.scene)
     pose = found or pose
@@ -110,13 +92,13 @@ def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
     return pose
 
 
-def _say_where(found: PoseFit, guess: Pose, scene: Scene) -> None:
+def _say_where(found: fit.PoseFit, guess: Pose, scene: Scene) -> None:
     """Log that the camera looks elsewhere: as a warning if the scene states where, or it is turned."""
     turned = np.abs(np.sin(found.pose.rotation - guess.rotation))
     mirrored = found.pose.mirrored != guess.mirrored
     stated = scene.camera is not None and scene.camera.centre is not None
     logger.log(
-        logging.WARNING if stated or mirrored or turned > np.sin(LARGEST_TURN_RAD) else logging.INFO,
+        logging.WARNING if stated or mirrored or turned > np.sin(fit.LARGEST_TURN_RAD) else logging.INFO,
         "the camera does not look where [camera] says; %d of %d contacts fall on asperities with [camera] "
         "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here%s",
         found.n_matched,
@@ -142,7 +124,7 @@ def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -
     return Apex(scene.indenter.apex) if stated else shown
 
 
-def shown_apex(run: Run, pose: Pose | None, asperities: pd.DataFrame | None) -> Apex | None:
+def shown_apex(run: files.Run, pose: Pose | None, asperities: pd.DataFrame | None) -> Apex | None:
     """The apex that the contacts of one frame of a run show, the frame that shows it best; None if none does.
 
     Without asperities it is the centre of the contacts.
@@ -187,10 +169,10 @@ def locate_frames(
     asperity, reach = np.full(len(located), -1), pairing_distance(targets, pose)
     for rows in contacts.groupby("frame").indices.values():
         i, j, _ = pair_points(points[rows], targets, max_distance=reach)
-        if len(i) < NEARLY_ALL * len(rows) and len(rows) >= FEWEST_CONTACTS:
-            shift = common_shift(points[rows], targets, near=reach, far=reach / PAIRING_FRACTION)
+        if len(i) < fit.NEARLY_ALL * len(rows) and len(rows) >= FEWEST_CONTACTS:
+            shift = fit.common_shift(points[rows], targets, near=reach, far=reach / PAIRING_FRACTION)
             moved = pair_points(points[rows] - shift, targets, max_distance=reach)
-            i, j, _ = moved if len(moved[0]) >= NEARLY_ALL * len(rows) else (i, j, _)
+            i, j, _ = moved if len(moved[0]) >= fit.NEARLY_ALL * len(rows) else (i, j, _)
         asperity[rows[i]] = j
     return located.assign(asperity=pd.arrays.IntegerArray(asperity, asperity < 0))
 
@@ -211,7 +193,7 @@ def _known(contacts: pd.DataFrame, column: str) -> pd.DataFrame:
 
 
 @stage("pose")
-def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run:
+def with_pose(run: files.Run, sites: pd.DataFrame | None, pose: fit.PoseFit | None) -> files.Run:
     """The run with sample coordinates and asperities under a pose; as it is without one."""
     if pose is None:
         return run
@@ -220,8 +202,8 @@ def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run
     located = CONTACTS.conform(locate_frames(run.contacts, frames, pose.pose, targets))
     if targets is not None:
         counts = _known(located, "asperity")
-        few = counts[counts["known"] < NEARLY_ALL * counts["all"]]
-        lost = few[(few["known"] < SIGNIFICANT_FRACTION * few["all"]) & (few["all"] >= FEWEST_CONTACTS)]
+        few = counts[counts["known"] < fit.NEARLY_ALL * counts["all"]]
+        lost = few[(few["known"] < fit.SIGNIFICANT_FRACTION * few["all"]) & (few["all"] >= FEWEST_CONTACTS)]
         notes = {
             name: f"only {found} of {count} contacts fall on an asperity: check the asperity table, [camera] "
             "pixel_size_m and centre_m, and [indenter] apex_m"
@@ -232,7 +214,7 @@ def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit | None) -> Run
 
 
 @stage("forces")
-def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None) -> Run:
+def with_forces(run: files.Run, sites: pd.DataFrame | None, law: LawPlan | None) -> files.Run:
     """The run with local forces where the elastic body and the asperity's radius are known, and with sums.
 
     Without a pose it stays as it is.
@@ -255,12 +237,12 @@ def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None) -> Ru
     return replace(run, contacts=contacts, frames=frames, law=law if forces else None)
 
 
-def local_law(run: Run, sites: pd.DataFrame | None) -> LawPlan | None:
+def local_law(run: files.Run, sites: pd.DataFrame | None) -> LawPlan | None:
     """The law of the local forces of a run, and what it leaves out; None without an elastic body."""
     return None if run.scene.elastic is None else decide_law(run.scene, _law_evidence(run, sites))
 
 
-def _law_evidence(run: Run, sites: pd.DataFrame | None) -> pd.DataFrame:
+def _law_evidence(run: files.Run, sites: pd.DataFrame | None) -> pd.DataFrame:
     """Tabulate what the contacts of a run say on the law of the local forces."""
     return law_evidence(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
 
@@ -312,8 +294,8 @@ class MeasuredSeries:
         None without an indenter.
     shown : Apex or None
         Apex and radius of the lens that the contacts show, None where they show none.
-    decided : LawPlan or None
-        Of a block: the law of the local forces that the whole series decided on.
+    law : LawPlan or None
+        The law of the local forces, on which the contacts of all frames decide; None without forces.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`, for what is done with blocks.
     """
@@ -321,14 +303,14 @@ class MeasuredSeries:
     scene: Scene
     parts: Sequence[MeasuredFrame]
     sites: pd.DataFrame | None
-    pose: PoseFit | None = None
+    pose: fit.PoseFit | None = None
     apex: Apex | None = None
     shown: Apex | None = None
-    decided: LawPlan | None = None
+    law: LawPlan | None = None
     workers: int | None = 1
 
     def posed(self, shape: tuple[int, int], asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
-        """The series with the pose and apex that the frame with most contacts gives.
+        """The series with the pose and apex that the frame with most contacts gives, and the law of forces.
 
         Frames have this usual shape. Where an asperity first touches depends on the apex, by less than the
         asperities are apart: where the apex is found from the contacts, the pose is found once more.
@@ -337,11 +319,11 @@ class MeasuredSeries:
             return self
         counts = [part.row.get("n_contacts", pd.NA) for part in self.parts]
         most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
-        run = replace(self, parts=[self.parts[most]])._in_pixels
+        run = replace(self, parts=[self.parts[most]]).in_pixels
         pose = find_pose(run, self.sites, self.scene.pose(shape))
         places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
         several = replace(self, parts=[self.parts[k] for k in places])
-        located = with_pose(several._in_pixels, self.sites, pose)
+        located = with_pose(several.in_pixels, self.sites, pose)
         shown = shown_apex(located, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
         posed = replace(self, pose=pose, apex=apex, shown=shown)
@@ -350,71 +332,56 @@ class MeasuredSeries:
             scene = self.scene.with_apex(apex.place)
             sites = contact_sites(asperities, scene)
             posed = replace(posed, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose))
-        return posed
+        if posed.scene.elastic is None:
+            return posed
+        evidence = posed.of_blocks(lambda block: _law_evidence(block.located, block.sites))
+        return replace(posed, law=decide_law(posed.scene, pd.concat(evidence)))
 
-    def blocks(self) -> Iterator[Run]:
-        """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""
-        return (part._finished for part in self._parts(self.law))
-
-    def of_blocks(self, make: Callable[[Run], Result]) -> Iterator[Result]:
-        """The results of a function for the blocks, in order; several processes share the blocks."""
-        return self._share(lambda block: make(block._finished), self.law)
-
-    def whole(self) -> Run:
-        """The run with the tables of all frames in memory."""
-        blocks = list(self.blocks())
-        contacts, frames, rejected, outlines = (_joined(schema, blocks) for schema in _TABLES)
-        law = next((block.law for block in blocks if block.law is not None), None)
-        return Run(self.scene, contacts, frames, self.pose, {"rejected": rejected, "outlines": outlines}, law)
-
-    @cached_property
-    def law(self) -> LawPlan | None:
-        """The law of the local forces, on which the contacts of all frames decide; None without forces."""
-        if self.decided is not None or self.scene.elastic is None or self.pose is None:
-            return self.decided
-        evidence = self._share(lambda block: _law_evidence(block._located, block.sites))
-        return decide_law(self.scene, pd.concat(evidence))
-
-    def _share(
-        self, call: Callable[["MeasuredSeries"], Result], law: LawPlan | None = None
-    ) -> Iterator[Result]:
-        """The results of a function of each block, as a series of its own."""
-        count = -(-len(self.parts) // BLOCK_FRAMES)
-        return in_parallel(call, ((part,) for part in self._parts(law)), count=count, workers=self.workers)
-
-    def _parts(self, law: LawPlan | None) -> Iterator["MeasuredSeries"]:
-        """The blocks, each as a series; a short series is its only block, which keeps its tables."""
+    def blocks(self) -> Iterator["MeasuredSeries"]:
+        """The series, a few frames at a time; a short one is its only block, which keeps its tables."""
         if len(self.parts) <= BLOCK_FRAMES:
             return iter((self,))
         firsts = range(0, len(self.parts), BLOCK_FRAMES)
-        return (replace(self, parts=self.parts[k : k + BLOCK_FRAMES], decided=law) for k in firsts)
+        return (replace(self, parts=self.parts[k : k + BLOCK_FRAMES]) for k in firsts)
+
+    def of_blocks(self, make: Callable[["MeasuredSeries"], Result]) -> Iterator[Result]:
+        """The results of a function for the blocks, in order; several processes share the blocks."""
+        count = -(-len(self.parts) // BLOCK_FRAMES)
+        return in_parallel(make, ((block,) for block in self.blocks()), count=count, workers=self.workers)
+
+    def whole(self) -> files.Run:
+        """The run with the tables of all frames in memory."""
+        blocks = [block.run for block in self.blocks()]
+        frames, tables = FRAMES.joined(block.frames for block in blocks), _joined(blocks)
+        law = next((block.law for block in blocks if block.law is not None), None)
+        return files.Run(self.scene, tables.pop(CONTACTS.name), frames, self.pose, tables, law)
 
     @cached_property
-    def _finished(self) -> Run:
-        """The run with pose and forces."""
-        return with_forces(self._located, self.sites, self.law)
+    def run(self) -> files.Run:
+        """The tables of the frames, with pose and forces."""
+        return with_forces(self.located, self.sites, self.law)
 
     @cached_property
-    def _located(self) -> Run:
+    def located(self) -> files.Run:
         """The run without forces."""
-        return with_pose(self._in_pixels, self.sites, self.pose)
+        return with_pose(self.in_pixels, self.sites, self.pose)
 
     @cached_property
-    def _in_pixels(self) -> Run:
+    def in_pixels(self) -> files.Run:
         """The run in pixels."""
-        tables = [part.tables for part in self.parts]
+        tables = _joined([part.tables for part in self.parts])
         frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
-        contacts, rejected, outlines = (_joined(schema, tables) for schema in (CONTACTS, REJECTED, OUTLINES))
-        return Run(self.scene, contacts, frames, tables={"rejected": rejected, "outlines": outlines})
+        return files.Run(self.scene, tables.pop(CONTACTS.name), frames, tables=tables)
 
 
-def _joined(schema: Schema, parts: Sequence[object]) -> pd.DataFrame:
-    """The tables of a schema of several parts as one."""
-    return schema.conform(pd.concat([getattr(part, schema.name) for part in parts], ignore_index=True))
+def _joined(parts: Sequence[files.Run | files.FrameTables]) -> dict[str, pd.DataFrame]:
+    """Name -> the tables of several parts as one: contacts, rejected and outlines."""
+    schemas = (CONTACTS, REJECTED, OUTLINES)
+    return {one.name: one.joined(getattr(part, one.name) for part in parts) for one in schemas}
 
 
 def write_run(
-    series: MeasuredSeries, folder: Path, table_format: TableFormat = "csv"
+    series: MeasuredSeries, folder: Path, table_format: files.TableFormat = "csv"
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Write contacts, frames, rejected and, if any, outlines, a few frames at a time.
 
@@ -430,11 +397,11 @@ def write_run(
         record |= {"apex": apex_record(series.apex)}
     frames = list[pd.DataFrame]()
     with ExitStack() as stack:
-        tables = [stack.enter_context(TableWriter(schema, folder, table_format)) for schema in _TABLES]
+        tables = [stack.enter_context(files.TableWriter(schema, folder, table_format)) for schema in _TABLES]
 
-        def encoded(block: Run) -> tuple[list[str | pd.DataFrame], pd.DataFrame]:
-            rows = [encoded_rows(getattr(block, one.name), one, table_format) for one in _TABLES]
-            return rows, block.frames
+        def encoded(block: MeasuredSeries) -> tuple[list[str | pd.DataFrame], pd.DataFrame]:
+            rows = [files.encoded_rows(getattr(block.run, one.name), one, table_format) for one in _TABLES]
+            return rows, block.run.frames
 
         for contents, rows in series.of_blocks(encoded):
             for table, part in zip(tables, contents, strict=True):
@@ -442,7 +409,7 @@ def write_run(
             frames.append(rows)
     if tables[-1].empty:
         tables[-1].path.unlink()
-    whole = FRAMES.conform(pd.concat(frames, ignore_index=True))
+    whole = FRAMES.joined(frames)
     if series.law is not None and whole["law"].ne("").any():
         record["law"] = series.law.sentence()
     films = {part.row["frame"]: asdict(part.film) for part in series.parts if part.film is not None}
@@ -450,7 +417,7 @@ def write_run(
 
 
 def write_joined_tables(
-    runs: Mapping[str, Path], target: Path, *, command: str, table_format: TableFormat = "csv"
+    runs: Mapping[str, Path], target: Path, *, command: str, table_format: files.TableFormat = "csv"
 ) -> None:
     """Write the tables all_contacts and all_frames of several runs, with the name of the run first.
 
@@ -464,12 +431,12 @@ def write_joined_tables(
         For the provenance.
     table_format : {"csv", "parquet"}
     """
-    tables = {name: read_run(folder) for name, folder in runs.items()}
-    record = provenance(command=command, inputs=main_tables(runs.values()))
-    with OutputFolder(target, record, main_files=[f"all_frames.{table_format}"]) as out:
+    tables = {name: files.read_run(folder) for name, folder in runs.items()}
+    record = files.provenance(command=command, inputs=files.main_tables(runs.values()))
+    with files.OutputFolder(target, record, main_files=[f"all_frames.{table_format}"]) as out:
         for schema in (CONTACTS, FRAMES):
             parts = [getattr(run, schema.name).assign(run=name) for name, run in tables.items()]
             named = {"run": ("str", "name of the folder of frames")} | schema.columns
             joined = Schema(f"all_{schema.name}", schema.description, **named)
-            with TableWriter(joined, out.folder, table_format) as table:
+            with files.TableWriter(joined, out.folder, table_format) as table:
                 table.add(pd.concat(parts, ignore_index=True))

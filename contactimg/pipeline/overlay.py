@@ -16,15 +16,9 @@ from contactimg.files import Experiment
 from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
 from contactimg.pipeline.inputs import contact_sites
-from contactimg.pipeline.pictures import (
-    MARKS,
-    PREDICTED,
-    draw_frames,
-    draw_predicted,
-    series_stretch,
-    view_of,
-)
+from contactimg.pipeline.pictures import MARKS, PREDICTED, draw_frames, draw_predicted
 from contactimg.pipeline.predict import predict_in_view
+from contactimg.plots.overlay import Picture
 from contactimg.pose.pairs import match_contacts
 from contactimg.prediction import COMPARED_MODELS, Prediction, hertz_circle, scene_of_model
 from contactimg.tables import FAILED, MATCHES, SCORES
@@ -95,7 +89,7 @@ def compare_run(
     if not (loaded & good).any():
         raise InputError("there is nothing to compare: no frame with a load could be measured")
     frames = run.frames[loaded & good]
-    matches, scores, left_out = [MATCHES.empty()], list[dict[str, Any]](), dict[str, list[str]]()
+    matches, scores, left_out = list[pd.DataFrame](), list[dict[str, Any]](), dict[str, list[str]]()
     sites = contact_sites(asperities, run.scene)
     surfaces = {model: (scene_of_model(run.scene, model), asperities) for model in COMPARED_MODELS}
     jobs = [
@@ -130,7 +124,7 @@ def compare_run(
                 matches.append(pairs)
     table = SCORES.conform(pd.DataFrame(scores, columns=list(SCORES.columns)))
     reasons = {name: "; ".join(why) for name, why in left_out.items()}
-    return Comparison(MATCHES.conform(pd.concat(matches)), table, seen, plans, reasons)
+    return Comparison(MATCHES.joined(matches), table, seen, plans, reasons)
 
 
 def compare_frame(
@@ -172,15 +166,13 @@ def draw_comparison(
     comparison: Comparison, run: Run, experiment: Experiment, folder: Path, *, workers: int | None
 ) -> None:
     """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files."""
-    folder.mkdir()
-    sources, pose = {source.name: source for source in experiment.frames}, run.need_pose()
-    lost = [frame for frame in comparison.seen if frame not in sources]
+    known, pose = {source.name for source in experiment.frames}, run.need_pose()
+    lost = [frame for frame in comparison.seen if frame not in known]
     if lost:
         raise InputError(f"frame {lost[0]} of the run is not among the frames of its scene; repeat `process`")
-    stretch = series_stretch([sources[frame] for frame in comparison.seen])
     loads, tables = run.frames.set_index("frame")["load_N"], dict(run.by_frame())
 
-    def jobs() -> Iterator[tuple[Any, ...]]:
+    def drawings() -> Iterator[tuple[str, partial[Picture]]]:
         for frame, models in comparison.seen.items():
             found, circle = hertz_circle(run.scene, float(loads[frame])), list[Outline]()
             if found is not None:
@@ -195,7 +187,7 @@ def draw_comparison(
                 }
                 for model, kinds in models.items()
             }
-            view = view_of(frame, experiment, stretch, pose.pixel_size)
-            yield sources[frame], partial(draw_predicted, marked=marked, hertz_circle=circle, view=view)
+            yield frame, partial(draw_predicted, marked=marked, hertz_circle=circle)
 
-    draw_frames(jobs(), folder, count=len(comparison.seen), workers=workers)
+    names, pixel_size = comparison.seen.keys(), pose.pixel_size
+    draw_frames(experiment, names, drawings(), folder, pixel_size=pixel_size, workers=workers)

@@ -1,7 +1,7 @@
 """Pictures of a run: outlines of the measured contacts on each frame, predictions over them."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -69,38 +69,52 @@ def draw_overlays(
     workers : int or None
         Processes that share the frames.
     """
-    folder.mkdir()
     pixel_size = None if series.pose is None else series.pose.pose.pixel_size
-    failed = {part.row["frame"] for part in series.parts if part.row["status"] == Status.FAILED}
-    sources = {source.name: source for source in experiment.frames if source.name not in failed}
-    stretch = series_stretch(list(sources.values()))
-    view = partial(view_of, experiment=experiment, stretch=stretch, pixel_size=pixel_size)
-    jobs = (
-        (sources[name], partial(draw_measured, shown=shown, view=view(name)))
-        for block in series.blocks()
-        for name, shown in block.by_frame()
-        if name in sources
-    )
-    draw_frames(jobs, folder, count=len(sources), workers=workers)
+    names = [part.row["frame"] for part in series.parts if part.row["status"] != Status.FAILED]
+    shown = (one for block in series.blocks() for one in block.run.by_frame())
+    drawings = ((name, partial(draw_measured, shown=tables)) for name, tables in shown)
+    draw_frames(experiment, names, drawings, folder, pixel_size=pixel_size, workers=workers)
 
 
 def draw_frames(
-    jobs: Iterable[tuple[FrameSource, Callable[[NDArray], Picture]]],
+    experiment: Experiment,
+    names: Collection[str],
+    drawings: Iterable[tuple[str, Callable[..., Picture]]],
     folder: Path,
     *,
-    count: int,
+    pixel_size: float | None,
     workers: int | None,
 ) -> None:
-    """Read frames again, and write what a function draws of each."""
-    draw = partial(_draw_frame, folder)
-    deque(in_parallel(draw, jobs, count=count, workers=workers, shown="drawing overlays"), maxlen=0)
+    """Read frames of an experiment again, and write what a function draws of each, as PNG files.
 
+    Parameters
+    ----------
+    experiment : Experiment
+    names : collection of str
+        Of the frames that are drawn.
+    drawings : iterable of (str, callable)
+        Name of a frame, and the function of its image and of the `View` that draws it.
+    folder : Path
+        Is made.
+    pixel_size : float or None, m
+    workers : int or None
+        Processes that share the frames.
+    """
+    folder.mkdir()
+    sources = {source.name: source for source in experiment.frames if source.name in names}
+    stretch = series_stretch(list(sources.values()))
 
-@stage("pictures")
-def _draw_frame(folder: Path, source: FrameSource, draw: Callable[[NDArray], Picture]) -> None:
-    """Read one frame again and draw it."""
-    picture = draw(source.read().image)
-    write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(source.name)}.png")
+    def draw(name: str, drawing: Callable[..., Picture]) -> None:
+        """Read one frame again and draw it; its name and its load, where that is known, are the title."""
+        load = experiment.load_of(name)
+        title = f"{name}, {1e3 * load:g} mN" if np.isfinite(load) else name
+        with stage("pictures"):
+            view = View(stretch, title=title, pixel_size=pixel_size)
+            picture = drawing(sources[name].read().image, view=view)
+            write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(name)}.png")
+
+    jobs = (job for job in drawings if job[0] in sources)
+    deque(in_parallel(draw, jobs, count=len(sources), workers=workers, shown="drawing overlays"), maxlen=0)
 
 
 @stage("pictures")
@@ -125,15 +139,6 @@ def file_stem(frame: str) -> str:
     ('stack.tif_3', 'frame_1.tif')
     """
     return frame.replace("[", "_").replace("]", "")
-
-
-def view_of(
-    frame: str, experiment: Experiment, stretch: tuple[float, float], pixel_size: float | None
-) -> View:
-    """A whole frame, with its name and load, where that is known, as title."""
-    load = experiment.load_of(frame)
-    title = f"{frame}, {1e3 * load:g} mN" if np.isfinite(load) else frame
-    return View(stretch, title=title, pixel_size=pixel_size)
 
 
 def draw_measured(image: NDArray, shown: FrameTables, view: View) -> Picture:

@@ -175,7 +175,7 @@ def write_predictions(
         For the provenance: name of the load -> the plan of its effects, and the errors expected of it.
     """
     contacts, frames, profiles = (
-        pd.concat([getattr(one, schema.name) for one in predictions], ignore_index=True)
+        schema.joined(getattr(one, schema.name) for one in predictions)
         for schema in (CONTACTS, FRAMES, PROFILE)
     )
     if scene.camera is not None and scene.simulate is not None:

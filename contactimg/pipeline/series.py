@@ -8,28 +8,12 @@ from functools import partial
 
 import pandas as pd
 
+from contactimg import files
 from contactimg.errors import FrameError, InputError
-from contactimg.files import (
-    EVERY_FRAME,
-    Experiment,
-    FrameSource,
-    PartStore,
-    Run,
-    edit_points,
-    open_experiment,
-)
 from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
 from contactimg.imaging.fit.pooling import FEWEST_SCORES, pool_edges, pool_optics
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.pipeline.background import (
-    FEWEST_FALSE_SPOTS,
-    FEWEST_FRAMES,
-    MOST_VIEWS,
-    evenly_spread,
-    is_measured,
-    measure_on_pool,
-    pool_background,
-)
+from contactimg.pipeline import background
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
 from contactimg.pipeline.measured_series import MeasuredSeries
@@ -46,7 +30,7 @@ POOLING_GAIN = 1.5
 better. Chosen by hand: what the frame knows itself is then below a third of what it is lent."""
 
 
-def measure_series(scene: Scene, *, workers: int | None = None) -> Run:
+def measure_series(scene: Scene, *, workers: int | None = None) -> files.Run:
     """Measure every frame of a scene.
 
     Parameters
@@ -68,11 +52,11 @@ def measure_series(scene: Scene, *, workers: int | None = None) -> Run:
         that is no plausible one (`contactimg.plausibility`).
     """
     settle(doubts_about_scene(scene), scene.folder)
-    return measure_parts(open_experiment(scene), workers=workers).whole()
+    return measure_parts(files.open_experiment(scene), workers=workers).whole()
 
 
 def measure_parts(
-    experiment: Experiment, *, workers: int | None = None, store: PartStore | None = None
+    experiment: files.Experiment, *, workers: int | None = None, store: files.PartStore | None = None
 ) -> MeasuredSeries:
     """Measure every frame of an opened experiment; see `measure_series`.
 
@@ -88,14 +72,14 @@ def measure_parts(
     return MeasuredSeries(scene, parts, sites, workers=workers).posed(shape, asperities)
 
 
-def edits_by_frame(experiment: Experiment) -> dict[str, Edits]:
+def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
     """Name of a frame -> corrections by hand to its contacts, in the order of the table.
 
     An edit of a frame that is not there is logged as a warning.
     """
     edits: dict[str, Edits] = {}
     names = [source.name for source in experiment.frames]
-    known = {EVERY_FRAME, *names}
+    known = {files.EVERY_FRAME, *names}
     for number, row in enumerate(experiment.edits.to_dict("records"), start=1):
         if row["frame"] not in known:
             logger.warning(
@@ -103,15 +87,15 @@ def edits_by_frame(experiment: Experiment) -> dict[str, Edits]:
                 number, row["action"], row["frame"],
             )  # fmt: skip
         elif row["action"] in ACTIONS:
-            points = edit_points(row["points"])
+            points = files.edit_points(row["points"])
             edit = HandEdit(row["action"], number, row["x_px"], row["y_px"], row["radius_px"], points)
-            for name in names if row["frame"] == EVERY_FRAME else [row["frame"]]:
+            for name in names if row["frame"] == files.EVERY_FRAME else [row["frame"]]:
                 edits[name] = (*edits.get(name, ()), edit)
     return edits
 
 
 def _measure_frames(
-    experiment: Experiment, options: FrameOptions, *, workers: int | None, store: PartStore | None
+    experiment: files.Experiment, options: FrameOptions, *, workers: int | None, store: files.PartStore | None
 ) -> tuple[list[MeasuredFrame], tuple[int, int]]:
     """Measure the frames, on a pooled background where that gains; some again with optics of the others.
 
@@ -150,24 +134,24 @@ def _measure_frames(
         return found
 
     counts_pixels = method == "threshold" and options.scene.images.background != "pooled"
-    sample = evenly_spread(numbers, len(frames) if counts_pixels else MOST_VIEWS)
+    sample = background.evenly_spread(numbers, len(frames) if counts_pixels else background.MOST_VIEWS)
     parts |= measured(alone, dict.fromkeys(sample))
-    if len(parts) < FEWEST_FRAMES or len({part.shape for part in parts.values()}) > 1:
+    if len(parts) < background.FEWEST_FRAMES or len({part.shape for part in parts.values()}) > 1:
         parts |= measured(alone, {k: None for k in numbers if k not in parts | failed})
     if not parts:
         raise InputError(f"no frame could be measured; the first: {failed[0].row['message']}")
-    shown = {k: part for k, part in _of_usual_shape(parts).items() if is_measured(part)}
-    pool = pool_background(experiment, options, shown, workers=workers)
-    if pool is not None and pool.spots >= FEWEST_FALSE_SPOTS:
+    shown = {k: part for k, part in _of_usual_shape(parts).items() if background.is_measured(part)}
+    pool = background.pool_background(experiment, options, shown, workers=workers)
+    if pool is not None and pool.spots >= background.FEWEST_FALSE_SPOTS:
         fault = f"the reference shows {pool.spots} spots like contacts that no frame confirms"
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
         shown |= measured(alone, dict.fromkeys(shown))
         parts |= shown
-        pool = pool_background(experiment, options, shown, workers=workers, fault=fault)
+        pool = background.pool_background(experiment, options, shown, workers=workers, fault=fault)
     call, (common, lent) = alone, _lent_optics(_of_usual_shape(parts), method)
     if pool is not None:
-        on_pool = partial(measure_on_pool, pool=pool)
+        on_pool = partial(background.measure_on_pool, pool=pool)
         # without a reference the frames alone know their contrast badly
         better = measured(on_pool, {k: None if pool.source else lent.get(k) for k in shown})
         if pool.gains(better):
@@ -200,7 +184,7 @@ def _lent_optics(
         return None, {}
     edges = {k: optics.edge for k in sorted(parts) if (optics := parts[k].own_optics) is not None}
     seen = {k: edge for k, edge in edges.items() if edge is not None and edge.count >= FEWEST_SCORES}
-    pool = {k: seen[k] for k in evenly_spread(list(seen), MOST_VIEWS)}
+    pool = {k: seen[k] for k in background.evenly_spread(list(seen), background.MOST_VIEWS)}
     edge_of_others = {k: pool_edges([edge for other, edge in pool.items() if other != k]) for k in pool}
     common = replace(pooled, edge=pool_edges(list(pool.values())))
     lent = {k: replace(common, edge=edge_of_others.get(k, common.edge)) for k in parts}
@@ -233,7 +217,7 @@ def _of_usual_shape(parts: Mapping[int, MeasuredFrame]) -> dict[int, MeasuredFra
 
 
 def _in_order(
-    parts: Mapping[int, MeasuredFrame], failed: dict[int, FailedFrame], frames: Sequence[FrameSource]
+    parts: Mapping[int, MeasuredFrame], failed: dict[int, FailedFrame], frames: Sequence[files.FrameSource]
 ) -> tuple[list[MeasuredFrame], tuple[int, int]]:
     """All frames and their usual shape; those of another shape are failures."""
     usual = _of_usual_shape(parts)

@@ -136,12 +136,12 @@ def write_simulation(
         radii = sites["radius_m"].to_numpy(float)[contacts["asperity"].to_numpy(int)]
         return render_contacts(contacts, scene, sphere_radius=radii, **how)
 
-    jobs, truth = zip(loads.to_dict("records"), seeds[1:], strict=True), [CONTACTS.empty()]
+    jobs, truth = zip(loads.to_dict("records"), seeds[1:], strict=True), list[pd.DataFrame]()
     for rendered in in_parallel(render, jobs, count=count, workers=workers, shown="making frames"):
         write_frame(rendered.frame, folder / rendered.frame.name)
         truth.append(rendered.contacts)
     write_table(loads, LOADS.filled(loads), folder / "loads.csv")
-    write_table(pd.concat(truth, ignore_index=True), CONTACTS, folder / "truth.csv")
+    write_table(CONTACTS.joined(truth), CONTACTS, folder / "truth.csv")
     if asperities is not None:
         write_table(asperities, ASPERITIES, folder / "asperities.csv")
     write_scene(_measured_scene(scene), folder / SCENE_FILE)

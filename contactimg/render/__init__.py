@@ -4,12 +4,6 @@ In: contacts and a scene with the section ``[simulate]``. Out: a `Rendered` fram
 order: `frames` (the functions to call), `contacts` (textured surfaces), `smooth` (one wide contact).
 """
 
-from contactimg.render.frames import (
-    Rendered,
-    render_contacts,
-    render_frame,
-    render_reference,
-    render_smooth_contact,
-)
+import lazy_loader as _lazy
 
-__all__ = ["Rendered", "render_contacts", "render_frame", "render_reference", "render_smooth_contact"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

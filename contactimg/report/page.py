@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
 import pandas as pd
 from PIL import Image
 
@@ -21,6 +20,7 @@ from contactimg.errors import InputError
 from contactimg.files.atomic import read_bytes
 from contactimg.files.output import command_of
 from contactimg.files.runs import is_out_of_date
+from contactimg.pipeline.background import evenly_spread
 from contactimg.pipeline.pictures import file_stem
 from contactimg.plots import CAPTIONS, caption_of, plot_area
 from contactimg.plots.numbers import number_with_std, plain_number
@@ -100,7 +100,7 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
     run = files.read_run(folder)
     outputs, out_of_date = _current_outputs(folder, places)
     pictures = _pictures_in(folder, run)
-    shown = _evenly_spaced(pictures, max_pictures)
+    shown = evenly_spread(pictures, max_pictures)
     compared = sum(min(len(_pictures_in(place, run)), max_pictures) for place, _ in outputs)
     most_bytes = PICTURE_BYTES // max(len(shown) + compared, 1)
     overlays = [
@@ -222,7 +222,7 @@ def _show_output(place: Path, record: Record, run: files.Run, *, max_pictures: i
     if kind == "overlay":
         pictures = [
             embed_picture(path, caption=summary.caption_of_comparison(run, frame), most_bytes=most_bytes)
-            for frame, path in _evenly_spaced(_pictures_in(place, run), max_pictures)
+            for frame, path in evenly_spread(_pictures_in(place, run), max_pictures)
         ]
         return Part(command, pictures, files.read_table(place / "scores.csv", SCORES))
     if kind == "calibrate":
@@ -259,13 +259,6 @@ def _pictures_in(folder: Path, run: files.Run) -> list[tuple[str, Path]]:
     """Names of the frames of a run that have a picture in a folder, and its file."""
     pairs = [(str(name), folder / "overlays" / f"{file_stem(str(name))}.png") for name in run.frames["frame"]]
     return [(name, path) for name, path in pairs if path.is_file()]
-
-
-def _evenly_spaced(pairs: list[tuple[str, Path]], most: int) -> list[tuple[str, Path]]:
-    """Select at most ``most`` evenly spaced pairs, with the first and the last one."""
-    if len(pairs) <= most:
-        return pairs
-    return [pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, most).round().astype(int))]
 
 
 def embed_picture(path: Path, *, caption: str, most_bytes: int) -> Picture:

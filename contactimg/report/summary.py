@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from contactimg.analysis.estimates import CoverageEstimate, Estimate
@@ -128,9 +127,9 @@ def _force_slope(run: Run) -> CoverageEstimate | None:
     if run.scene.elastic is None or run.command == "predict":
         return None
     good = run.frames[(run.frames["load_N"] > 0) & (run.frames["force_sum_N"] > 0)]
-    cell, elastic = LoadCell.stated(run.scene.load), run.scene.elastic
+    elastic = run.scene.elastic
     relative = 0.0 if elastic.stated_modulus is None else elastic.young_modulus_std / elastic.stated_modulus
-    errors = {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
+    errors = LoadCell.stated(run.scene.load).errors(relative)
     try:
         return load_slope(good["force_sum_N"].to_numpy(float), good["load_N"].to_numpy(float), **errors)
     except InputError:

@@ -8,23 +8,6 @@ Read in this order: `rules` (what sections share), `contact_sections` and `secti
 keys), `scene` (`Scene`, `scene_from_dict` and the sentence for a broken rule).
 """
 
-from contactimg.scene.contact_sections import Asperities, Elastic, Indenter, Load
-from contactimg.scene.scene import Scene, scene_from_dict, section_keys
-from contactimg.scene.sections import Camera, Effects, FilmLight, Images, Measure, Simulate, Tolerance
+import lazy_loader as _lazy
 
-__all__ = [
-    "Asperities",
-    "Camera",
-    "Effects",
-    "Elastic",
-    "FilmLight",
-    "Images",
-    "Indenter",
-    "Load",
-    "Measure",
-    "Scene",
-    "Simulate",
-    "Tolerance",
-    "scene_from_dict",
-    "section_keys",
-]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

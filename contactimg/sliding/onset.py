@@ -19,6 +19,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.optimize import nnls
 
 from contactimg.errors import ConvergenceError, InputError, finite_number
+from contactimg.mechanics.checks import positive
 
 Values = NDArray[np.float64]
 
@@ -311,7 +312,8 @@ def tangential_compliance(
     """
     x, y, a = checked_contacts(contacts)
     nu = _poisson_ratio(poisson_ratio)
-    G = _positive("contact_modulus", contact_modulus, "Pa") * (1 - nu) / 2
+    modulus = finite_number(contact_modulus, "contact_modulus", "Pa")
+    G = positive("contact_modulus", modulus, "Pa") * (1 - nu) / 2
     dx, dy = x - x[:, None], y - y[:, None]
     r = np.hypot(dx, dy)
     np.fill_diagonal(r, np.inf)
@@ -439,10 +441,3 @@ def _poisson_ratio(value: float) -> float:
     if not -1 < nu <= 0.5:
         raise InputError(f"poisson_ratio must be above -1 and at most 0.5, got {nu!r}")
     return nu
-
-
-def _positive(name: str, value: float, unit: str) -> float:
-    number = finite_number(value, name, unit)
-    if not number > 0:
-        raise InputError(f"{name} must be positive, got {number!r} {unit}")
-    return number

@@ -5,32 +5,6 @@ lens meets. Read in this order: `asperity_table` (what a table may hold, and the
 lens), `patterns` (the random patterns SA, RA- and RA+, or caps of any law).
 """
 
-from contactimg.surfaces.asperity_table import (
-    LENGTH_RANGE_M,
-    base_radius,
-    check_asperities,
-    composite_apexes,
-    composite_columns,
-)
-from contactimg.surfaces.patterns import (
-    CapLaw,
-    DropletCaps,
-    GaussianCaps,
-    UniformCaps,
-    draw_surface,
-    generate_asperities,
-)
+import lazy_loader as _lazy
 
-__all__ = [
-    "LENGTH_RANGE_M",
-    "CapLaw",
-    "DropletCaps",
-    "GaussianCaps",
-    "UniformCaps",
-    "base_radius",
-    "check_asperities",
-    "composite_apexes",
-    "composite_columns",
-    "draw_surface",
-    "generate_asperities",
-]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -1,6 +1,6 @@
 """Schemas: every table that contactimg reads or writes, with the dtype, meaning and unit of each column."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -95,6 +95,10 @@ class Schema:
             whole.attrs = {}
             return whole
         return self._assembled(given)
+
+    def joined(self, tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+        """Tables of this schema as one; those without rows are left out, so that they change no dtypes."""
+        return self.conform(pd.concat([table for table in tables if len(table)] or [self.empty()]))
 
     def _assembled(self, given: pd.DataFrame) -> pd.DataFrame:
         return pd.DataFrame(

@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import openpyxl
@@ -147,6 +148,19 @@ def test_unchanged_regions_change_nothing(folder, tmp_path, capsys):
     assert main(["import-rois", str(folder / "run"), str(file), "-o", str(tmp_path / "e.csv")]) == 0
     assert "nothing was changed" in capsys.readouterr().out
     assert not (tmp_path / "e.csv").exists()
+
+
+def test_a_region_with_another_name_is_a_new_one(folder, tmp_path):
+    regions = read_regions(folder / "run" / "export" / "fiji" / "frame_2.tif.zip")
+    renamed = [
+        replace(region, name="contact_1") if region.name == "contact_0001" else region for region in regions
+    ]
+    write_regions(renamed, tmp_path / "frame_2.tif.zip")
+    run, file, out = str(folder / "run"), str(tmp_path / "frame_2.tif.zip"), tmp_path / "e.csv"
+    assert main(["import-rois", run, file, "-o", str(out), "--quiet"]) == 0
+    edits = read_edits(out)
+    assert edits["action"].tolist() == ["exclude", "add"]
+    np.testing.assert_allclose(edits["x_px"].iloc[0], edits["x_px"].iloc[1], atol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,10 @@
 """Analyse the runs of one or several places together, and the models of these places in the same way."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,15 +22,15 @@ from contactimg.analysis.radial_profiles import (
     normalise_profile,
     ring_profile,
 )
-from contactimg.errors import ConvergenceError, InputError
+from contactimg.errors import InputError
 from contactimg.files import Run
 from contactimg.pipeline.analyse.places import (
     Place,
     Tables,
     annuli_of,
     differences,
+    fit_or_note,
     grouped,
-    joined,
     predict_places,
     usable_frames,
 )
@@ -44,8 +43,6 @@ from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_ave
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE, RESULTS, RUN_MODELS
 
 logger = logging.getLogger(__name__)
-
-Fit = TypeVar("Fit")
 
 
 @dataclass(frozen=True)
@@ -104,8 +101,8 @@ class Analysis:
     contact_laws : dict
         (Quantity, model) -> the two power laws against the local pressure.
     shear_stress : ShearStress or None
-    stress_ratio : Estimate or None
-        Over the smooth contact's.
+    smooth_stress : Estimate or None, Pa
+        That of a smooth contact, to compare with.
     velocity_law : PowerLaw or None
         Shear stress against sliding velocity, if the loads state two velocities or more.
     sheared : Sheared
@@ -122,7 +119,7 @@ class Analysis:
     area_laws: dict[str, PowerLaw]
     contact_laws: dict[tuple[str, str], BrokenLaw]
     shear_stress: ShearStress | None
-    stress_ratio: Estimate | None
+    smooth_stress: Estimate | None
     velocity_law: PowerLaw | None
     sheared: Sheared
     notes: tuple[str, ...]
@@ -171,21 +168,19 @@ def analyse_places(
     averages = [_average_load(part, places, seen, options, notes) for _, part in groups]
     shearing = {"load_tolerance": options.load_tolerance, "confidence": options.confidence}
     sheared = analyse_shear(places, notes, **shearing, workers=workers)
-    stress = None if friction.empty else _fit_or_note(notes, "friction", _shear_stress, friction, options)
-    smooth = options.smooth_stress
-    ratio = None if stress is None or smooth is None else compare_stress(stress, smooth)
+    stress = None if friction.empty else fit_or_note(notes, "friction", _shear_stress, friction, options)
     points = [_points(average, density, options.min_contacts) for average in averages]
     area, area_laws = _areas(places, seen, averages, options, notes)
     return Analysis(
         area=area,
-        profile=joined([average.profile for average in averages], PROFILE),
-        normalised=joined([average.normalised for average in averages], NORMALISED),
-        pressure_law=joined(points, PRESSURE_LAW),
+        profile=PROFILE.joined(average.profile for average in averages),
+        normalised=NORMALISED.joined(average.normalised for average in averages),
+        pressure_law=PRESSURE_LAW.joined(points),
         friction=friction,
         area_laws=area_laws,
         contact_laws=_contact_laws(averages, own, options, notes),
         shear_stress=stress,
-        stress_ratio=ratio,
+        smooth_stress=options.smooth_stress,
         velocity_law=_velocity_law(friction, options, notes),
         sheared=sheared,
         notes=tuple(dict.fromkeys(notes)),
@@ -257,15 +252,6 @@ def _left_out(place: Place) -> list[str]:
     return notes
 
 
-def _fit_or_note(notes: list[str], what: str, fit: Callable[..., Fit], *data: object) -> Fit | None:
-    """The fit, or None and a note where the data do not allow it."""
-    try:
-        return fit(*data)
-    except (InputError, ConvergenceError) as error:
-        notes.append(f"{what}: {error}")
-        return None
-
-
 # --- one load averaged over annuli and places
 
 
@@ -335,17 +321,16 @@ def _average_load(
     ]
     ring_area, normalised = np.nan, NORMALISED.empty()
     if len(seen) > 1:
-        try:
-            rings = predict_average(scene, places[0].asperities, load=load, model="gt")
+        lost, caps = f"{name}: no Greenwood-Tripp curve", places[0].asperities
+        rings = fit_or_note(notes, lost, predict_average, scene, caps, load=load, model="gt")
+        if rings is not None:
             ring_area = float(rings.frames["area_m2"].iloc[0])
             profiles.append(ring_profile(rings.profile, edges, frame=name))
-        except (InputError, ConvergenceError) as error:
-            notes.append(f"{name}: no Greenwood-Tripp curve: {error}")
     if scene.indenter is not None and scene.elastic is not None:
         smooth = {"sphere_radius": scene.indenter.radius, "contact_modulus": scene.elastic.contact_modulus}
         profiles.append(hertz_profile(edges, load=load, frame=name, **smooth))
-        normalised = normalise_profile(joined(profiles, PROFILE), load=load, **smooth)
-    return LoadAverage(name, load, moments, joined(profiles, PROFILE), normalised, ring_area)
+        normalised = normalise_profile(PROFILE.joined(profiles), load=load, **smooth)
+    return LoadAverage(name, load, moments, PROFILE.joined(profiles), normalised, ring_area)
 
 
 POINT_COLUMNS = {"r": "r_m", "n": "n_contacts"} | {
@@ -394,13 +379,12 @@ def _areas(
         spread = np.hypot(options.load_relative_std * table["load_N"], options.load_std)
         tables.append(table.assign(load_std_N=spread / np.sqrt(table["n_frames"].astype(float))))
         cell = LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS
-        fit = partial(fit_area_law, load_cell=cell, **stated)
         chosen = areas[areas["load"].between(*options.load_range)]
-        law = _fit_or_note(notes, f"A(P), {model}", fit, chosen)
+        law = fit_or_note(notes, f"A(P), {model}", fit_area_law, chosen, load_cell=cell, **stated)
         laws |= {} if law is None else {model: law}
     rings = [("gt", one.load, one.ring_area) for one in averages if np.isfinite(one.ring_area)]
     tables.append(AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"])))
-    return joined(tables, AREA), laws
+    return AREA.joined(tables), laws
 
 
 def _contact_laws(
@@ -418,7 +402,7 @@ def _contact_laws(
         notes.append("no profiles of pressure and no laws against it: no contact has a force")
         return {}
     keys = [(quantity, model) for quantity in QUANTITIES for model in models]
-    laws = {key: _fit_or_note(notes, f"{key[0]} against pressure, {key[1]}", law, *key) for key in keys}
+    laws = {key: fit_or_note(notes, f"{key[0]} against pressure, {key[1]}", law, *key) for key in keys}
     return {key: law for key, law in laws.items() if law is not None}
 
 
@@ -443,8 +427,8 @@ def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[
     """The shear stress against velocity, if there are several velocities."""
     if not (friction["velocity_m_s"].abs() > 0).any():
         return None
-    fit = partial(stress_by_velocity, friction_std=options.friction_std)
-    stress = _fit_or_note(notes, "friction", fit, friction)
+    std = options.friction_std
+    stress = fit_or_note(notes, "friction", stress_by_velocity, friction, friction_std=std)
     if stress is None or len(stress) < 2:
         return None
     x, y, y_std = (stress[name] for name in ("velocity_m_s", "stress_Pa", "stress_std_Pa"))
@@ -494,8 +478,9 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
         fit = _fit("measured", stress, "m2", n_places)
         note = "tau0 of Q = tau0 A, least squares through the origin, errors in A and Q"
         add(fit, "shear_stress", stress.stress, "Pa", note)
-        if analysis.stress_ratio is not None:
-            add(fit, "shear_stress_ratio", analysis.stress_ratio, "1", "tau0 over that of the smooth contact")
+        if analysis.smooth_stress is not None:
+            ratio = compare_stress(stress, analysis.smooth_stress)
+            add(fit, "shear_stress_ratio", ratio, "1", "tau0 over that of the smooth contact")
     if speed is not None:
         fit = _fit("measured", speed, "m/s", n_places)
         note = "tau0 ~ v^m, one shear stress at each velocity; 0 where friction does not depend on it"
@@ -512,7 +497,7 @@ def _fit(model: str, law: PowerLaw | ShearStress, unit: str, n_places: float) ->
     return ends | {"confidence": law.confidence, "n_points": law.n_points, "n_places": n_places}
 
 
-def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate | None) -> pd.DataFrame:
+def write_analysis(analysis: Analysis, folder: Path) -> pd.DataFrame:
     """Write the tables of an analysis and its figures.
 
     Parameters
@@ -520,8 +505,6 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
     analysis : Analysis
     folder : Path
         Exists.
-    smooth_stress : Estimate or None, Pa
-        Shear stress of the smooth contact, drawn beside the friction.
 
     Returns
     -------
@@ -548,6 +531,6 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
     for quantity in QUANTITIES if len(analysis.pressure_law) else ():
         figures[quantity] = plot_pressure_law(analysis.pressure_law, analysis.contact_laws, quantity)
     if analysis.shear_stress is not None:
-        figures["friction"] = plot_friction(analysis.friction, analysis.shear_stress, smooth_stress)
+        figures["friction"] = plot_friction(analysis.friction, analysis.shear_stress, analysis.smooth_stress)
     write_results(folder, tables, figures)
     return results

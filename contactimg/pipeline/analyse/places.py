@@ -21,7 +21,7 @@ from contactimg.pipeline.predict import predict_in_view
 from contactimg.pose import Pose
 from contactimg.prediction import load_name, scene_of_model
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, LOADS, Schema, Status
+from contactimg.tables import CONTACTS, LOADS, Status
 
 logger = logging.getLogger(__name__)
 
@@ -195,6 +195,17 @@ def _optional(read: Callable[[], Result], folder: Path, without: str) -> Result 
         return None
 
 
+def fit_or_note(
+    notes: list[str], what: str, fit: Callable[..., Result], *data: object, **how: object
+) -> Result | None:
+    """The fit, or None and a note where the data do not allow it."""
+    try:
+        return fit(*data, **how)
+    except ContactimgError as error:
+        notes.append(f"{what}: {error}")
+        return None
+
+
 # --- places of one surface
 
 
@@ -273,11 +284,6 @@ def annuli_of(
     mean, columns = tables[0].copy(), list(MOMENTS)
     mean[columns] = sum(table[columns] for table in tables) / len(tables)
     return mean
-
-
-def joined(tables: Sequence[pd.DataFrame], schema: Schema) -> pd.DataFrame:
-    """Tables of one schema concatenated; empty tables are left out, so that they do not change dtypes."""
-    return schema.conform(pd.concat([table for table in tables if len(table)] or [schema.empty()]))
 
 
 def predict_places(

@@ -13,7 +13,7 @@ from contactimg.analysis.estimates import Estimate
 from contactimg.errors import ContactimgError
 from contactimg.files.runs import frame_shift
 from contactimg.frame import Frame
-from contactimg.pipeline.analyse.places import Place
+from contactimg.pipeline.analyse.places import Place, fit_or_note
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.shear.followed import ShearLaws, fit_beta, fit_shear_laws, follow_contacts
@@ -93,7 +93,7 @@ def analyse_shear(
     Upper limits need the images: frames in which some asperity of the table does not touch are read again
     from the folder that the run names. Where they are gone, the limit is the detection limit of the frame.
     """
-    tables, laws = [FOLLOWED.empty()], list[ShearLaws]()
+    tables, laws = list[pd.DataFrame](), list[ShearLaws]()
     for place in places:
         if place.asperities is None or not place.contacts["asperity"].notna().any():
             if place.loads["tangential_N"].notna().any():
@@ -121,12 +121,8 @@ def analyse_shear(
                 f"{place.name}: no laws of half-axes: no contact was measured as an ellipse in all frames; "
                 'process with [measure] shape = "ellipse"'
             )
-    followed = FOLLOWED.conform(pd.concat(tables[1:] or tables, ignore_index=True))
-    beta = None
-    try:
-        beta = fit_beta(laws, confidence=confidence) if laws else None
-    except ContactimgError as error:
-        notes.append(f"beta: {error}")
+    followed = FOLLOWED.joined(tables)
+    beta = fit_or_note(notes, "beta", fit_beta, laws, confidence=confidence) if laws else None
     return Sheared(followed, tuple(laws), beta, confidence)
 
 

@@ -149,12 +149,6 @@ def _stated_modulus(experiment: Experiment) -> CoverageEstimate:
     return CoverageEstimate.of_normal(elastic.young_modulus, elastic.young_modulus_std)
 
 
-def _common_errors(experiment: Experiment, relative: float = 0.0) -> dict[str, float]:
-    """Standard uncertainties that all force sums or all loads share: of load cell and forces (relative)."""
-    cell = LoadCell.stated(experiment.scene.load)
-    return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
-
-
 def _notes(series: ThresholdSeries) -> list[str]:
     """Sentences of the frames' rows."""
     return frame_notes(series.frames) + [str(text) for text in series.failed["message"]]
@@ -202,7 +196,7 @@ def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Cali
     scene, modulus = experiment.scene, _stated_modulus(experiment)
     relative = modulus.std / modulus.value
     series, load = _with_forces(experiment, THRESHOLDS, workers)
-    errors = _common_errors(experiment, relative)
+    errors = LoadCell.stated(scene.load).errors(relative)
     notes = _notes(series) + cell_notes(scene)
     tiny = np.finfo(float).tiny
     slopes = np.maximum(series.forces @ load / max(float(load @ load), tiny), tiny)
@@ -264,7 +258,8 @@ def run_modulus(
         low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
         relative = threshold.std * abs(high - low) / 0.04 / max(load_slope(forces, load).value, 1e-12)
     stated = {"young_modulus": measured.value, "young_modulus_std": measured.std}
-    found = calibrate_modulus(forces, load, **stated, **_common_errors(experiment, relative))
+    errors = LoadCell.stated(experiment.scene.load).errors(relative)
+    found = calibrate_modulus(forces, load, **stated, **errors)
     settle(doubts_about_forces(slope=found.slope.value, young_modulus=measured.value), "the calibration")
     kept = {} if threshold is None else {"threshold": threshold.record("1")}
     record: dict[str, Any] = {

@@ -1,0 +1,14 @@
+from .contact_sections import Asperities as Asperities
+from .contact_sections import Elastic as Elastic
+from .contact_sections import Indenter as Indenter
+from .contact_sections import Load as Load
+from .scene import Scene as Scene
+from .scene import scene_from_dict as scene_from_dict
+from .scene import section_keys as section_keys
+from .sections import Camera as Camera
+from .sections import Effects as Effects
+from .sections import FilmLight as FilmLight
+from .sections import Images as Images
+from .sections import Measure as Measure
+from .sections import Simulate as Simulate
+from .sections import Tolerance as Tolerance

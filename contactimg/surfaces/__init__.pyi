@@ -1,0 +1,11 @@
+from .asperity_table import LENGTH_RANGE_M as LENGTH_RANGE_M
+from .asperity_table import base_radius as base_radius
+from .asperity_table import check_asperities as check_asperities
+from .asperity_table import composite_apexes as composite_apexes
+from .asperity_table import composite_columns as composite_columns
+from .patterns import CapLaw as CapLaw
+from .patterns import DropletCaps as DropletCaps
+from .patterns import GaussianCaps as GaussianCaps
+from .patterns import UniformCaps as UniformCaps
+from .patterns import draw_surface as draw_surface
+from .patterns import generate_asperities as generate_asperities
