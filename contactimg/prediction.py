@@ -186,10 +186,6 @@ def scene_of_model(scene: Scene, model: str) -> Scene:
     return scene if model == "coupled" else scene.with_effects({"coupling": "off", "full_coupling": "off"})
 
 
-BORDER_SHARE = 2e-3
-"""Share of the load that a mean field outside the table would carry from which on a prediction says so."""
-
-
 def surrounding_field(
     scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool
 ) -> MeanField | None:
@@ -256,7 +252,7 @@ def _around_the_table(
     if rim == 0 and np.all((apex > rectangle[:, 0]) & (apex < rectangle[:, 1])):
         return ""
     outside = _mean_field(scene, table, load, coupled=solution.coupling != "none").share
-    if outside < BORDER_SHARE:
+    if outside < 2e-3:  # of the load: too little to be said
         return ""
     return (
         f"the contact region runs off the table: {100 * rim:.3g} % of the load is borne within one mean "
@@ -420,10 +416,6 @@ def _height_law(section: Asperities, asperities: pd.DataFrame | None) -> HeightL
 TOUCHING_ACCURACY = 1e-3
 """Relative accuracy of the load at which planes touch. Chosen: far below the scatter between patterns."""
 
-TRIAL_RATIO, LEAST_TRIAL, LARGEST_TRIAL = 4.0, 1e-9, 1e24
-"""Ratio of two loads in the search for touching planes; the loads, over that of the first trial, below which
-the planes touch before the asperities do, and beyond which nobody looks."""
-
 
 def find_touching_load(
     scene: Scene,
@@ -471,10 +463,10 @@ def find_touching_load(
 
     size = _mean_radius(scene.asperities or Asperities(), asperities)
     first = low = high = 1e-2 * scene.need("elastic", PURPOSE).contact_modulus * size**2
-    while gap(high) > 0 and high < LARGEST_TRIAL * first:
-        low, high = high, TRIAL_RATIO * high
-    while gap(low) <= 0 and low > LEAST_TRIAL * first:
-        low, high = low / TRIAL_RATIO, low
+    while gap(high) > 0 and high < 1e24 * first:  # beyond nobody looks
+        low, high = high, 4 * high
+    while gap(low) <= 0 and low > 1e-9 * first:  # below the planes touch before the asperities do
+        low, high = low / 4, low
     while gap(low) > 0 and high in reasons and high > (1 + TOUCHING_ACCURACY) * low:
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if gap(middle) > 0 else (low, middle)

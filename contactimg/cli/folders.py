@@ -25,8 +25,6 @@ METHOD = shared.SceneOption("--method", "measure", "method")
 SHAPE = shared.SceneOption("--shape", "measure", "shape")
 THRESHOLD = shared.SceneOption("--threshold", "measure", "threshold")
 
-MOST_SHOWN = 1000
-"""Frames of a run that are printed. Chosen: more than anybody reads there."""
 JOINED_FOLDER = "combined"
 """Inside the output folder of several folders: their tables as one."""
 
@@ -106,7 +104,8 @@ def process(
             counts = dict(Counter(experiment.edits["action"]).most_common())
             out.record |= facts | ({"edits": counts} if counts else {})
             title = f"{folder}, method {described.measure.method}"
-            echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
+            # chosen: more frames than anybody reads there
+            echo_frames(frames.head(1000), title=title, statuses=Counter(frames["status"]))
             law, film = str(facts.get("law") or ""), _film_sentence(frames, facts.get("film", {}))
             apex = series.apex.sentence() if series.apex and series.apex.known != STATED else ""
             say(acts and f"calibration {calibration}: {acts}", apex, law, film)

@@ -232,9 +232,6 @@ def tradeoff(
 
 # --- selftest
 
-LONGEST_SENTENCE = 60
-"""Characters of a refusal that the table shows. Chosen: a row stays a line."""
-
 
 @shared.command()
 def selftest() -> int:
@@ -254,7 +251,7 @@ def selftest() -> int:
 
     table = run_cases(CASES)
     shown = table.assign(
-        answer=table["said"].str[:LONGEST_SENTENCE],
+        answer=table["said"].str[:60],  # of a refusal so much that a row stays a line
         verdict=table["passed"].map({True: "", False: "FAILS"}),
         allowed=table["allowed"].where(table["truth"] != ""),
     )[["case", "answer", "verdict", "residual", "error", "allowed", "truth"]]

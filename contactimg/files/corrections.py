@@ -31,14 +31,8 @@ if TYPE_CHECKING:
 Points = tuple[tuple[float, float], ...]
 Sources = tuple[FrameSource, ...]
 
-ROI_SUFFIXES = (".roi", ".zip")
-"""File name extensions of ImageJ ROIs: one region, or a set of them."""
-
 EVERY_FRAME = "*"
 """In place of the name of a frame: all of them."""
-LEAST_FLAT_FRACTION = 0.05
-"""Of the median of the flat field: darker pixels show no light and are left out. Chosen by hand: noise there
-is 20 times that of the other pixels."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +145,7 @@ def find_areas(masks: Mapping[str, MaskArea], folder: Path, names: Sequence[str]
 @lru_cache(maxsize=16)
 def _mask(path: Path) -> "Frame | list[Region]":
     """The pixels of a mask, or the regions of an ImageJ file."""
-    if path.suffix.lower() in ROI_SUFFIXES:
+    if path.suffix.lower() in (".roi", ".zip"):
         from contactimg.files.exports import read_regions  # noqa: PLC0415 - most runs have no mask
 
         return read_regions(path)
@@ -215,7 +209,7 @@ def _fields(darks: Sources, flats: Sources) -> tuple[NDArray, NDArray, float, ND
         if not middle > 0:
             raise FrameError(f"{flat.name} is not brighter than the dark frame; it must show light")
         gain = light / np.float32(middle)
-        useless |= gain < LEAST_FLAT_FRACTION
+        useless |= gain < 0.05  # chosen by hand: noise there is 20 times that of the other pixels
         gain[useless] = 1.0
     return dark, gain, float(np.median(dark)), useless
 

@@ -41,14 +41,6 @@ _TABLES = {
 }
 """Table -> section and key that name it, and its usual name in the folder of the scene."""
 
-SAME_PIXEL = 0.1
-"""Relative difference of two pixel sizes that are the same. Chosen: above errors of a calibration, below the
-steps of objectives and binning."""
-
-_ROW = re.compile(r"#\d+")
-
-_NUMBER = re.compile(r"\d+([.,]0*)?")
-
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
@@ -224,7 +216,8 @@ def _compare_pixel_size(scene: Scene, path: Path) -> None:
         cure = "state [camera] pixel_size_m"
         said = "no pixel size is stated, so there are no areas in m2 and no forces"
         logger.warning("%s: %s; %s%s", scene.folder, said, cure, f" ({says})" if says else "")
-    elif header and not math.isclose(header, pixel, rel_tol=SAME_PIXEL):
+    # chosen: above errors of a calibration, below the steps of objectives and binning
+    elif header and not math.isclose(header, pixel, rel_tol=0.1):
         cure = "areas are those of the scene; correct the one that is wrong"
         logger.warning("%s: %s, the scene pixels of %.4g µm: %s", scene.folder, says, 1e6 * pixel, cure)
 
@@ -365,14 +358,15 @@ def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]
 
     Images of a movie are counted from 0, or from 1 where the largest number is theirs.
     """
-    if any(_ROW.fullmatch(text) for text in given):
+    if any(re.fullmatch(r"#\d+", text) for text in given):
         if len(given) != len(names):
             raise InputError(
                 f"{path}: has {len(given)} rows that name no frame, and there are {len(names)} frames; add a "
                 "column frame, or one row a frame"
             )
         return dict(zip(given, names, strict=True))
-    numbers = {text: int(float(text.replace(",", "."))) for text in given if _NUMBER.fullmatch(text)}
+    whole = (text for text in given if re.fullmatch(r"\d+([.,]0*)?", text))
+    numbers = {text: int(float(text.replace(",", "."))) for text in whole}
     if all(name.endswith("]") for name in names):
         first = int(max(numbers.values(), default=0) == len(names) and 0 not in numbers.values())
         return {text: names[k - first] for text, k in numbers.items() if 0 <= k - first < len(names)}
@@ -434,10 +428,7 @@ CORRECTION = re.compile(r"(dark|flat|mask)([ _-]?(frame|field|image|s))?([ _-]?\
 TABLES = (".csv", ".lvm", ".txt", ".tsv", ".dat", ".asc")
 """Endings of files that may be tables of loads or asperities."""
 
-TRIED_TABLES = 20
-"""Files that are tried as tables. Chosen: a folder of results is not searched for long."""
-
-OURS = {"scene.toml", "edits.csv"}
+OURS = {SCENE_FILE, EDITS_FILE}
 """Files that other parts of the package find by their name."""
 
 
@@ -508,7 +499,8 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
     frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
     tables = [path for path in files if path.suffix.lower() in TABLES and path.name not in OURS]
-    tables = sorted(tables, key=lambda path: path.name != "loads.csv")[:TRIED_TABLES]
+    # so few files are tried, chosen: a folder of results is not searched for long
+    tables = sorted(tables, key=lambda path: path.name != "loads.csv")[:20]
     asperities, _ = _first_table(tables, read_asperities)
     others = [path for path in tables if path.name != asperities]
     file, loads = _first_table(others, partial(read_loads, pulled=True))

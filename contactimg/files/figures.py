@@ -18,13 +18,6 @@ if TYPE_CHECKING:
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Formats of every figure."""
 
-FIXED_OUTPUT: Any = {"svg.hashsalt": "contactimg", "pdf.fonttype": 42}
-"""Settings of matplotlib: the same figure has the same bytes, and text in PDF files stays text."""
-
-UNDATED: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-CAPTION_KEYS = {"pdf": "Subject"}
-"""Metadata of the formats."""
-
 
 @stage("pictures")
 def write_figures(ax: "Axes", folder: str | Path, name: str, *, caption: str = "") -> None:
@@ -64,8 +57,11 @@ def figure_bytes(ax: "Axes", kind: str, *, caption: str = "") -> bytes:
     figure = ax.get_figure(root=True)
     if figure is None:
         raise InputError("the axes belong to no figure; draw them on one")
-    metadata = UNDATED.get(kind, {}) | ({CAPTION_KEYS.get(kind, "Description"): caption} if caption else {})
-    with mpl.rc_context(FIXED_OUTPUT), BytesIO() as file:
+    undated: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
+    metadata = undated | ({"Subject" if kind == "pdf" else "Description": caption} if caption else {})
+    # the same figure has the same bytes, and text in PDF files stays text
+    fixed: Any = {"svg.hashsalt": "contactimg", "pdf.fonttype": 42}
+    with mpl.rc_context(fixed), BytesIO() as file:
         figure.savefig(file, format=kind, metadata=metadata)
         return file.getvalue()
 

@@ -42,9 +42,6 @@ STAGING_FOLDER = ".contactimg.part"
 PENDING_FOLDER = ".contactimg.commit"
 PROVENANCE_FILE = "provenance.json"
 
-_LOCK_SECONDS = 20.0  # chosen: moving 10^4 files takes about a second
-_ATTEMPTS = 5  # chosen: a reader that meets a new commit each time gives up
-
 
 @stage("provenance")
 def provenance(
@@ -401,7 +398,7 @@ def finish_commit(folder: str | Path) -> None:
     if not (folder / PENDING_FOLDER).exists():
         return
     try:
-        with FileLock(folder / LOCK_FILE, timeout=_LOCK_SECONDS):
+        with FileLock(folder / LOCK_FILE, timeout=20.0):  # s, chosen: to move 10^4 files takes one
             _complete_commit(folder)
             _drop_lock_file(folder)
     except Timeout:
@@ -435,7 +432,7 @@ def read_settled(folder: str | Path, read: Callable[[], Result]) -> Result:
         If results are written there over and over.
     """
     folder = Path(folder)
-    for _ in range(_ATTEMPTS):
+    for _ in range(5):  # chosen: a reader that meets a new commit each time gives up
         finish_commit(folder)
         stamp = _stamp(folder)
         try:

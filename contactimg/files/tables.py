@@ -45,8 +45,6 @@ _Rows = Iterable[tuple[int, list[str]]]
 """Rows of text, each with the number of its line."""
 _Places = dict[str, tuple[int, float]]
 """Column of a schema -> its place in a row, and the divisor of its numbers."""
-_BLOCK_ROWS = 50_000  # converted at once; chosen for memory: text takes about twenty times that of numbers
-_SEPARATORS = (",", ";", "\t")
 _SHOWN_CHARACTERS = 60  # of a cell or header in a message
 _KINDS = {
     b"PK": "an Excel workbook or another zip file",
@@ -109,7 +107,8 @@ def _converted(
 ) -> pd.DataFrame:
     """The table of rows of text; `InputError` with line and column of the first cell that is not valid."""
     blocks, rows = [schema.empty()], iter(rows)
-    while block := list(islice(rows, _BLOCK_ROWS)):
+    # so many at once, chosen for memory: text takes about twenty times that of numbers
+    while block := list(islice(rows, 50_000)):
         values: dict[str, Any] = {}
         for name, (place, divisor) in places.items():
             kind = "flags" if name == "flags" else schema.columns[name][0]
@@ -148,7 +147,7 @@ def _text(path: str | Path) -> str:
 def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out."""
     text = _text(path)
-    separator = max(_SEPARATORS, key=text.lstrip("\r\n").partition("\n")[0].count)
+    separator = max((",", ";", "\t"), key=text.lstrip("\r\n").partition("\n")[0].count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
     def rows() -> Iterator[tuple[int, list[str]]]:
