@@ -125,9 +125,7 @@ def write_json(data: Mapping[str, Any], path: str | Path) -> None:
         The file, written completely or not at all.
     """
     finite = json.loads(json.dumps(data, default=plain), parse_constant=lambda _: None)
-    with replacing(path) as part, part.open("w", encoding="ascii", newline="\n") as file:
-        json.dump(finite, file, indent=2)
-        file.write("\n")
+    write_text(json.dumps(finite, indent=2) + "\n", path)
 
 
 _PLAIN: tuple[tuple[Any, Callable[[Any], Any]], ...] = (

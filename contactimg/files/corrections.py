@@ -5,7 +5,6 @@ frames and reference alike. Masked pixels of a frame become NaN, which every mea
 """
 
 import hashlib
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -16,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.errors import FrameError, InputError
+from contactimg.errors import FrameError, InputError, finite_number
 from contactimg.files.atomic import NAMES_SHOWN, flush_to_disk, read_bytes, write_text
 from contactimg.files.sources import FrameSource
 from contactimg.files.tables import read_table, read_text_table
@@ -83,7 +82,7 @@ class PixelCorrections:
     def files(self) -> list[Path]:
         """Every file that the pixels depend on."""
         images = [source.path for source in (*self.dark, *self.flat)]
-        return list(dict.fromkeys(images + [area.path for area in self.areas if area.path is not None]))
+        return images + [area.path for area in self.areas if area.path is not None]
 
     def of_frame(self, name: str, number: int) -> "PixelCorrections":
         """Select the areas of one frame; the reference has none, since a frame leaves out what it hides."""
@@ -242,9 +241,8 @@ EDITS_FILE = "edits.csv"
 
 MASK = "mask"
 
-_FEWEST_POINTS = {"merge": 2, "split": 2, MASK: 3}
-
-_ACTIONS = ("exclude", "add", "split", "merge", MASK)
+# action -> the fewest points that it takes, if any
+_ACTIONS = {"exclude": 0, "add": 0, "split": 2, "merge": 2, MASK: 3}
 
 
 def read_edits(path: str | Path) -> pd.DataFrame:
@@ -293,23 +291,16 @@ def edit_points(text: str) -> Points:
     >>> edit_points("1 2;3.5 4")
     ((1.0, 2.0), (3.5, 4.0))
     """
-    points = []
-    for pair in filter(None, (part.strip() for part in text.split(";"))):
-        x, y = (float(number) for number in pair.split())
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise ValueError(text)
-        points.append((x, y))
-    return tuple(points)
+    pairs = [pair.split() for pair in text.split(";") if pair.strip()]
+    return tuple((finite_number(x, "x", "px"), finite_number(y, "y", "px")) for x, y in pairs)
 
 
 def masked_areas(edits: pd.DataFrame) -> tuple[MaskedArea, ...]:
     """The areas that the edits mask."""
     areas = []
     for row in edits[edits["action"] == MASK].to_dict("records"):
-        points = edit_points(row["points"])
-        if not points:
-            disk = Outline(0, row["x_px"], row["y_px"], row["radius_px"], row["radius_px"])
-            points = tuple((float(x), float(y)) for x, y in disk.polygon[:-1])
+        disk = Outline(0, row["x_px"], row["y_px"], row["radius_px"], row["radius_px"])
+        points = edit_points(row["points"]) or tuple(map(tuple, disk.polygon[:-1].tolist()))
         areas.append(MaskedArea(row["frame"], points=points))
     return tuple(areas)
 
@@ -325,7 +316,7 @@ def _complaint(row: dict) -> str:
         points = edit_points(row["points"])
     except ValueError:
         return f"must have points of the form 'x y;x y', got {row['points']!r}"
-    fewest = _FEWEST_POINTS.get(action, 0)
+    fewest = _ACTIONS[action]
     if (points and len(points) < fewest) or (action == "merge" and not points):
         return f"needs at least {fewest} points, got {len(points)}"
     place = bool(np.isfinite([row["x_px"], row["y_px"]]).all())

@@ -64,13 +64,6 @@ def check_size(columns: int, rows: int, samples: int = 1) -> None:
         )
 
 
-LUMA = np.array([0.299, 0.587, 0.114])
-"""Weights of red, green and blue: ITU-R BT.601, as in OpenCV.
-
-Their sum is 1, so grey stored as colour is kept.
-"""
-
-
 class Pixels(NamedTuple):
     """The result of a decoder: grey (rows, columns) or colour (rows, columns, 3), and the full scale."""
 
@@ -111,7 +104,8 @@ def to_grey(array: NDArray) -> NDArray:
     if array.ndim != 3 or array.shape[2] != 3:
         raise ValueError(f"an image of shape {array.shape} is neither grey nor red-green-blue")
     wide = np.float64 if exact.itemsize > 4 else np.float32
-    return np.ascontiguousarray(array @ LUMA, dtype=wide)
+    # ITU-R BT.601, as in OpenCV; the sum of the weights is 1, so grey stored as colour is kept
+    return np.ascontiguousarray(array @ np.array([0.299, 0.587, 0.114]), dtype=wide)
 
 
 # --- stills, Norpix sequences, videos
@@ -310,10 +304,9 @@ def read_tiff(path: Path, index: int) -> Pixels:
 
 def _has_page(tif: Any, index: int) -> bool:
     """True if the chain of pages contains this one; later pages are not read."""
-    try:
+    with suppress(IndexError):
         return tif.pages[index] is not None
-    except IndexError:
-        return False
+    return False
 
 
 def _planes(tif: Any) -> int:

@@ -26,7 +26,7 @@ from contactimg.engine.calls import in_parallel
 from contactimg.engine.cluster import source_digest
 from contactimg.engine.processes import signals_held
 from contactimg.errors import InputError
-from contactimg.files.atomic import explaining, flush_to_disk, plain, replacing, write_json
+from contactimg.files.atomic import explaining, first_names, flush_to_disk, plain, replacing, write_json
 from contactimg.scene import Scene
 from contactimg.timings import stage
 
@@ -305,13 +305,9 @@ class OutputFolder:
         new one does, even if the process ends before the files are in their places. What has to be moved and
         deleted stands in the two records, of which the new one takes the place of the earlier one last.
         """
-        changed = changed_inputs(self.record)
-        if changed:
-            raise InputError(
-                f"{changed[0]} changed while the command ran"
-                + (f" (and {len(changed) - 1} other files)" if len(changed) > 1 else "")
-                + "; start the command again when the files are complete"
-            )
+        if changed := first_names(changed_inputs(self.record)):
+            cure = "start the command again when the files are complete"
+            raise InputError(f"{changed} changed while the command ran; {cure}")
         new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}
         self._refuse_others(new)
         for name in new:
@@ -561,11 +557,8 @@ class PartStore:
             self.folder.mkdir(exist_ok=True)
         done = sum(name is not None and (self.folder / name).is_file() for name in names)
         if shown and done and self.resumes:
-            logger.warning(
-                "%s of %s frames were done by a run that was ended; the others are measured",
-                f"{done:,}",
-                f"{len(jobs):,}",
-            )
+            frames = f"{done:,} of {len(jobs):,} frames"
+            logger.warning("%s were done by a run that was ended; the others are measured", frames)
         return in_parallel(
             partial(_kept, function, str(self.folder)),
             ((name, *job) for name, job in zip(names, jobs, strict=True)),

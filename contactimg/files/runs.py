@@ -15,7 +15,7 @@ import pandas as pd
 
 from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
-from contactimg.files.atomic import read_bytes
+from contactimg.files.atomic import first_names, read_bytes
 from contactimg.files.output import (
     PROVENANCE_FILE,
     SCHEMA_VERSION,
@@ -60,8 +60,8 @@ def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
 
 def _pose_of(record: Mapping[str, Any]) -> PoseFit:
     """The pose of the camera, and how well it explains the contacts, from its `pose_record`."""
-    counts = (int(record[name]) for name in ("rows", "columns", "n_points", "n_matched"))
-    rows, columns, points, matched = counts
+    names = ("rows", "columns", "n_points", "n_matched")
+    rows, columns, points, matched = (int(record[name]) for name in names)
     x, y = map(float, record["centre_m"])
     turn = radians(record["rotation_deg"])
     pose = Pose((rows, columns), float(record["pixel_size_m"]), (x, y), turn, bool(record["mirrored"]))
@@ -236,11 +236,8 @@ def _read_run(folder: Path) -> Run:
     changed = [name for name in RUN_TABLES if name in known and known[name] != sha256_of(folder / name)]
     if changed:
         frames = sums_of_contacts(contacts, frames)
-        logger.warning(
-            "%s: %s was changed after the run; numbers, areas and forces are summed anew",
-            folder,
-            " and ".join(changed),
-        )
+        cure = "numbers, areas and forces are summed anew"
+        logger.warning("%s: %s was changed after the run; %s", folder, " and ".join(changed), cure)
     return Run(scene, contacts, frames, pose, folder=folder, provenance=record, changed=tuple(changed))
 
 
@@ -274,8 +271,7 @@ def _read_record(folder: Path) -> tuple[dict[str, Any], Scene, PoseFit | None]:
     read = {entry["path"]: entry.get("sha256") for entry in record.get("inputs", [])}
     later = [path for path in changed_inputs(record) if read[path] != sha256_of(Path(path))]
     if later:
-        more = f" (and {len(later) - 1} other files)" if len(later) > 1 else ""
-        logger.warning("%s: %s%s changed after the run; repeat it", folder, later[0], more)
+        logger.warning("%s: %s changed after the run; repeat it", folder, first_names(later))
     return {"created": "", "inputs": [], "sha256": {}} | record, scene, pose
 
 

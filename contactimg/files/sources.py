@@ -78,8 +78,7 @@ class FrameSource:
             If the file cannot be read: one sentence with the file and the reason.
         """
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with warnings.catch_warnings(action="ignore"):
                 path = _checked(self.path)
                 pixels = _decoder(path)[1](path, self.index)
                 image = decoders.to_grey(pixels.array)
@@ -219,8 +218,7 @@ def _in_order(folder: Path, names: list[str], complaint: str) -> Iterable[Path]:
 def _images(path: Path) -> list[FrameSource]:
     """The images of one file; a file that cannot be opened is listed once and fails when it is read."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             numbers = _decoder(path)[0](_checked(path))
     except Exception:  # reported when the image is read
         numbers = range(1)
