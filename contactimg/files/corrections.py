@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import FrameError, InputError, finite_number
-from contactimg.files.atomic import NAMES_SHOWN, flush_to_disk, read_bytes, write_text
+from contactimg.files.atomic import first_names, flush_to_disk, read_bytes, write_text
 from contactimg.files.sources import FrameSource
 from contactimg.files.tables import read_table, read_text_table
 from contactimg.frame import Frame
@@ -126,8 +126,8 @@ def find_areas(masks: Mapping[str, MaskArea], folder: Path, names: Sequence[str]
     """
     unknown = [frame for frame in masks if frame not in (EVERY_FRAME, *names)]
     if unknown:
-        some = ", ".join(names[:NAMES_SHOWN])
-        raise InputError(f"[images] mask: there is no frame {unknown[0]!r}; the first frames are {some}")
+        some = first_names(names)
+        raise InputError(f"[images] mask: there is no frame {unknown[0]!r}; the frames are {some}")
     areas = []
     for frame, mask in masks.items():
         if isinstance(mask, str):

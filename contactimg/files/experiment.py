@@ -62,8 +62,6 @@ class Experiment:
         The files that every frame's result depends on: references, tables, dark frame, flat field and masks.
     edits : DataFrame
         Corrections by hand, columns of `contactimg.tables.EDITS`; those that mask act on the pixels.
-    corrections : PixelCorrections
-        What is done to the pixels of each frame when it is read.
     """
 
     scene: Scene
@@ -73,7 +71,6 @@ class Experiment:
     asperities: pd.DataFrame | None
     others: tuple[Path, ...]
     edits: pd.DataFrame = field(default_factory=EDITS.empty)
-    corrections: PixelCorrections = field(default_factory=PixelCorrections)
 
     @property
     def inputs(self) -> list[Path]:
@@ -198,14 +195,13 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     areas = corrections.areas + masked_areas(edits)
     corrections = replace(corrections, areas=areas, masked=bool(areas))
     files = [*(source.path for source in references), *tables.values(), *corrections.files]
-    others = tuple(dict.fromkeys(files))
     if corrections:
         numbered = enumerate(frames, start=1)
         frames = [replace(one, correct=corrections.of_frame(one.name, k)) for k, one in numbered]
         references = tuple(replace(one, correct=corrections.of_frame("", 0)) for one in references)
-    asperities = read_scene_asperities(scene)
     _compare_pixel_size(scene, frames[0].path)
-    return Experiment(scene, references, frames, loads, asperities, others, edits, corrections)
+    asperities, others = read_scene_asperities(scene), tuple(dict.fromkeys(files))
+    return Experiment(scene, references, frames, loads, asperities, others, edits)
 
 
 def _compare_pixel_size(scene: Scene, path: Path) -> None:
@@ -253,7 +249,8 @@ def _table(scene: Scene, name: str) -> Path | None:
 def _list_frames(path: str | Path | list[str], scene: Scene, folder: str | Path = ".") -> list[FrameSource]:
     """The frames of a path, glob or list, read with full scale and response of the scene's camera."""
     full_scale = None if scene.camera is None else scene.camera.full_scale
-    return list_frames(path, folder=folder, full_scale=full_scale, response=CameraResponse.of(scene.camera))
+    response, found = CameraResponse.of(scene.camera), list_frames(path, folder=folder)
+    return [replace(one, full_scale=full_scale, response=response) for one in found]
 
 
 def _list_reference(named: str, scene: Scene) -> Sequence[FrameSource]:
@@ -324,9 +321,8 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
         last = re.split(r"[/\\]", given)[-1]
         exact, frames = {given, last} & present, alike.get(_plain(last), set())
         if not exact and len(frames) > 1:
-            raise InputError(
-                f"{path}: {last} means several frames ({first_names(sorted(frames))}): give the whole name"
-            )
+            several = first_names(sorted(frames))
+            raise InputError(f"{path}: {last} means several frames ({several}): give the whole name")
         return next(iter(exact or frames or {given}))
 
     loads["frame"] = loads["frame"].map(meant)
@@ -415,15 +411,6 @@ def set_scene_keys(path: str | Path, section: str, keys: Mapping[str, str | floa
 
 
 # --- what the files of a folder are, by name and content
-
-REFERENCE = re.compile(
-    r"(reference|ref|background|bg|empty|blank|unloaded|(no|non|without)[ _-]?contact)s?"
-    r"([ _-]?(frame|image))?([ _-]?\d+)?"
-)
-"""Name of an image, without its ending, that shows the sample without contact."""
-
-CORRECTION = re.compile(r"(dark|flat|mask)([ _-]?(frame|field|image|s))?([ _-]?\d+)?")
-"""Name of an image, without its ending, that corrects the pixels of others."""
 
 TABLES = (".csv", ".lvm", ".txt", ".tsv", ".dat", ".asc")
 """Endings of files that may be tables of loads or asperities."""
@@ -528,10 +515,11 @@ def kind_of(path: Path) -> str:
     >>> [kind_of(Path(name)) for name in ("dark.tif", "Flat_field2.png", "dark_contacts_01.tif")]
     ['dark', 'flat', '']
     """
-    correction = CORRECTION.fullmatch(path.stem.lower())
-    if correction:
+    name = path.stem.lower()
+    if correction := re.fullmatch(r"(dark|flat|mask)([ _-]?(frame|field|image|s))?([ _-]?\d+)?", name):
         return correction[1]
-    return "reference" if REFERENCE.fullmatch(path.stem.lower()) else ""
+    without = r"(reference|ref|background|bg|empty|blank|unloaded|(no|non|without)[ _-]?contact)s?"
+    return "reference" if re.fullmatch(without + r"([ _-]?(frame|image))?([ _-]?\d+)?", name) else ""
 
 
 def _one_or_glob(names: list[str]) -> str | None:

@@ -6,7 +6,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import overload
 
@@ -134,13 +134,7 @@ def natural_key(text: PathLike) -> str:
 
 
 @stage("reading")
-def list_frames(
-    path: PathLike | Iterable[PathLike],
-    *,
-    folder: PathLike = ".",
-    full_scale: float | None = None,
-    response: CameraResponse | None = None,
-) -> list[FrameSource]:
+def list_frames(path: PathLike | Iterable[PathLike], *, folder: PathLike = ".") -> list[FrameSource]:
     """List the frames of a folder, a glob, a file or a list of these, without reading an image.
 
     Parameters
@@ -150,10 +144,6 @@ def list_frames(
         match; both in natural order. A list keeps its order. A file with several images gives all of them.
     folder : path-like
         Folder that relative paths refer to.
-    full_scale : float, optional
-        Grey level at which the sensor saturates, if the files do not state it.
-    response : CameraResponse, optional
-        By which grey levels are made proportional to light.
 
     Returns
     -------
@@ -176,8 +166,7 @@ def list_frames(
     if not entries:
         raise InputError("the list of frames is empty; name at least one file, folder or glob")
     files = (file for entry in entries for file in _files(Path(folder), entry))
-    found = (source for file in files for source in _images(file))
-    sources = [replace(source, full_scale=full_scale, response=response) for source in found]
+    sources = [source for file in files for source in _images(file)]
     names = Counter(source.name for source in sources)
     if len(names) < len(sources):
         name, count = names.most_common(1)[0]
