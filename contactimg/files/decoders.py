@@ -166,10 +166,8 @@ def _read_header(path: Path) -> tuple[range, tuple[int, int], np.dtype, float]:
     if fields[-1] != 0:
         raise ValueError("compressed Norpix sequences are not supported; export it uncompressed or as TIFF")
     if kind != 100 or bits not in (8, 16):  # 100: monochrome
-        raise ValueError(
-            "only monochrome Norpix sequences of 8 or 16 bits are supported, "
-            f"got image format {kind} of {bits} bits"
-        )
+        got = f"image format {kind} of {bits} bits"
+        raise ValueError(f"only monochrome Norpix sequences of 8 or 16 bits are supported, got {got}")
     # from version 5 on the images begin on a sector of 8192 bytes, before at 1024
     first = 8192 if version >= 5 else 1024
     check_size(columns, rows)
@@ -424,9 +422,7 @@ def stated_pixel_size(path: str | Path) -> float | None:
     ...     stated_pixel_size(path)
     8e-06
     """
-    if Path(path).suffix.lower() not in (".tif", ".tiff"):
-        return None
-    with suppress(Exception), tifffile.TiffFile(path) as tif:  # a damaged header states nothing
+    with suppress(Exception), tifffile.TiffFile(path) as tif:  # nor does another format or a damaged header
         if tif.is_ome:  # of the first image, in µm unless its unit says otherwise
             image = tifffile.xml2dict(tif.ome_metadata or "")["OME"]["Image"]
             about = (image[0] if isinstance(image, list) else image)["Pixels"]

@@ -45,9 +45,6 @@ def write_figures(ax: "Axes", folder: str | Path, name: str, *, caption: str = "
     for ending in FIGURE_FORMATS:
         with replacing(Path(folder, f"{name}.{ending}")) as part:
             part.write_bytes(figure_bytes(ax, ending, caption=caption))
-        figure = ax.get_figure(root=True)
-        if figure is not None:
-            figure.set_layout_engine(None)  # to lay out what is laid out takes most of the time
 
 
 def figure_bytes(ax: "Axes", kind: str, *, caption: str = "") -> bytes:
@@ -63,6 +60,7 @@ def figure_bytes(ax: "Axes", kind: str, *, caption: str = "") -> bytes:
     fixed: Any = {"svg.hashsalt": "contactimg", "pdf.fonttype": 42}
     with mpl.rc_context(fixed), BytesIO() as file:
         figure.savefig(file, format=kind, metadata=metadata)
+        figure.set_layout_engine(None)  # to lay out what is laid out takes most of the time
         return file.getvalue()
 
 

@@ -247,15 +247,11 @@ class OutputFolder:
             try:
                 self.path.mkdir(parents=True, exist_ok=True)
                 self._lock.acquire()
-            except Timeout:
-                raise InputError(
-                    f"{self.path}: another run is writing there; wait for it or choose another output folder"
-                ) from None
             except OSError as error:
-                reason = error.strerror or error
-                raise InputError(
-                    f"{self.path}: cannot be written ({reason}); choose another output folder"
-                ) from None
+                reason = f"cannot be written ({error.strerror or error});"
+                if isinstance(error, Timeout):
+                    reason = "another run is writing there; wait for it or"
+                raise InputError(f"{self.path}: {reason} choose another output folder") from None
             # in the opposite order: the hidden files first, the lock last
             undo.callback(self._lock.release)
             undo.callback(_drop_lock_file, self.path)
