@@ -98,16 +98,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = sys.argv[1:] if argv is None else list(argv)
         with ending_cleanly():  # also if it is a signal that ends it
             result = commands.main(arguments, "contactimg", obj=arguments, standalone_mode=False)
+        return int(result or 0)
     except click.ClickException as error:
         error.show()
-        return 2
     except (ContactimgError, OSError) as error:
         sys.stderr.write(f"contactimg: {error}\n")
-        return 2
     except (click.Abort, KeyboardInterrupt):
         said = "interrupted; earlier results are as they were, and `process` takes up what it measured"
         sys.stderr.write(f"contactimg: {said}\n")
-        return 2
     finally:
         gc.set_threshold(*usual)
-    return int(result) if isinstance(result, int) else 0
+    return 2

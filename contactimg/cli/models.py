@@ -67,10 +67,9 @@ def predict(
     described, inputs = scene_at(scene, stated)
     touching = {}
     if touching_load:
-        needed = (
-            pipeline.need_asperities(described, "predicting contacts") if model == "interacting" else None
-        )
-        surface = pipeline.scene_asperities(described) if needed is None else needed
+        surface = pipeline.scene_asperities(described)
+        if model == "interacting":
+            surface = pipeline.need_asperities(described, "predicting contacts")
         planes_touch_at = find_touching_load(described, surface, model=model, coupling=coupling)
         loads = (*loads, *([planes_touch_at] if planes_touch_at > 0 else []))
         touching = {"touching_load_N": planes_touch_at}

@@ -9,17 +9,14 @@ from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import click
 
 from contactimg import files
 from contactimg.cli.printing import QUIET, echo_timings, progress_bars, say
-from contactimg.scene import section_keys
+from contactimg.scene import Scene, section_keys
 from contactimg.timings import collect
-
-if TYPE_CHECKING:
-    from contactimg.scene import Scene
 
 DEFAULT_FOLDER = "contactimg_out"
 
@@ -27,9 +24,7 @@ Stated = dict[str, dict[str, Any]]
 """Section -> key -> value: what the options of a command state in place of the scene file."""
 
 
-def command(
-    *options: click.Parameter, group: click.Group | None = None
-) -> Callable[[Callable[..., Any]], click.Command]:
+def command(*options: click.Parameter) -> Callable[[Callable[..., Any]], click.Command]:
     """Make a command of a function.
 
     Each parameter becomes an option, a positional parameter an argument. The signature gives name, type and
@@ -61,15 +56,12 @@ def command(
             with progress_bars():
                 return function(**values, **({"stated": stated} if keys else {}))
 
-        made = click.Command(
+        return click.Command(
             function.__name__.replace("_", "-"),
             callback=call,
             params=sorted([*own, *options, *EVERYWHERE], key=lambda param: isinstance(param, click.Option)),
             help=text,
         )
-        if group is not None:
-            group.add_command(made)
-        return made
 
     return declare
 
@@ -107,10 +99,10 @@ def _kinds(annotation: Any) -> list[Any]:
     return [annotation]
 
 
-def option(name: str, annotation: Any, default: Any = None) -> click.Parameter:
+def option(name: str, annotation: Any) -> click.Parameter:
     """An option as a parameter of a command would make it, for several commands."""
     kind = inspect.Parameter.KEYWORD_ONLY
-    return _parameter(inspect.Parameter(name, kind, default=default, annotation=annotation), "")
+    return _parameter(inspect.Parameter(name, kind, default=None, annotation=annotation), "")
 
 
 # --- types and meanings of parameters that several commands share
@@ -139,11 +131,9 @@ Annulus = Annotated[float, "Width of the rings around the apex over which profil
 
 
 EVERYWHERE = (
-    click.Option(
-        ["--quiet"], is_flag=True, help="Print only warnings and errors: no tables, no progress bars."
-    ),
-    click.Option(["--verbose"], is_flag=True, help="Report each step on standard error."),
-    click.Option(["--timings"], is_flag=True, help="Print at the end how long each stage took, in seconds."),
+    option("quiet", Annotated[bool, "Print only warnings and errors: no tables, no progress bars."]),
+    option("verbose", Annotated[bool, "Report each step on standard error."]),
+    option("timings", Annotated[bool, "Print at the end how long each stage took, in seconds."]),
 )
 """Options that every command has."""
 
@@ -197,7 +187,7 @@ def command_line() -> str:
 def results_in(
     output: str | Path | None,
     parent: str | Path,
-    scene: "Scene | None" = None,
+    scene: Scene | None = None,
     inputs: Iterable[Path] = (),
     *,
     options: dict[str, Any] | None = None,

@@ -32,7 +32,7 @@ def asperities(
     form: Literal["plane", "sphere", "none"] = "plane",
     min_height_um: shared.NonNegative = 0.0,
     depth: Annotated[float, click.FloatRange(min=0, max=1, min_open=True)] = 0.5,
-) -> int:
+) -> None:
     """Find the summits on MAP and write their heights and radii of curvature with uncertainties.
 
     MAP is a matrix of heights (.npy, or text with one line a row), or a TIFF of one channel. NaN and empty
@@ -82,7 +82,6 @@ def asperities(
             )
     for warning in found.warnings:
         click.echo(f"contactimg: {warning}", err=True)
-    return 0
 
 
 # --- design
@@ -171,7 +170,6 @@ def design(
     described, inputs = (scene_from_dict(stated), []) if scene is None else scene_at(scene, stated)
     elastic = described.need("elastic", "the design of a surface (or --young-modulus-MPa)")
     strength = None if shear_strength_mpa is None else shear_strength_mpa * 1e6
-    is_table = Path(law).suffix == ".csv"
     wanted = _wanted(law, least=min_load_n, largest=max_load_n, shear_strength=strength)
     found = design_heights(
         wanted,
@@ -185,7 +183,7 @@ def design(
         nearest=nearest,
         rng=np.random.default_rng(seed),
     )
-    inputs = [*inputs, *([Path(law)] if is_table else [])]
+    inputs += [Path(law)] if Path(law).suffix == ".csv" else []
     main_files = [ASPERITIES_FILE, LAW_FILE, "scene.toml"]
     with shared.results_in(output, ".", described, inputs, main_files=main_files) as out:
         out.record |= {"status": found.status, "residual": found.residual}
