@@ -126,12 +126,11 @@ def predict_contacts(
     scene, plan, field, solution = _solve(scene, asperities, load, coupling, always_plan=always_plan)
     name, model = frame or load_name(load), "uncoupled" if solution.coupling == "none" else "coupled"
     contacts = solution.contacts(name)
-    hertz_forces = hertz.load(
+    contacts["force_hertz_N"] = hertz.load(
         contacts["radius_m"].to_numpy(float),
         sphere_radius=solution.composite_radius[solution.touching],
         contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
     )
-    contacts = contacts.assign(force_hertz_N=hertz_forces)
     row = {
         "n_contacts": len(contacts),
         "area_m2": float(contacts["area_m2"].sum()),
@@ -160,13 +159,11 @@ def _solve(
 
     Arguments and errors are those of `predict_contacts`.
     """
-    plan = None
+    plan, auto = None, [name for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"]
     if coupling != "auto":
-        switches = {name: "off" for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"}
-        switches["coupling"] = "off" if coupling == "none" else "on"
-        switches["full_coupling"] = "on" if coupling == "full" else "off"
-        scene = scene.with_effects(switches)
-    if always_plan or any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
+        switches = dict.fromkeys(auto, "off") | {"coupling": "off" if coupling == "none" else "on"}
+        scene = scene.with_effects(switches | {"full_coupling": "on" if coupling == "full" else "off"})
+    if always_plan or (auto and coupling == "auto"):
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = coupling if coupling == "hertz" else coupling_level(scene.effects)

@@ -40,8 +40,6 @@ MOST_FAILURES = 8
 """Calls in a row, each of which ended its process alone, after which no other is made. Chosen: then it is not
 the calls, and each failure costs seconds, in which processes start."""
 
-_THREADED = ("BLIS", "MKL", "NUMBA", "OMP", "OPENBLAS", "VECLIB")
-
 
 def in_parallel(
     function: Callable[..., Result],
@@ -201,13 +199,13 @@ class _Processes:
 
     def _executor(self) -> Any:
         threads = str(max(1, cpu_count() // self._count))
-        names = [f"{library}_NUM_THREADS" for library in _THREADED]
+        libraries = ("BLIS", "MKL", "NUMBA", "OMP", "OPENBLAS", "VECLIB")
         executor = get_reusable_executor(
             max_workers=self._count,
             timeout=300,  # s, chosen: longer than a command works alone between two passes
             initializer=live_with_parent,
             initargs=(os.getpid(),),
-            env={name: os.environ.get(name, threads) for name in names},
+            env={name: os.environ.get(name, threads) for name in map("{}_NUM_THREADS".format, libraries)},
         )
         keep_workers(executor)
         return executor
