@@ -3,7 +3,6 @@
 import json
 import shlex
 import textwrap
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -101,7 +100,7 @@ def process(
             frames, facts = pipeline.write_run(series, out.folder, table_format)
             if pictures:
                 pipeline.draw_overlays(series, experiment, out.folder / "overlays", workers=workers)
-            counts = dict(Counter(experiment.edits["action"]).most_common())
+            counts = experiment.edits["action"].value_counts().to_dict()
             out.record |= facts | ({"edits": counts} if counts else {})
             echo_frames(frames, title=f"{folder}, method {described.measure.method}")
             law, film = str(facts.get("law") or ""), _film_sentence(frames, facts.get("film", {}))

@@ -79,14 +79,13 @@ def _parameter(parameter: inspect.Parameter, meaning: str) -> click.Parameter:
     flags = next((note for note in notes if isinstance(note, str) and note.startswith("-")), "")
     required = parameter.default is parameter.empty
     settings: dict[str, Any] = {"type": bounds or (click.Choice(words) if words else plain)}
-    if plain is bool:
-        settings = {"is_flag": True}
     settings |= {"required": required} | ({} if required else {"default": parameter.default})
     if parameter.kind is parameter.POSITIONAL_OR_KEYWORD:
         return click.Argument([parameter.name], metavar=said or None, nargs=-1 if many else 1, **settings)
     names = flags.split(" ") if flags else [f"--{parameter.name.replace('_', '-')}"]
     help_text = said or " ".join(meaning.split())
-    return click.Option([*names, parameter.name], multiple=many, help=help_text, **settings)
+    settings |= {"is_flag": plain is bool, "multiple": many, "help": help_text}
+    return click.Option([*names, parameter.name], **settings)
 
 
 def _kinds(annotation: Any) -> list[Any]:
@@ -252,9 +251,8 @@ class SceneOption(click.Option):
     def __init__(self, flag: str, section: str, key: str, note: str = "", default: str | None = None) -> None:
         self.section, self.key, field = section, key, section_keys(section)[key]
         unit, printed, self.size = UNITS.get(flag.rsplit("-", 1)[-1], ("", "", 1.0))
-        self.meaning = str(field.description)
-        if unit:
-            self.meaning = re.sub(rf", {unit}\b", f", {printed}", self.meaning)
+        # an option without a unit leaves the meaning as it is
+        self.meaning = re.sub(rf", {unit}\b", f", {printed}", str(field.description))
         if default is None and field.default is not None and not field.is_required():
             default = f"the scene's, else {field.default}"
         kinds = _kinds(field.annotation)
