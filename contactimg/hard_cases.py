@@ -101,9 +101,7 @@ def pattern(kind: str, side: float, seed: int = 2) -> pd.DataFrame:
     return generate_asperities(kind, side=side, rng=np.random.default_rng(seed))
 
 
-def equations(
-    solution: InteractingSolution, table: pd.DataFrame, lens: float, allowed: float = 1e-9
-) -> Outcome:
+def equations(solution: InteractingSolution, table: pd.DataFrame, lens: float) -> Outcome:
     """Forces from the equations of point forces, summed one by one for some contacts.
 
     Each force is Hertz's at the indentation that lens, height and all other forces leave to its cap.
@@ -122,7 +120,7 @@ def equations(
         depth[k] -= np.sum(solution.force[others] / distance) / (np.pi * MODULUS)
     force = 4 / 3 * MODULUS * np.sqrt(R[rows] * share[rows]) * np.maximum(depth, 0) ** 1.5
     error = float(np.abs(force - solution.force[rows]).sum() / force.sum())
-    return Outcome(solution.status, error, allowed, "equations, summed one by one", solution.residual)
+    return Outcome(solution.status, error, 1e-9, "equations, summed one by one", solution.residual)
 
 
 def hertz_load(load: float) -> Outcome:
