@@ -38,10 +38,6 @@ PURPOSE = "a contact model"
 COMPARED_MODELS = ("coupled", "uncoupled")
 """Models that measured contacts are compared with: as the plan says, and the same without coupling."""
 
-FEW_CONTACTS = 10.0
-"""Mean number of contacts below which an average over random patterns comes with a remark. Theory: a single
-pattern scatters about it by 1/sqrt(n), 32 % at 10."""
-
 SIDE_MISMATCH_RATIO = 1.15
 """Ratio of the stated side of a pattern to the span of its table from which one of them is taken for wrong.
 Chosen by hand; it only triggers an error."""
@@ -305,7 +301,7 @@ def predict_average(
     if rings.touching_share > MAX_TOUCHING_SHARE:
         raise ModelRangeError(f"at {load:g} N {rings.limits()[-1]}; lower the load")
     remarks, count = [*rings.limits()], float(ring_weights(rings.r) @ rings.density)
-    if count < FEW_CONTACTS:
+    if count < 10:  # theory: a single pattern scatters about the average by 1/sqrt(n), here by 32 %
         remarks.append(
             f"an average over random patterns in which only about {count:.2g} asperities touch: a single "
             f"pattern scatters about it by {100 / np.sqrt(count):.0f} % or more"

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,9 +23,6 @@ from contactimg.frame import Frame
 from contactimg.scene.rules import MaskArea
 from contactimg.tables import EDITS
 from contactimg.tables.outlines import Outline
-
-if TYPE_CHECKING:
-    from contactimg.files.exports import Region
 
 Points = tuple[tuple[float, float], ...]
 Sources = tuple[FrameSource, ...]
@@ -142,7 +139,7 @@ def find_areas(masks: Mapping[str, MaskArea], folder: Path, names: Sequence[str]
 
 
 @lru_cache(maxsize=16)
-def _mask(path: Path) -> "Frame | list[Region]":
+def _mask(path: Path) -> Frame | list[Any]:
     """The pixels of a mask, or the regions of an ImageJ file."""
     if path.suffix.lower() in (".roi", ".zip"):
         from contactimg.files.exports import read_regions  # noqa: PLC0415 - most runs have no mask
@@ -154,10 +151,10 @@ def _mask(path: Path) -> "Frame | list[Region]":
 @lru_cache(maxsize=4)
 def _mean(sources: Sources) -> Frame:
     """Mean of images of one size, with name and full scale of the first."""
-    first = sources[0].read()
-    total = np.zeros(first.shape)
-    for source in sources:
-        frame = source.read()
+    frames = (source.read() for source in sources)
+    first = next(frames)
+    total = first.image.astype(float)
+    for frame in frames:
         _check_size(frame, first)
         total += frame.image
     return replace(first, image=np.asarray(total / len(sources), np.float32))

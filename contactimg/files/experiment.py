@@ -412,9 +412,6 @@ def set_scene_keys(path: str | Path, section: str, keys: Mapping[str, str | floa
 
 # --- what the files of a folder are, by name and content
 
-TABLES = (".csv", ".lvm", ".txt", ".tsv", ".dat", ".asc")
-"""Endings of files that may be tables of loads or asperities."""
-
 OURS = {SCENE_FILE, EDITS_FILE}
 """Files that other parts of the package find by their name."""
 
@@ -485,7 +482,8 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
         raise InputError(f"{folder}: there is no frame besides {listed[0].name}; add the frames")
     frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
-    tables = [path for path in files if path.suffix.lower() in TABLES and path.name not in OURS]
+    endings = (".csv", ".lvm", ".txt", ".tsv", ".dat", ".asc")
+    tables = [path for path in files if path.suffix.lower() in endings and path.name not in OURS]
     # so few files are tried, chosen: a folder of results is not searched for long
     tables = sorted(tables, key=lambda path: path.name != "loads.csv")[:20]
     asperities, _ = _first_table(tables, read_asperities)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
 from contactimg.timings import stage
 
@@ -36,7 +35,7 @@ def write_figures(ax: "Axes", folder: str | Path, name: str, *, caption: str = "
     Raises
     ------
     InputError
-        If the axes belong to no figure, or a file cannot be written.
+        If a file cannot be written.
 
     Notes
     -----
@@ -51,9 +50,7 @@ def figure_bytes(ax: "Axes", kind: str, *, caption: str = "") -> bytes:
     """The figure that holds these axes as a file of a format of `FIGURE_FORMATS`; see `write_figures`."""
     import matplotlib as mpl  # noqa: PLC0415 - takes half a second, and most runs draw no axes
 
-    figure = ax.get_figure(root=True)
-    if figure is None:
-        raise InputError("the axes belong to no figure; draw them on one")
+    figure: Any = ax.get_figure(root=True)
     undated: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
     metadata = undated | ({"Subject" if kind == "pdf" else "Description": caption} if caption else {})
     # the same figure has the same bytes, and text in PDF files stays text

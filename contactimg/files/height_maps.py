@@ -13,9 +13,6 @@ from contactimg.summits import HeightMap
 
 Values = NDArray[np.float64]
 
-TEXT = (".txt", ".csv", ".dat", ".asc", ".tsv", ".xyz")
-"""Extensions of files that may hold a matrix as text."""
-
 
 def read_height_map(
     path: str | Path, *, pixel_size: float | None = None, height_unit: float | None = None
@@ -56,7 +53,7 @@ def _plain_matrix(path: Path) -> Values:
     """The numbers of a plain matrix."""
     suffix = path.suffix.lower()
     try:
-        if suffix in TEXT:
+        if suffix in (".txt", ".csv", ".dat", ".asc", ".tsv", ".xyz"):
             return _text_matrix(path)
         if suffix == ".npy":
             array = np.load(path, allow_pickle=False)

@@ -307,10 +307,9 @@ class OutputFolder:
         new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}
         self._refuse_others(new)
         for name in new:
-            if (self.path / name).is_dir():
-                raise InputError(
-                    f"{self.path / name}: is a folder, where the run writes a file; move it away"
-                )
+            file = self.path / name
+            if file.is_dir():
+                raise InputError(f"{file}: is a folder, where the run writes a file; move it away")
             for place in (self.path / parent for parent in name.parents[:-1]):
                 if place.exists() and not place.is_dir():
                     raise InputError(f"{place}: is a file, where the run needs a folder; move it away")

@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from math import degrees, nan, radians
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +53,9 @@ def _pose_of(record: Mapping[str, Any]) -> PoseFit:
     names = ("rows", "columns", "n_points", "n_matched")
     rows, columns, points, matched = (int(record[name]) for name in names)
     x, y = map(float, record["centre_m"])
-    turn = radians(record["rotation_deg"])
+    turn = math.radians(record["rotation_deg"])
     pose = Pose((rows, columns), float(record["pixel_size_m"]), (x, y), turn, bool(record["mirrored"]))
-    residual = nan if record["residual_m"] is None else float(record["residual_m"])
+    residual = math.nan if record["residual_m"] is None else float(record["residual_m"])
     return PoseFit(pose, bool(record["fitted"]), points, matched, residual)
 
 
@@ -67,7 +66,7 @@ def pose_record(fit: PoseFit) -> dict[str, Any]:
         "columns": fit.pose.shape[1],
         "pixel_size_m": fit.pose.pixel_size,
         "centre_m": list(fit.pose.centre),
-        "rotation_deg": degrees(fit.pose.rotation),
+        "rotation_deg": math.degrees(fit.pose.rotation),
         "mirrored": fit.pose.mirrored,
         "known": FOUND if fit.fitted else STATED,
         "fitted": fit.fitted,

@@ -79,8 +79,7 @@ class FrameSource:
         """
         try:
             with warnings.catch_warnings(action="ignore"):
-                path = _checked(self.path)
-                pixels = _decoder(path)[1](path, self.index)
+                pixels = _decoder(_checked(self.path))[1](self.path, self.index)
                 image = decoders.to_grey(pixels.array)
         except Exception as error:
             raise FrameError(f"{self.name} cannot be read: {_reason(error)}") from None
