@@ -154,11 +154,8 @@ def _in_order(
                     result, suspects = lost(error, *item), 0
                 calls.popleft()
                 if suspects == 0:
-                    ended = [_has_ended(workers, future) for _, future in calls]
-                    calls = deque(
-                        (item, workers.submit(_call, name, *item) if again else future)
-                        for (item, future), again in zip(calls, ended, strict=True)
-                    )
+                    for k in [k for k, (_, future) in enumerate(calls) if _has_ended(workers, future)]:
+                        calls[k] = calls[k][0], workers.submit(_call, name, *calls[k][0])
                     suspects = None
                 yield result
         finally:
