@@ -261,13 +261,13 @@ def fill_forces(
     The uncertainties of the sums allow for the contacts that are too small to be detected
     (`contactimg.forces`); these are not in the sums but beside them.
     """
-    elastic, relative, correlation = scene.elastic, 0.0, 0.0
+    elastic, stds = scene.elastic, {"length_relative_std": length_relative_std}
     exponent, law = np.full(len(contacts), local_law.HERTZ_EXPONENT), local_law.law_name(scene)
     if elastic is not None:
         contacts, exponent = local_forces(scene, contacts, sites)
-        relative = elastic.young_modulus_std / elastic.young_modulus
+        stds["modulus_relative_std"] = elastic.young_modulus_std / elastic.young_modulus
         if scene.measure.method == "threshold":
-            correlation = scene.measure.threshold_modulus_correlation
+            stds["modulus_edge_correlation"] = scene.measure.threshold_modulus_correlation
     groups, rows = contacts.groupby("frame").indices, []
     for row in frames.to_dict("records"):
         rows.append(row)
@@ -282,14 +282,7 @@ def fill_forces(
             row |= {"unseen_area_m2": missing.value, "unseen_area_std_m2": missing.std}
         if elastic is None:
             continue
-        force = total_force(
-            its,
-            exponent=exponent[which],
-            unseen=lacking,
-            modulus_relative_std=relative,
-            modulus_edge_correlation=correlation,
-            length_relative_std=length_relative_std,
-        )
+        force = total_force(its, exponent=exponent[which], unseen=lacking, **stds)
         row |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
         # NaN if no contact has a force
         row["force_hertz_sum_N"] = its["force_hertz_N"].sum(min_count=min(len(its), 1))

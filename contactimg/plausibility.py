@@ -69,17 +69,13 @@ UNITS = {
 }
 """End of a name -> units that may have been typed instead, and their size."""
 
-SHOWN_STDS, SHOWN_RADIUS = 5.0, 0.2
-"""Standard deviations by which the apex or the lens that the contacts show must differ, and the relative
-difference of the lens's radius. Chosen: above what a thin layer or a cut field of view changes."""
+SHOWN_STDS = 5.0
+"""Standard deviations by which the apex or the lens that the contacts show must differ."""
 
 FORCES_OFF_LOAD = 1.5
 """Ratio of the sum of local forces to the load, or its inverse, from which on they contradict each other.
 Chosen: above what an uncalibrated modulus or threshold is off by, below a slip of a unit. The ratio is always
 printed."""
-
-FEWEST_LOADS = 3
-"""Different loads of which the order is judged. Chosen: two can be exchanged by adhesion or drift."""
 
 _warn_only: ContextVar[bool] = ContextVar("warn_only", default=False)
 
@@ -234,7 +230,8 @@ def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> 
         return
     loaded = frames[(frames["load_N"] > 0) & (frames["area_m2"] > 0)]
     loads, areas = loaded["load_N"], loaded["area_m2"]
-    if loads.nunique() >= FEWEST_LOADS and loads.rank().corr(areas.rank()) < 0:
+    # chosen: the order of two loads can be exchanged by adhesion or drift
+    if loads.nunique() > 2 and loads.rank().corr(areas.rank()) < 0:
         yield "the area of contact falls as the load grows: is the order of the loads reversed?"
     ratio = float((loaded["force_sum_N"] / loads).median())
     for unit, size in UNITS["N"].items():
@@ -252,7 +249,8 @@ def _other_lens(scene: Scene, shown: Apex | None) -> str:
     if scene.indenter is None or shown is None or shown.radius is None:
         return ""
     off = abs(shown.radius / scene.indenter.radius - 1)
-    differs = off > max(SHOWN_RADIUS, SHOWN_STDS * shown.radius_std / shown.radius)
+    # 0.2 is chosen: above what a thin layer or a cut field of view changes
+    differs = off > max(0.2, SHOWN_STDS * shown.radius_std / shown.radius)
     return f"the contacts show a lens of {shown.radius:.3g} m" if differs else ""
 
 

@@ -38,10 +38,6 @@ PURPOSE = "a contact model"
 COMPARED_MODELS = ("coupled", "uncoupled")
 """Models that measured contacts are compared with: as the plan says, and the same without coupling."""
 
-FEW_CONTACTS = 10.0
-"""Mean number of contacts below which an average over random patterns comes with a remark. Theory: a single
-pattern scatters about it by 1/sqrt(n), 32 % at 10."""
-
 SIDE_MISMATCH_RATIO = 1.15
 """Ratio of the stated side of a pattern to the span of its table from which one of them is taken for wrong.
 Chosen by hand; it only triggers an error."""
@@ -126,12 +122,11 @@ def predict_contacts(
     scene, plan, field, solution = _solve(scene, asperities, load, coupling, always_plan=always_plan)
     name, model = frame or load_name(load), "uncoupled" if solution.coupling == "none" else "coupled"
     contacts = solution.contacts(name)
-    hertz_forces = hertz.load(
+    contacts["force_hertz_N"] = hertz.load(
         contacts["radius_m"].to_numpy(float),
         sphere_radius=solution.composite_radius[solution.touching],
         contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
     )
-    contacts = contacts.assign(force_hertz_N=hertz_forces)
     row = {
         "n_contacts": len(contacts),
         "area_m2": float(contacts["area_m2"].sum()),
@@ -160,13 +155,11 @@ def _solve(
 
     Arguments and errors are those of `predict_contacts`.
     """
-    plan = None
+    plan, auto = None, [name for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"]
     if coupling != "auto":
-        switches = {name: "off" for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"}
-        switches["coupling"] = "off" if coupling == "none" else "on"
-        switches["full_coupling"] = "on" if coupling == "full" else "off"
-        scene = scene.with_effects(switches)
-    if always_plan or any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
+        switches = dict.fromkeys(auto, "off") | {"coupling": "off" if coupling == "none" else "on"}
+        scene = scene.with_effects(switches | {"full_coupling": "on" if coupling == "full" else "off"})
+    if always_plan or (auto and coupling == "auto"):
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = coupling if coupling == "hertz" else coupling_level(scene.effects)
@@ -184,10 +177,6 @@ def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: float)
 def scene_of_model(scene: Scene, model: str) -> Scene:
     """The scene of one of `COMPARED_MODELS`: without coupling for ``"uncoupled"``."""
     return scene if model == "coupled" else scene.with_effects({"coupling": "off", "full_coupling": "off"})
-
-
-BORDER_SHARE = 2e-3
-"""Share of the load that a mean field outside the table would carry from which on a prediction says so."""
 
 
 def surrounding_field(
@@ -256,7 +245,7 @@ def _around_the_table(
     if rim == 0 and np.all((apex > rectangle[:, 0]) & (apex < rectangle[:, 1])):
         return ""
     outside = _mean_field(scene, table, load, coupled=solution.coupling != "none").share
-    if outside < BORDER_SHARE:
+    if outside < 2e-3:  # of the load: too little to be said
         return ""
     return (
         f"the contact region runs off the table: {100 * rim:.3g} % of the load is borne within one mean "
@@ -312,7 +301,7 @@ def predict_average(
     if rings.touching_share > MAX_TOUCHING_SHARE:
         raise ModelRangeError(f"at {load:g} N {rings.limits()[-1]}; lower the load")
     remarks, count = [*rings.limits()], float(ring_weights(rings.r) @ rings.density)
-    if count < FEW_CONTACTS:
+    if count < 10:  # theory: a single pattern scatters about the average by 1/sqrt(n), here by 32 %
         remarks.append(
             f"an average over random patterns in which only about {count:.2g} asperities touch: a single "
             f"pattern scatters about it by {100 / np.sqrt(count):.0f} % or more"
@@ -420,10 +409,6 @@ def _height_law(section: Asperities, asperities: pd.DataFrame | None) -> HeightL
 TOUCHING_ACCURACY = 1e-3
 """Relative accuracy of the load at which planes touch. Chosen: far below the scatter between patterns."""
 
-TRIAL_RATIO, LEAST_TRIAL, LARGEST_TRIAL = 4.0, 1e-9, 1e24
-"""Ratio of two loads in the search for touching planes; the loads, over that of the first trial, below which
-the planes touch before the asperities do, and beyond which nobody looks."""
-
 
 def find_touching_load(
     scene: Scene,
@@ -471,10 +456,10 @@ def find_touching_load(
 
     size = _mean_radius(scene.asperities or Asperities(), asperities)
     first = low = high = 1e-2 * scene.need("elastic", PURPOSE).contact_modulus * size**2
-    while gap(high) > 0 and high < LARGEST_TRIAL * first:
-        low, high = high, TRIAL_RATIO * high
-    while gap(low) <= 0 and low > LEAST_TRIAL * first:
-        low, high = low / TRIAL_RATIO, low
+    while gap(high) > 0 and high < 1e24 * first:  # beyond nobody looks
+        low, high = high, 4 * high
+    while gap(low) <= 0 and low > 1e-9 * first:  # below the planes touch before the asperities do
+        low, high = low / 4, low
     while gap(low) > 0 and high in reasons and high > (1 + TOUCHING_ACCURACY) * low:
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if gap(middle) > 0 else (low, middle)

@@ -19,13 +19,6 @@ from contactimg.errors import ContactimgError
 
 __all__ = ["main"]
 
-OBJECTS_BETWEEN_SEARCHES = 100_000
-"""New objects after which memory is searched for cycles. Measured: Python's 700 cost `process` 0.35 s, most
-of it while libraries are imported, whose objects all stay; its peak of memory is the same."""
-
-INTERRUPTED = "interrupted; earlier results are as they were, and `process` takes up what it measured"
-"""What a command says that was asked to end."""
-
 COMMANDS = {
     "init": ("folders", "Write a first scene.toml for a folder of frames."),
     "asperities": ("surfaces", "Find the asperities on a profilometer's height map."),
@@ -96,20 +89,23 @@ def commands() -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line; return its exit code: 0 done, 1 some frames failed, 2 nothing done."""
     usual = gc.get_threshold()
-    gc.set_threshold(OBJECTS_BETWEEN_SEARCHES)
+    # new objects after which memory is searched for cycles; measured: Python's 700 cost `process` 0.35 s,
+    # most of it while libraries are imported, whose objects all stay; its peak of memory is the same
+    gc.set_threshold(100_000)
     logging.basicConfig(format="contactimg: %(message)s", force=True)
     logging.getLogger("contactimg").setLevel(logging.WARNING)
     try:
         arguments = sys.argv[1:] if argv is None else list(argv)
         with ending_cleanly():  # also if it is a signal that ends it
             result = commands.main(arguments, "contactimg", obj=arguments, standalone_mode=False)
+        return int(result or 0)
     except click.ClickException as error:
         error.show()
-        return 2
-    except (ContactimgError, OSError, click.Abort, KeyboardInterrupt) as error:
-        said = error if isinstance(error, ContactimgError | OSError) else INTERRUPTED
+    except (ContactimgError, OSError) as error:
+        sys.stderr.write(f"contactimg: {error}\n")
+    except (click.Abort, KeyboardInterrupt):
+        said = "interrupted; earlier results are as they were, and `process` takes up what it measured"
         sys.stderr.write(f"contactimg: {said}\n")
-        return 2
     finally:
         gc.set_threshold(*usual)
-    return int(result) if isinstance(result, int) else 0
+    return 2

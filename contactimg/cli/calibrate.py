@@ -9,7 +9,7 @@ import click
 from contactimg import files, pipeline
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_first_run, say
-from contactimg.cli.scenes import apply_calibration, results_of, scene_of_folder
+from contactimg.cli.scenes import results_of, scene_of_folder
 from contactimg.errors import InputError
 
 ONE_OF_TWO = (
@@ -52,7 +52,7 @@ def calibrate() -> None:
     """
 
 
-@shared.command(*RUNNING, group=calibrate)
+@shared.command(*RUNNING)
 def jkr(folder: shared.ExistingFolder, **common: Any) -> int:
     """Fit modulus and work of adhesion to a smooth contact.
 
@@ -68,7 +68,7 @@ def jkr(folder: shared.ExistingFolder, **common: Any) -> int:
     return _calibrate(folder, pipeline.run_jkr, pulled=True, **common)
 
 
-@shared.command(*RUNNING, *MODULUS, group=calibrate)
+@shared.command(*RUNNING, *MODULUS)
 def threshold(folder: shared.ExistingFolder, *, stated: shared.Stated, jkr: Jkr = None, **common: Any) -> int:
     """Find the threshold at which local forces add up to the load.
 
@@ -91,7 +91,7 @@ def threshold(folder: shared.ExistingFolder, *, stated: shared.Stated, jkr: Jkr 
     )
 
 
-@shared.command(*RUNNING, *MODULUS, group=calibrate)
+@shared.command(*RUNNING, *MODULUS)
 def modulus(
     folder: shared.ExistingFolder,
     *,
@@ -148,7 +148,7 @@ def modulus(
     )
 
 
-@shared.command(*RUNNING, group=calibrate)
+@shared.command(*RUNNING)
 def plateau(folder: shared.ExistingFolder, **common: Any) -> int:
     """Find the range of thresholds where the area hardly changes.
 
@@ -161,6 +161,10 @@ def plateau(folder: shared.ExistingFolder, **common: Any) -> int:
       contactimg calibrate plateau sample_data/ra_plus
     """
     return _calibrate(folder, pipeline.run_plateau, **common)
+
+
+for kind in (jkr, threshold, modulus, plateau):
+    calibrate.add_command(kind)
 
 
 def _calibrate(
@@ -212,9 +216,8 @@ def _with_modulus(stated: shared.Stated, jkr: str | None, record: Mapping[str, A
             raise InputError(f"--jkr and {given} both give the modulus and its uncertainty; leave out one")
         if "young_modulus" not in record:
             raise InputError(f"{jkr}: holds no young_modulus; give the calibration.json of `calibrate jkr`")
-        found: shared.Stated = {}
-        apply_calibration(found, {"young_modulus": record["young_modulus"]}, sets_method=False)
-        return stated | found
+        value, std = results_of(record)["young_modulus"]
+        return stated | {"elastic": {"young_modulus_Pa": value, "young_modulus_std_Pa": std}}
     if "young_modulus_Pa" in elastic:
         return stated | {"elastic": {"young_modulus_std_Pa": 0.0} | elastic}
     if elastic:

@@ -3,7 +3,6 @@
 import json
 import shlex
 import textwrap
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -25,8 +24,6 @@ METHOD = shared.SceneOption("--method", "measure", "method")
 SHAPE = shared.SceneOption("--shape", "measure", "shape")
 THRESHOLD = shared.SceneOption("--threshold", "measure", "threshold")
 
-MOST_SHOWN = 1000
-"""Frames of a run that are printed. Chosen: more than anybody reads there."""
 JOINED_FOLDER = "combined"
 """Inside the output folder of several folders: their tables as one."""
 
@@ -103,10 +100,9 @@ def process(
             frames, facts = pipeline.write_run(series, out.folder, table_format)
             if pictures:
                 pipeline.draw_overlays(series, experiment, out.folder / "overlays", workers=workers)
-            counts = dict(Counter(experiment.edits["action"]).most_common())
+            counts = experiment.edits["action"].value_counts().to_dict()
             out.record |= facts | ({"edits": counts} if counts else {})
-            title = f"{folder}, method {described.measure.method}"
-            echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
+            echo_frames(frames, title=f"{folder}, method {described.measure.method}")
             law, film = str(facts.get("law") or ""), _film_sentence(frames, facts.get("film", {}))
             apex = series.apex.sentence() if series.apex and series.apex.known != STATED else ""
             say(acts and f"calibration {calibration}: {acts}", apex, law, film)
@@ -139,13 +135,9 @@ def _process_several(
             click.echo(f"contactimg: {folder} is left out: {error}", err=True)
     if not codes:
         raise InputError("none of the folders could be measured")
-    pipeline.write_joined_tables(
-        {name: target / name for name in codes},
-        target / JOINED_FOLDER,
-        command=shared.command_line(),
-        table_format=table_format,
-    )
-    say(f"tables of all {len(codes)} folders in {target / JOINED_FOLDER}")
+    runs, joined = {name: target / name for name in codes}, target / JOINED_FOLDER
+    pipeline.write_joined_tables(runs, joined, command=shared.command_line(), table_format=table_format)
+    say(f"tables of all {len(codes)} folders in {joined}")
     return max(*codes.values(), code)
 
 
@@ -242,7 +234,7 @@ SHOWN = {
 @shared.command(*QUESTIONS, APEX, shared.NO_PLAUSIBILITY)
 def init(
     folder: shared.ExistingFolder, *, stated: shared.Stated, no_input: bool = False, force: bool = False
-) -> int:
+) -> None:
     """Look at the files of FOLDER, ask for what they do not say, and write a scene.toml with comments.
 
     Frames, reference, dark frame, flat field and mask are recognised by their names, tables of loads and
@@ -283,7 +275,6 @@ def init(
     files.open_experiment(plausible(scene), pulled=True)
     files.write_text(_template(known), path)
     say(f"wrote {path}; look at it, then run: contactimg process {shlex.quote(folder)}")
-    return 0
 
 
 def _ask_loads(folder: Path) -> None:

@@ -67,10 +67,9 @@ def predict(
     described, inputs = scene_at(scene, stated)
     touching = {}
     if touching_load:
-        needed = (
-            pipeline.need_asperities(described, "predicting contacts") if model == "interacting" else None
-        )
-        surface = pipeline.scene_asperities(described) if needed is None else needed
+        surface = pipeline.scene_asperities(described)
+        if model == "interacting":
+            surface = pipeline.need_asperities(described, "predicting contacts")
         planes_touch_at = find_touching_load(described, surface, model=model, coupling=coupling)
         loads = (*loads, *([planes_touch_at] if planes_touch_at > 0 else []))
         touching = {"touching_load_N": planes_touch_at}
@@ -232,9 +231,6 @@ def tradeoff(
 
 # --- selftest
 
-LONGEST_SENTENCE = 60
-"""Characters of a refusal that the table shows. Chosen: a row stays a line."""
-
 
 @shared.command()
 def selftest() -> int:
@@ -254,7 +250,7 @@ def selftest() -> int:
 
     table = run_cases(CASES)
     shown = table.assign(
-        answer=table["said"].str[:LONGEST_SENTENCE],
+        answer=table["said"].str[:60],  # of a refusal so much that a row stays a line
         verdict=table["passed"].map({True: "", False: "FAILS"}),
         allowed=table["allowed"].where(table["truth"] != ""),
     )[["case", "answer", "verdict", "residual", "error", "allowed", "truth"]]

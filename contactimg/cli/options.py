@@ -9,17 +9,14 @@ from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import click
 
 from contactimg import files
 from contactimg.cli.printing import QUIET, echo_timings, progress_bars, say
-from contactimg.scene import section_keys
+from contactimg.scene import Scene, section_keys
 from contactimg.timings import collect
-
-if TYPE_CHECKING:
-    from contactimg.scene import Scene
 
 DEFAULT_FOLDER = "contactimg_out"
 
@@ -27,9 +24,7 @@ Stated = dict[str, dict[str, Any]]
 """Section -> key -> value: what the options of a command state in place of the scene file."""
 
 
-def command(
-    *options: click.Parameter, group: click.Group | None = None
-) -> Callable[[Callable[..., Any]], click.Command]:
+def command(*options: click.Parameter) -> Callable[[Callable[..., Any]], click.Command]:
     """Make a command of a function.
 
     Each parameter becomes an option, a positional parameter an argument. The signature gives name, type and
@@ -61,15 +56,12 @@ def command(
             with progress_bars():
                 return function(**values, **({"stated": stated} if keys else {}))
 
-        made = click.Command(
+        return click.Command(
             function.__name__.replace("_", "-"),
             callback=call,
             params=sorted([*own, *options, *EVERYWHERE], key=lambda param: isinstance(param, click.Option)),
             help=text,
         )
-        if group is not None:
-            group.add_command(made)
-        return made
 
     return declare
 
@@ -87,14 +79,13 @@ def _parameter(parameter: inspect.Parameter, meaning: str) -> click.Parameter:
     flags = next((note for note in notes if isinstance(note, str) and note.startswith("-")), "")
     required = parameter.default is parameter.empty
     settings: dict[str, Any] = {"type": bounds or (click.Choice(words) if words else plain)}
-    if plain is bool:
-        settings = {"is_flag": True}
     settings |= {"required": required} | ({} if required else {"default": parameter.default})
     if parameter.kind is parameter.POSITIONAL_OR_KEYWORD:
         return click.Argument([parameter.name], metavar=said or None, nargs=-1 if many else 1, **settings)
     names = flags.split(" ") if flags else [f"--{parameter.name.replace('_', '-')}"]
     help_text = said or " ".join(meaning.split())
-    return click.Option([*names, parameter.name], multiple=many, help=help_text, **settings)
+    settings |= {"is_flag": plain is bool, "multiple": many, "help": help_text}
+    return click.Option([*names, parameter.name], **settings)
 
 
 def _kinds(annotation: Any) -> list[Any]:
@@ -107,10 +98,10 @@ def _kinds(annotation: Any) -> list[Any]:
     return [annotation]
 
 
-def option(name: str, annotation: Any, default: Any = None) -> click.Parameter:
+def option(name: str, annotation: Any) -> click.Parameter:
     """An option as a parameter of a command would make it, for several commands."""
     kind = inspect.Parameter.KEYWORD_ONLY
-    return _parameter(inspect.Parameter(name, kind, default=default, annotation=annotation), "")
+    return _parameter(inspect.Parameter(name, kind, default=None, annotation=annotation), "")
 
 
 # --- types and meanings of parameters that several commands share
@@ -139,11 +130,9 @@ Annulus = Annotated[float, "Width of the rings around the apex over which profil
 
 
 EVERYWHERE = (
-    click.Option(
-        ["--quiet"], is_flag=True, help="Print only warnings and errors: no tables, no progress bars."
-    ),
-    click.Option(["--verbose"], is_flag=True, help="Report each step on standard error."),
-    click.Option(["--timings"], is_flag=True, help="Print at the end how long each stage took, in seconds."),
+    option("quiet", Annotated[bool, "Print only warnings and errors: no tables, no progress bars."]),
+    option("verbose", Annotated[bool, "Report each step on standard error."]),
+    option("timings", Annotated[bool, "Print at the end how long each stage took, in seconds."]),
 )
 """Options that every command has."""
 
@@ -197,7 +186,7 @@ def command_line() -> str:
 def results_in(
     output: str | Path | None,
     parent: str | Path,
-    scene: "Scene | None" = None,
+    scene: Scene | None = None,
     inputs: Iterable[Path] = (),
     *,
     options: dict[str, Any] | None = None,
@@ -262,9 +251,8 @@ class SceneOption(click.Option):
     def __init__(self, flag: str, section: str, key: str, note: str = "", default: str | None = None) -> None:
         self.section, self.key, field = section, key, section_keys(section)[key]
         unit, printed, self.size = UNITS.get(flag.rsplit("-", 1)[-1], ("", "", 1.0))
-        self.meaning = str(field.description)
-        if unit:
-            self.meaning = re.sub(rf", {unit}\b", f", {printed}", self.meaning)
+        # an option without a unit leaves the meaning as it is
+        self.meaning = re.sub(rf", {unit}\b", f", {printed}", str(field.description))
         if default is None and field.default is not None and not field.is_required():
             default = f"the scene's, else {field.default}"
         kinds = _kinds(field.annotation)

@@ -85,13 +85,14 @@ def echo_first_run() -> None:
         click.echo("first run: compiling the numerical code, once; this takes about a minute", err=True)
 
 
-def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, int] | None = None) -> None:
-    """Print the frames in mN and mm^2, one line each; then what is to be said of them.
+def echo_frames(run: "pd.DataFrame", *, title: str) -> None:
+    """Print the frames of a run in mN and mm^2, one line each; then what is to be said of them.
 
-    With ``statuses`` (status -> number of frames, of all) it is said how many more there are.
+    Of a long run the first ones are printed, and how many more there are.
     """
     from contactimg.tables import Status
 
+    frames = run.head(1000)  # chosen: more than anybody reads there
     load, force = frames["load_N"], frames["force_sum_N"]
     columns = {
         "frame": frames["frame"],
@@ -106,10 +107,9 @@ def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, in
     _echo_messages(frames)
     said = [status for status in Status if status.cure and (frames["status"] == status).any()]
     say(*(f'"{status}": {status.cure}' for status in said))
-    total = sum((statuses or {}).values())
-    if total > len(frames):
-        counts = ", ".join(f"{count:,} {status}" for status, count in (statuses or {}).items())
-        say(f"and {total - len(frames):,} more frames, in frames.csv; of all {total:,}: {counts}")
+    if len(run) > len(frames):
+        counts = ", ".join(f"{count:,} {status}" for status, count in run["status"].value_counts().items())
+        say(f"and {len(run) - len(frames):,} more frames, in frames.csv; of all {len(run):,}: {counts}")
 
 
 def _echo_messages(frames: "pd.DataFrame") -> None:

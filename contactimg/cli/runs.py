@@ -208,7 +208,7 @@ def review(
     port: Annotated[int | None, click.IntRange(0, 65535)] = None,
     no_browser: bool = False,
     workers: shared.Workers = None,
-) -> int:
+) -> None:
     """Open a page that shows the frames of RUN, an output folder of `process`, with contacts to correct.
 
     The page is served to this machine only, under an address with a random token; Ctrl-C ends it. On another
@@ -249,7 +249,6 @@ def review(
                 server.serve_forever()
             except KeyboardInterrupt:
                 click.echo("review ended; run `contactimg process` again for tables with the edits")
-    return 0
 
 
 @shared.command(shared.NO_PLAUSIBILITY)
@@ -262,7 +261,7 @@ def export(
     labels: bool = False,
     xlsx: bool = False,
     units: Literal["um", "mm", "m"] = "um",
-) -> int:
+) -> None:
     """Write RUN, an output folder of `process`, in the formats of ImageJ, napari and Excel.
 
     Without a choice of formats all of them are written; those of an earlier export that are not chosen stay.
@@ -297,7 +296,6 @@ def export(
     main_files = ["contacts.xlsx"] if "xlsx" in formats else []
     with shared.results_in(target, run, source.scene, inputs, main_files=main_files, keeps=others) as out:
         pipeline.export_run(source, out.folder, formats=formats, units=units)
-    return 0
 
 
 @shared.command(shared.NO_PLAUSIBILITY)
@@ -308,7 +306,7 @@ def import_rois(
     frame: str | None = None,
     output: shared.NewFile | None = None,
     author: str = "",
-) -> int:
+) -> None:
     """Compare the ImageJ regions in FILE with the contacts of RUN and write the changes to edits.csv.
 
     FILE is what `contactimg export --fiji` wrote for one frame and ImageJ saved again (ROI Manager, Save). A
@@ -341,4 +339,3 @@ def import_rois(
     counts = edits["action"].value_counts()
     told = ", ".join(f"{counts.get(action, 0)} {action}" for action in ("exclude", "add"))
     say(f"{told} in {target}; run `contactimg process` again" if len(edits) else "nothing was changed")
-    return 0

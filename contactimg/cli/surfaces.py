@@ -32,7 +32,7 @@ def asperities(
     form: Literal["plane", "sphere", "none"] = "plane",
     min_height_um: shared.NonNegative = 0.0,
     depth: Annotated[float, click.FloatRange(min=0, max=1, min_open=True)] = 0.5,
-) -> int:
+) -> None:
     """Find the summits on MAP and write their heights and radii of curvature with uncertainties.
 
     MAP is a matrix of heights (.npy, or text with one line a row), or a TIFF of one channel. NaN and empty
@@ -82,7 +82,6 @@ def asperities(
             )
     for warning in found.warnings:
         click.echo(f"contactimg: {warning}", err=True)
-    return 0
 
 
 # --- design
@@ -171,8 +170,7 @@ def design(
     described, inputs = (scene_from_dict(stated), []) if scene is None else scene_at(scene, stated)
     elastic = described.need("elastic", "the design of a surface (or --young-modulus-MPa)")
     strength = None if shear_strength_mpa is None else shear_strength_mpa * 1e6
-    is_table = Path(law).suffix == ".csv"
-    wanted = _wanted(law, least=min_load_n, largest=max_load_n, shear_strength=strength)
+    wanted = _wanted(law, least=min_load_n, largest=max_load_n, strength=strength)
     found = design_heights(
         wanted,
         count=caps,
@@ -185,7 +183,7 @@ def design(
         nearest=nearest,
         rng=np.random.default_rng(seed),
     )
-    inputs = [*inputs, *([Path(law)] if is_table else [])]
+    inputs += [Path(law)] if Path(law).suffix == ".csv" else []
     main_files = [ASPERITIES_FILE, LAW_FILE, "scene.toml"]
     with shared.results_in(output, ".", described, inputs, main_files=main_files) as out:
         out.record |= {"status": found.status, "residual": found.residual}
@@ -199,9 +197,7 @@ def design(
     return int(found.residual > tolerance)
 
 
-def _wanted(
-    law: str, *, least: float | None, largest: float | None, shear_strength: float | None
-) -> "WantedLaw":
+def _wanted(law: str, least: float | None, largest: float | None, strength: float | None) -> "WantedLaw":
     """The law that the options state."""
     from contactimg.design.laws import WantedLaw
 
@@ -209,11 +205,11 @@ def _wanted(
         if largest is None:
             raise InputError("a law in words needs --max-load-N, the largest load at which it holds")
         least = least or largest / 10
-        return WantedLaw.parse(law, least=least, largest=largest, shear_strength=shear_strength)
+        return WantedLaw.parse(law, least=least, largest=largest, shear_strength=strength)
     table = files.read_table(law, tables.WANTED_LAW, required=("load_N",))
     areas = table["area_m2"].notna().all()
     column = table["area_m2" if areas else "friction_N"].to_numpy(float)
-    whole = WantedLaw(table["load_N"].to_numpy(float), column).over(1.0 if areas else shear_strength)
+    whole = WantedLaw(table["load_N"].to_numpy(float), column).over(1.0 if areas else strength)
     return whole.between(least, largest)
 
 

@@ -32,13 +32,6 @@ START_SECONDS = 6.0
 process needs about 3 s of processor time to import the package and to load its compiled functions; twice that
 leaves room for an estimate from one call."""
 
-HANDING_SECONDS = 0.5
-"""Time that calls must save before they are handed to processes that wait. Chosen: several times what
-it takes to write their function to a file and to read it."""
-
-IDLE_SECONDS = 300
-"""After which a process without work ends. Chosen: longer than a command works alone between two passes."""
-
 AHEAD = 8
 """Calls for each process that are made before the oldest result is taken. Chosen: a call that takes as long
 as eight others keeps no process waiting, and that many results fit into memory."""
@@ -46,11 +39,6 @@ as eight others keeps no process waiting, and that many results fit into memory.
 MOST_FAILURES = 8
 """Calls in a row, each of which ended its process alone, after which no other is made. Chosen: then it is not
 the calls, and each failure costs seconds, in which processes start."""
-
-LOOK_EVERY_SECONDS = 2.0
-"""While a result is awaited: how often it is asked whether there is still a worker. Chosen by hand."""
-
-_THREADED = ("BLIS", "MKL", "NUMBA", "OMP", "OPENBLAS", "VECLIB")
 
 
 def in_parallel(
@@ -104,8 +92,10 @@ def in_parallel(
             result = function(*item)
             saved = (count - done) * (perf_counter() - begin) * (1 - 1 / processes)
             yield result
-            # the first call may have loaded compiled functions, so that its time is not that of the others
-            if done > 1 and saved > (HANDING_SECONDS if workers_wait() else START_SECONDS):
+            # the first call may have loaded compiled functions, so that its time is not that of the others;
+            # chosen for processes that wait: several times what it takes to write a function to a file and to
+            # read it
+            if done > 1 and saved > (0.5 if workers_wait() else START_SECONDS):
                 yield from shared(_Processes(processes))
 
     def shared(takers: Any) -> Iterator[Result]:
@@ -164,11 +154,8 @@ def _in_order(
                     result, suspects = lost(error, *item), 0
                 calls.popleft()
                 if suspects == 0:
-                    ended = [_has_ended(workers, future) for _, future in calls]
-                    calls = deque(
-                        (item, workers.submit(_call, name, *item) if again else future)
-                        for (item, future), again in zip(calls, ended, strict=True)
-                    )
+                    for k in [k for k, (_, future) in enumerate(calls) if _has_ended(workers, future)]:
+                        calls[k] = calls[k][0], workers.submit(_call, name, *calls[k][0])
                     suspects = None
                 yield result
         finally:
@@ -185,7 +172,7 @@ def _has_ended(workers: Any, future: Future[Any]) -> bool:
 def _settle(workers: Any, futures: list[Future[Any]]) -> None:
     """Wait until calls have ended, in whatever way, as long as there are workers."""
     seen = monotonic()
-    while wait(futures, LOOK_EVERY_SECONDS).not_done:
+    while wait(futures, timeout=2.0).not_done:  # s, chosen by hand: how often workers are looked for
         seen = workers.seen(seen)
 
 
@@ -209,13 +196,13 @@ class _Processes:
 
     def _executor(self) -> Any:
         threads = str(max(1, cpu_count() // self._count))
-        names = [f"{library}_NUM_THREADS" for library in _THREADED]
+        libraries = ("BLIS", "MKL", "NUMBA", "OMP", "OPENBLAS", "VECLIB")
         executor = get_reusable_executor(
             max_workers=self._count,
-            timeout=IDLE_SECONDS,
+            timeout=300,  # s, chosen: longer than a command works alone between two passes
             initializer=live_with_parent,
             initargs=(os.getpid(),),
-            env={name: os.environ.get(name, threads) for name in names},
+            env={name: os.environ.get(name, threads) for name in map("{}_NUM_THREADS".format, libraries)},
         )
         keep_workers(executor)
         return executor

@@ -25,15 +25,8 @@ if TYPE_CHECKING:
 LIBRARIES = ("numpy", "scipy", "numba", "pandas", "opencv-python-headless", "scikit-image", "finufft")
 """Libraries that compute numbers."""
 
-PATIENCE_SECONDS = 45.0
-"""How long a run waits for a scheduler that does not answer, or without any worker. Chosen: a run that cannot
-go on ends within a minute; `PATIENCE_VARIABLE` replaces it, for workers that wait in the queue of a batch
-system."""
-
 PATIENCE_VARIABLE = "CONTACTIMG_CLUSTER_WAIT_S"
-"""Environment variable with the patience in seconds."""
-
-_CLOSE_SECONDS = 5.0  # chosen: a connection that cannot be closed in this time is left to the system
+"""Environment variable with the patience in seconds, for workers that wait in the queue of a batch system."""
 
 _one_at_a_time = threading.Lock()
 _in_use: ContextVar["Cluster | None"] = ContextVar("contactimg_cluster", default=None)
@@ -182,14 +175,15 @@ def cluster_in_use() -> Cluster | None:
 
 
 def patience() -> float:
-    """How long to wait for scheduler and workers, s.
+    """How long a run waits for a scheduler that does not answer, or without any worker, s.
 
     Raises
     ------
     InputError
         If the environment variable holds no positive number.
     """
-    seconds = finite_number(os.environ.get(PATIENCE_VARIABLE, PATIENCE_SECONDS), PATIENCE_VARIABLE, "seconds")
+    # chosen: a run that cannot go on ends within a minute
+    seconds = finite_number(os.environ.get(PATIENCE_VARIABLE, "45"), PATIENCE_VARIABLE, "seconds")
     if seconds <= 0:
         raise InputError(f"{PATIENCE_VARIABLE} must be positive, got {seconds:g} s")
     return seconds
@@ -248,4 +242,4 @@ def on_cluster(place: str) -> Iterator[Cluster]:
                 yield cluster
         finally:
             with suppress(Exception):  # the scheduler may have gone
-                client.close(timeout=_CLOSE_SECONDS)
+                client.close(timeout=5.0)  # chosen: what is not closed then is left to the system

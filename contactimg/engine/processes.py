@@ -16,9 +16,7 @@ from types import FrameType
 from typing import Any
 
 _LOOK_EVERY_SECONDS = 0.3  # chosen: a worker outlives its parent by less than 2 s with room to spare
-_ENDING = tuple(
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
-)
+_ENDING = [one for one in signal.Signals if one.name in {"SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"}]
 
 _asked_to_end = threading.Event()
 _executors: list[Any] = []

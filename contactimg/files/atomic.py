@@ -16,9 +16,6 @@ from pydantic import BaseModel
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
-NAMES_SHOWN = 3
-"""Most names that a message lists. Chosen: they fill a line."""
-
 
 @contextmanager
 def explaining(path: str | Path, what: str) -> Iterator[None]:
@@ -39,7 +36,7 @@ def naming(path: str | Path) -> Iterator[None]:
 
 
 def first_names(names: Iterable[str]) -> str:
-    """The first few names, and how many more there are.
+    """The first three names, which fill a line, and how many more there are.
 
     Examples
     --------
@@ -47,8 +44,7 @@ def first_names(names: Iterable[str]) -> str:
     'a.tif, b.tif, c.tif and 1 more'
     """
     names = list(names)
-    more = len(names) - NAMES_SHOWN
-    return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 @contextmanager
@@ -125,9 +121,7 @@ def write_json(data: Mapping[str, Any], path: str | Path) -> None:
         The file, written completely or not at all.
     """
     finite = json.loads(json.dumps(data, default=plain), parse_constant=lambda _: None)
-    with replacing(path) as part, part.open("w", encoding="ascii", newline="\n") as file:
-        json.dump(finite, file, indent=2)
-        file.write("\n")
+    write_text(json.dumps(finite, indent=2) + "\n", path)
 
 
 _PLAIN: tuple[tuple[Any, Callable[[Any], Any]], ...] = (

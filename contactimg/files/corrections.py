@@ -5,19 +5,18 @@ frames and reference alike. Masked pixels of a frame become NaN, which every mea
 """
 
 import hashlib
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.errors import FrameError, InputError
-from contactimg.files.atomic import NAMES_SHOWN, flush_to_disk, read_bytes, write_text
+from contactimg.errors import FrameError, InputError, finite_number
+from contactimg.files.atomic import first_names, flush_to_disk, read_bytes, write_text
 from contactimg.files.sources import FrameSource
 from contactimg.files.tables import read_table, read_text_table
 from contactimg.frame import Frame
@@ -25,20 +24,11 @@ from contactimg.scene.rules import MaskArea
 from contactimg.tables import EDITS
 from contactimg.tables.outlines import Outline
 
-if TYPE_CHECKING:
-    from contactimg.files.exports import Region
-
 Points = tuple[tuple[float, float], ...]
 Sources = tuple[FrameSource, ...]
 
-ROI_SUFFIXES = (".roi", ".zip")
-"""File name extensions of ImageJ ROIs: one region, or a set of them."""
-
 EVERY_FRAME = "*"
 """In place of the name of a frame: all of them."""
-LEAST_FLAT_FRACTION = 0.05
-"""Of the median of the flat field: darker pixels show no light and are left out. Chosen by hand: noise there
-is 20 times that of the other pixels."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +79,7 @@ class PixelCorrections:
     def files(self) -> list[Path]:
         """Every file that the pixels depend on."""
         images = [source.path for source in (*self.dark, *self.flat)]
-        return list(dict.fromkeys(images + [area.path for area in self.areas if area.path is not None]))
+        return images + [area.path for area in self.areas if area.path is not None]
 
     def of_frame(self, name: str, number: int) -> "PixelCorrections":
         """Select the areas of one frame; the reference has none, since a frame leaves out what it hides."""
@@ -133,8 +123,8 @@ def find_areas(masks: Mapping[str, MaskArea], folder: Path, names: Sequence[str]
     """
     unknown = [frame for frame in masks if frame not in (EVERY_FRAME, *names)]
     if unknown:
-        some = ", ".join(names[:NAMES_SHOWN])
-        raise InputError(f"[images] mask: there is no frame {unknown[0]!r}; the first frames are {some}")
+        some = first_names(names)
+        raise InputError(f"[images] mask: there is no frame {unknown[0]!r}; the frames are {some}")
     areas = []
     for frame, mask in masks.items():
         if isinstance(mask, str):
@@ -149,9 +139,9 @@ def find_areas(masks: Mapping[str, MaskArea], folder: Path, names: Sequence[str]
 
 
 @lru_cache(maxsize=16)
-def _mask(path: Path) -> "Frame | list[Region]":
+def _mask(path: Path) -> Frame | list[Any]:
     """The pixels of a mask, or the regions of an ImageJ file."""
-    if path.suffix.lower() in ROI_SUFFIXES:
+    if path.suffix.lower() in (".roi", ".zip"):
         from contactimg.files.exports import read_regions  # noqa: PLC0415 - most runs have no mask
 
         return read_regions(path)
@@ -161,10 +151,10 @@ def _mask(path: Path) -> "Frame | list[Region]":
 @lru_cache(maxsize=4)
 def _mean(sources: Sources) -> Frame:
     """Mean of images of one size, with name and full scale of the first."""
-    first = sources[0].read()
-    total = np.zeros(first.shape)
-    for source in sources:
-        frame = source.read()
+    frames = (source.read() for source in sources)
+    first = next(frames)
+    total = first.image.astype(float)
+    for frame in frames:
         _check_size(frame, first)
         total += frame.image
     return replace(first, image=np.asarray(total / len(sources), np.float32))
@@ -215,7 +205,7 @@ def _fields(darks: Sources, flats: Sources) -> tuple[NDArray, NDArray, float, ND
         if not middle > 0:
             raise FrameError(f"{flat.name} is not brighter than the dark frame; it must show light")
         gain = light / np.float32(middle)
-        useless |= gain < LEAST_FLAT_FRACTION
+        useless |= gain < 0.05  # chosen by hand: noise there is 20 times that of the other pixels
         gain[useless] = 1.0
     return dark, gain, float(np.median(dark)), useless
 
@@ -248,9 +238,8 @@ EDITS_FILE = "edits.csv"
 
 MASK = "mask"
 
-_FEWEST_POINTS = {"merge": 2, "split": 2, MASK: 3}
-
-_ACTIONS = ("exclude", "add", "split", "merge", MASK)
+# action -> the fewest points that it takes, if any
+_ACTIONS = {"exclude": 0, "add": 0, "split": 2, "merge": 2, MASK: 3}
 
 
 def read_edits(path: str | Path) -> pd.DataFrame:
@@ -299,23 +288,16 @@ def edit_points(text: str) -> Points:
     >>> edit_points("1 2;3.5 4")
     ((1.0, 2.0), (3.5, 4.0))
     """
-    points = []
-    for pair in filter(None, (part.strip() for part in text.split(";"))):
-        x, y = (float(number) for number in pair.split())
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise ValueError(text)
-        points.append((x, y))
-    return tuple(points)
+    pairs = [pair.split() for pair in text.split(";") if pair.strip()]
+    return tuple((finite_number(x, "x", "px"), finite_number(y, "y", "px")) for x, y in pairs)
 
 
 def masked_areas(edits: pd.DataFrame) -> tuple[MaskedArea, ...]:
     """The areas that the edits mask."""
     areas = []
     for row in edits[edits["action"] == MASK].to_dict("records"):
-        points = edit_points(row["points"])
-        if not points:
-            disk = Outline(0, row["x_px"], row["y_px"], row["radius_px"], row["radius_px"])
-            points = tuple((float(x), float(y)) for x, y in disk.polygon[:-1])
+        disk = Outline(0, row["x_px"], row["y_px"], row["radius_px"], row["radius_px"])
+        points = edit_points(row["points"]) or tuple(map(tuple, disk.polygon[:-1].tolist()))
         areas.append(MaskedArea(row["frame"], points=points))
     return tuple(areas)
 
@@ -331,7 +313,7 @@ def _complaint(row: dict) -> str:
         points = edit_points(row["points"])
     except ValueError:
         return f"must have points of the form 'x y;x y', got {row['points']!r}"
-    fewest = _FEWEST_POINTS.get(action, 0)
+    fewest = _ACTIONS[action]
     if (points and len(points) < fewest) or (action == "merge" and not points):
         return f"needs at least {fewest} points, got {len(points)}"
     place = bool(np.isfinite([row["x_px"], row["y_px"]]).all())

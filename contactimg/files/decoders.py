@@ -64,13 +64,6 @@ def check_size(columns: int, rows: int, samples: int = 1) -> None:
         )
 
 
-LUMA = np.array([0.299, 0.587, 0.114])
-"""Weights of red, green and blue: ITU-R BT.601, as in OpenCV.
-
-Their sum is 1, so grey stored as colour is kept.
-"""
-
-
 class Pixels(NamedTuple):
     """The result of a decoder: grey (rows, columns) or colour (rows, columns, 3), and the full scale."""
 
@@ -111,7 +104,8 @@ def to_grey(array: NDArray) -> NDArray:
     if array.ndim != 3 or array.shape[2] != 3:
         raise ValueError(f"an image of shape {array.shape} is neither grey nor red-green-blue")
     wide = np.float64 if exact.itemsize > 4 else np.float32
-    return np.ascontiguousarray(array @ LUMA, dtype=wide)
+    # ITU-R BT.601, as in OpenCV; the sum of the weights is 1, so grey stored as colour is kept
+    return np.ascontiguousarray(array @ np.array([0.299, 0.587, 0.114]), dtype=wide)
 
 
 # --- stills, Norpix sequences, videos
@@ -172,10 +166,8 @@ def _read_header(path: Path) -> tuple[range, tuple[int, int], np.dtype, float]:
     if fields[-1] != 0:
         raise ValueError("compressed Norpix sequences are not supported; export it uncompressed or as TIFF")
     if kind != 100 or bits not in (8, 16):  # 100: monochrome
-        raise ValueError(
-            "only monochrome Norpix sequences of 8 or 16 bits are supported, "
-            f"got image format {kind} of {bits} bits"
-        )
+        got = f"image format {kind} of {bits} bits"
+        raise ValueError(f"only monochrome Norpix sequences of 8 or 16 bits are supported, got {got}")
     # from version 5 on the images begin on a sector of 8192 bytes, before at 1024
     first = 8192 if version >= 5 else 1024
     check_size(columns, rows)
@@ -310,10 +302,9 @@ def read_tiff(path: Path, index: int) -> Pixels:
 
 def _has_page(tif: Any, index: int) -> bool:
     """True if the chain of pages contains this one; later pages are not read."""
-    try:
+    with suppress(IndexError):
         return tif.pages[index] is not None
-    except IndexError:
-        return False
+    return False
 
 
 def _planes(tif: Any) -> int:
@@ -431,9 +422,7 @@ def stated_pixel_size(path: str | Path) -> float | None:
     ...     stated_pixel_size(path)
     8e-06
     """
-    if Path(path).suffix.lower() not in (".tif", ".tiff"):
-        return None
-    with suppress(Exception), tifffile.TiffFile(path) as tif:  # a damaged header states nothing
+    with suppress(Exception), tifffile.TiffFile(path) as tif:  # nor does another format or a damaged header
         if tif.is_ome:  # of the first image, in µm unless its unit says otherwise
             image = tifffile.xml2dict(tif.ome_metadata or "")["OME"]["Image"]
             about = (image[0] if isinstance(image, list) else image)["Pixels"]

@@ -41,14 +41,6 @@ _TABLES = {
 }
 """Table -> section and key that name it, and its usual name in the folder of the scene."""
 
-SAME_PIXEL = 0.1
-"""Relative difference of two pixel sizes that are the same. Chosen: above errors of a calibration, below the
-steps of objectives and binning."""
-
-_ROW = re.compile(r"#\d+")
-
-_NUMBER = re.compile(r"\d+([.,]0*)?")
-
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
@@ -70,8 +62,6 @@ class Experiment:
         The files that every frame's result depends on: references, tables, dark frame, flat field and masks.
     edits : DataFrame
         Corrections by hand, columns of `contactimg.tables.EDITS`; those that mask act on the pixels.
-    corrections : PixelCorrections
-        What is done to the pixels of each frame when it is read.
     """
 
     scene: Scene
@@ -81,7 +71,6 @@ class Experiment:
     asperities: pd.DataFrame | None
     others: tuple[Path, ...]
     edits: pd.DataFrame = field(default_factory=EDITS.empty)
-    corrections: PixelCorrections = field(default_factory=PixelCorrections)
 
     @property
     def inputs(self) -> list[Path]:
@@ -206,14 +195,13 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     areas = corrections.areas + masked_areas(edits)
     corrections = replace(corrections, areas=areas, masked=bool(areas))
     files = [*(source.path for source in references), *tables.values(), *corrections.files]
-    others = tuple(dict.fromkeys(files))
     if corrections:
         numbered = enumerate(frames, start=1)
         frames = [replace(one, correct=corrections.of_frame(one.name, k)) for k, one in numbered]
         references = tuple(replace(one, correct=corrections.of_frame("", 0)) for one in references)
-    asperities = read_scene_asperities(scene)
     _compare_pixel_size(scene, frames[0].path)
-    return Experiment(scene, references, frames, loads, asperities, others, edits, corrections)
+    asperities, others = read_scene_asperities(scene), tuple(dict.fromkeys(files))
+    return Experiment(scene, references, frames, loads, asperities, others, edits)
 
 
 def _compare_pixel_size(scene: Scene, path: Path) -> None:
@@ -224,7 +212,8 @@ def _compare_pixel_size(scene: Scene, path: Path) -> None:
         cure = "state [camera] pixel_size_m"
         said = "no pixel size is stated, so there are no areas in m2 and no forces"
         logger.warning("%s: %s; %s%s", scene.folder, said, cure, f" ({says})" if says else "")
-    elif header and not math.isclose(header, pixel, rel_tol=SAME_PIXEL):
+    # chosen: above errors of a calibration, below the steps of objectives and binning
+    elif header and not math.isclose(header, pixel, rel_tol=0.1):
         cure = "areas are those of the scene; correct the one that is wrong"
         logger.warning("%s: %s, the scene pixels of %.4g µm: %s", scene.folder, says, 1e6 * pixel, cure)
 
@@ -260,7 +249,8 @@ def _table(scene: Scene, name: str) -> Path | None:
 def _list_frames(path: str | Path | list[str], scene: Scene, folder: str | Path = ".") -> list[FrameSource]:
     """The frames of a path, glob or list, read with full scale and response of the scene's camera."""
     full_scale = None if scene.camera is None else scene.camera.full_scale
-    return list_frames(path, folder=folder, full_scale=full_scale, response=CameraResponse.of(scene.camera))
+    response, found = CameraResponse.of(scene.camera), list_frames(path, folder=folder)
+    return [replace(one, full_scale=full_scale, response=response) for one in found]
 
 
 def _list_reference(named: str, scene: Scene) -> Sequence[FrameSource]:
@@ -331,9 +321,8 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
         last = re.split(r"[/\\]", given)[-1]
         exact, frames = {given, last} & present, alike.get(_plain(last), set())
         if not exact and len(frames) > 1:
-            raise InputError(
-                f"{path}: {last} means several frames ({first_names(sorted(frames))}): give the whole name"
-            )
+            several = first_names(sorted(frames))
+            raise InputError(f"{path}: {last} means several frames ({several}): give the whole name")
         return next(iter(exact or frames or {given}))
 
     loads["frame"] = loads["frame"].map(meant)
@@ -365,14 +354,15 @@ def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]
 
     Images of a movie are counted from 0, or from 1 where the largest number is theirs.
     """
-    if any(_ROW.fullmatch(text) for text in given):
+    if any(re.fullmatch(r"#\d+", text) for text in given):
         if len(given) != len(names):
             raise InputError(
                 f"{path}: has {len(given)} rows that name no frame, and there are {len(names)} frames; add a "
                 "column frame, or one row a frame"
             )
         return dict(zip(given, names, strict=True))
-    numbers = {text: int(float(text.replace(",", "."))) for text in given if _NUMBER.fullmatch(text)}
+    whole = (text for text in given if re.fullmatch(r"\d+([.,]0*)?", text))
+    numbers = {text: int(float(text.replace(",", "."))) for text in whole}
     if all(name.endswith("]") for name in names):
         first = int(max(numbers.values(), default=0) == len(names) and 0 not in numbers.values())
         return {text: names[k - first] for text, k in numbers.items() if 0 <= k - first < len(names)}
@@ -422,22 +412,7 @@ def set_scene_keys(path: str | Path, section: str, keys: Mapping[str, str | floa
 
 # --- what the files of a folder are, by name and content
 
-REFERENCE = re.compile(
-    r"(reference|ref|background|bg|empty|blank|unloaded|(no|non|without)[ _-]?contact)s?"
-    r"([ _-]?(frame|image))?([ _-]?\d+)?"
-)
-"""Name of an image, without its ending, that shows the sample without contact."""
-
-CORRECTION = re.compile(r"(dark|flat|mask)([ _-]?(frame|field|image|s))?([ _-]?\d+)?")
-"""Name of an image, without its ending, that corrects the pixels of others."""
-
-TABLES = (".csv", ".lvm", ".txt", ".tsv", ".dat", ".asc")
-"""Endings of files that may be tables of loads or asperities."""
-
-TRIED_TABLES = 20
-"""Files that are tried as tables. Chosen: a folder of results is not searched for long."""
-
-OURS = {"scene.toml", "edits.csv"}
+OURS = {SCENE_FILE, EDITS_FILE}
 """Files that other parts of the package find by their name."""
 
 
@@ -507,8 +482,10 @@ def recognise_folder(folder: str | Path) -> FolderFiles:
         raise InputError(f"{folder}: there is no frame besides {listed[0].name}; add the frames")
     frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
-    tables = [path for path in files if path.suffix.lower() in TABLES and path.name not in OURS]
-    tables = sorted(tables, key=lambda path: path.name != "loads.csv")[:TRIED_TABLES]
+    endings = (".csv", ".lvm", ".txt", ".tsv", ".dat", ".asc")
+    tables = [path for path in files if path.suffix.lower() in endings and path.name not in OURS]
+    # so few files are tried, chosen: a folder of results is not searched for long
+    tables = sorted(tables, key=lambda path: path.name != "loads.csv")[:20]
     asperities, _ = _first_table(tables, read_asperities)
     others = [path for path in tables if path.name != asperities]
     file, loads = _first_table(others, partial(read_loads, pulled=True))
@@ -536,10 +513,11 @@ def kind_of(path: Path) -> str:
     >>> [kind_of(Path(name)) for name in ("dark.tif", "Flat_field2.png", "dark_contacts_01.tif")]
     ['dark', 'flat', '']
     """
-    correction = CORRECTION.fullmatch(path.stem.lower())
-    if correction:
+    name = path.stem.lower()
+    if correction := re.fullmatch(r"(dark|flat|mask)([ _-]?(frame|field|image|s))?([ _-]?\d+)?", name):
         return correction[1]
-    return "reference" if REFERENCE.fullmatch(path.stem.lower()) else ""
+    without = r"(reference|ref|background|bg|empty|blank|unloaded|(no|non|without)[ _-]?contact)s?"
+    return "reference" if re.fullmatch(without + r"([ _-]?(frame|image))?([ _-]?\d+)?", name) else ""
 
 
 def _one_or_glob(names: list[str]) -> str | None:

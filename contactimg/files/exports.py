@@ -21,7 +21,7 @@ from openpyxl.worksheet._write_only import WriteOnlyWorksheet
 from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi, roiread
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import replacing, write_text
+from contactimg.files.atomic import read_bytes, replacing, write_text
 from contactimg.tables import Schema, flag_names
 from contactimg.tables.outlines import Outline, contact_outlines
 
@@ -92,10 +92,9 @@ def read_regions(path: str | Path) -> list[Region]:
         If the file cannot be read or holds no region with an area.
     """
     path = Path(path)
+    read_bytes(path)  # says what hinders
     try:
         rois = roiread(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except Exception:  # whatever a damaged file makes of the decoder
         raise InputError(
             f"{path}: is not an ImageJ ROI file; save the regions with the ROI Manager (.roi, .zip), or the "
@@ -327,8 +326,7 @@ def write_workbook(tables: Sequence[tuple[Schema, pd.DataFrame]], path: Path, *,
             meanings.append([schema.name, head, name, meaning])
             if dtype == "float64":
                 cells[name] *= factor
-        heads = [heading(name, units)[0] for name in schema.columns]
-        sheets[schema.name] = cells.set_axis(heads, axis="columns")
+        sheets[schema.name] = cells.rename(columns=lambda name: heading(name, units)[0])
     sheets["columns"] = pd.DataFrame(meanings, columns=["sheet", "column", "name in the CSV", "meaning"])
     book = Workbook(write_only=True)
     for name, cells in sheets.items():

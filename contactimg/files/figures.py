@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
 from contactimg.timings import stage
 
@@ -17,13 +16,6 @@ if TYPE_CHECKING:
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Formats of every figure."""
-
-FIXED_OUTPUT: Any = {"svg.hashsalt": "contactimg", "pdf.fonttype": 42}
-"""Settings of matplotlib: the same figure has the same bytes, and text in PDF files stays text."""
-
-UNDATED: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-CAPTION_KEYS = {"pdf": "Subject"}
-"""Metadata of the formats."""
 
 
 @stage("pictures")
@@ -43,7 +35,7 @@ def write_figures(ax: "Axes", folder: str | Path, name: str, *, caption: str = "
     Raises
     ------
     InputError
-        If the axes belong to no figure, or a file cannot be written.
+        If a file cannot be written.
 
     Notes
     -----
@@ -52,21 +44,20 @@ def write_figures(ax: "Axes", folder: str | Path, name: str, *, caption: str = "
     for ending in FIGURE_FORMATS:
         with replacing(Path(folder, f"{name}.{ending}")) as part:
             part.write_bytes(figure_bytes(ax, ending, caption=caption))
-        figure = ax.get_figure(root=True)
-        if figure is not None:
-            figure.set_layout_engine(None)  # to lay out what is laid out takes most of the time
 
 
 def figure_bytes(ax: "Axes", kind: str, *, caption: str = "") -> bytes:
     """The figure that holds these axes as a file of a format of `FIGURE_FORMATS`; see `write_figures`."""
     import matplotlib as mpl  # noqa: PLC0415 - takes half a second, and most runs draw no axes
 
-    figure = ax.get_figure(root=True)
-    if figure is None:
-        raise InputError("the axes belong to no figure; draw them on one")
-    metadata = UNDATED.get(kind, {}) | ({CAPTION_KEYS.get(kind, "Description"): caption} if caption else {})
-    with mpl.rc_context(FIXED_OUTPUT), BytesIO() as file:
+    figure: Any = ax.get_figure(root=True)
+    undated: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
+    metadata = undated | ({"Subject" if kind == "pdf" else "Description": caption} if caption else {})
+    # the same figure has the same bytes, and text in PDF files stays text
+    fixed: Any = {"svg.hashsalt": "contactimg", "pdf.fonttype": 42}
+    with mpl.rc_context(fixed), BytesIO() as file:
         figure.savefig(file, format=kind, metadata=metadata)
+        figure.set_layout_engine(None)  # to lay out what is laid out takes most of the time
         return file.getvalue()
 
 

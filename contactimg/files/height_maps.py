@@ -13,9 +13,6 @@ from contactimg.summits import HeightMap
 
 Values = NDArray[np.float64]
 
-TEXT = (".txt", ".csv", ".dat", ".asc", ".tsv", ".xyz")
-"""Extensions of files that may hold a matrix as text."""
-
 
 def read_height_map(
     path: str | Path, *, pixel_size: float | None = None, height_unit: float | None = None
@@ -55,26 +52,23 @@ def read_height_map(
 def _plain_matrix(path: Path) -> Values:
     """The numbers of a plain matrix."""
     suffix = path.suffix.lower()
-    if suffix not in (".npy", ".tif", ".tiff", *TEXT):
-        raise InputError(f"{path}: cannot be read as a height map; save it as .npy, text or TIFF")
     try:
-        if suffix in TEXT:
+        if suffix in (".txt", ".csv", ".dat", ".asc", ".tsv", ".xyz"):
             return _text_matrix(path)
         if suffix == ".npy":
             array = np.load(path, allow_pickle=False)
-        else:
+        elif suffix in (".tif", ".tiff"):
             count = len(list_tiff(path))
             if count != 1:
-                raise InputError(f"{path}: holds {count} pages; a height map has one")
+                raise ValueError(f"it holds {count} pages; a height map has one")
             array = read_tiff(path, 0).array
+        else:
+            raise ValueError("save it as .npy, text or TIFF")
         if array.ndim != 2 or array.dtype.kind not in "fiu":
-            raise InputError(
-                f"{path}: must hold one matrix of numbers, got {array.dtype} of the shape {array.shape}"
-            )
+            got = f"{array.dtype} of the shape {array.shape}"
+            raise ValueError(f"it must hold one matrix of numbers, got {got}")
         check_size(array.shape[1], array.shape[0])
         return array.astype(np.float64)
-    except InputError:
-        raise
     except (OSError, ValueError, EOFError) as error:
         raise InputError(f"{path}: cannot be read as a height map ({error})") from None
 

@@ -26,7 +26,7 @@ from contactimg.engine.calls import in_parallel
 from contactimg.engine.cluster import source_digest
 from contactimg.engine.processes import signals_held
 from contactimg.errors import InputError
-from contactimg.files.atomic import explaining, flush_to_disk, plain, replacing, write_json
+from contactimg.files.atomic import explaining, first_names, flush_to_disk, plain, replacing, write_json
 from contactimg.scene import Scene
 from contactimg.timings import stage
 
@@ -41,9 +41,6 @@ LOCK_FILE = ".contactimg.lock"
 STAGING_FOLDER = ".contactimg.part"
 PENDING_FOLDER = ".contactimg.commit"
 PROVENANCE_FILE = "provenance.json"
-
-_LOCK_SECONDS = 20.0  # chosen: moving 10^4 files takes about a second
-_ATTEMPTS = 5  # chosen: a reader that meets a new commit each time gives up
 
 
 @stage("provenance")
@@ -250,15 +247,11 @@ class OutputFolder:
             try:
                 self.path.mkdir(parents=True, exist_ok=True)
                 self._lock.acquire()
-            except Timeout:
-                raise InputError(
-                    f"{self.path}: another run is writing there; wait for it or choose another output folder"
-                ) from None
             except OSError as error:
-                reason = error.strerror or error
-                raise InputError(
-                    f"{self.path}: cannot be written ({reason}); choose another output folder"
-                ) from None
+                reason = f"cannot be written ({error.strerror or error});"
+                if isinstance(error, Timeout):
+                    reason = "another run is writing there; wait for it or"
+                raise InputError(f"{self.path}: {reason} choose another output folder") from None
             # in the opposite order: the hidden files first, the lock last
             undo.callback(self._lock.release)
             undo.callback(_drop_lock_file, self.path)
@@ -308,20 +301,15 @@ class OutputFolder:
         new one does, even if the process ends before the files are in their places. What has to be moved and
         deleted stands in the two records, of which the new one takes the place of the earlier one last.
         """
-        changed = changed_inputs(self.record)
-        if changed:
-            raise InputError(
-                f"{changed[0]} changed while the command ran"
-                + (f" (and {len(changed) - 1} other files)" if len(changed) > 1 else "")
-                + "; start the command again when the files are complete"
-            )
+        if changed := first_names(changed_inputs(self.record)):
+            cure = "start the command again when the files are complete"
+            raise InputError(f"{changed} changed while the command ran; {cure}")
         new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}
         self._refuse_others(new)
         for name in new:
-            if (self.path / name).is_dir():
-                raise InputError(
-                    f"{self.path / name}: is a folder, where the run writes a file; move it away"
-                )
+            file = self.path / name
+            if file.is_dir():
+                raise InputError(f"{file}: is a folder, where the run writes a file; move it away")
             for place in (self.path / parent for parent in name.parents[:-1]):
                 if place.exists() and not place.is_dir():
                     raise InputError(f"{place}: is a file, where the run needs a folder; move it away")
@@ -401,7 +389,7 @@ def finish_commit(folder: str | Path) -> None:
     if not (folder / PENDING_FOLDER).exists():
         return
     try:
-        with FileLock(folder / LOCK_FILE, timeout=_LOCK_SECONDS):
+        with FileLock(folder / LOCK_FILE, timeout=20.0):  # s, chosen: to move 10^4 files takes one
             _complete_commit(folder)
             _drop_lock_file(folder)
     except Timeout:
@@ -435,7 +423,7 @@ def read_settled(folder: str | Path, read: Callable[[], Result]) -> Result:
         If results are written there over and over.
     """
     folder = Path(folder)
-    for _ in range(_ATTEMPTS):
+    for _ in range(5):  # chosen: a reader that meets a new commit each time gives up
         finish_commit(folder)
         stamp = _stamp(folder)
         try:
@@ -564,11 +552,8 @@ class PartStore:
             self.folder.mkdir(exist_ok=True)
         done = sum(name is not None and (self.folder / name).is_file() for name in names)
         if shown and done and self.resumes:
-            logger.warning(
-                "%s of %s frames were done by a run that was ended; the others are measured",
-                f"{done:,}",
-                f"{len(jobs):,}",
-            )
+            frames = f"{done:,} of {len(jobs):,} frames"
+            logger.warning("%s were done by a run that was ended; the others are measured", frames)
         return in_parallel(
             partial(_kept, function, str(self.folder)),
             ((name, *job) for name, job in zip(names, jobs, strict=True)),

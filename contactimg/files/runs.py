@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from math import degrees, nan, radians
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +14,8 @@ import pandas as pd
 
 from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
-from contactimg.files.atomic import read_bytes
-from contactimg.files.output import (
-    PROVENANCE_FILE,
-    SCHEMA_VERSION,
-    changed_inputs,
-    command_of,
-    finish_commit,
-    read_records,
-    read_settled,
-    sha256_of,
-)
+from contactimg.files import output
+from contactimg.files.atomic import first_names, read_bytes
 from contactimg.files.tables import read_run_table, table_file
 from contactimg.forces import sums_of_contacts
 from contactimg.pose import Pose
@@ -52,7 +42,7 @@ def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
     """
     used = [entry for entry in record.get("inputs", []) if isinstance(entry, dict)]
     return any(
-        hashes and sha256_of(run / name) not in hashes
+        hashes and output.sha256_of(run / name) not in hashes
         for name in RUN_TABLES
         for hashes in [{entry.get("sha256") for entry in used if Path(str(entry.get("path"))).name == name}]
     )
@@ -60,12 +50,12 @@ def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
 
 def _pose_of(record: Mapping[str, Any]) -> PoseFit:
     """The pose of the camera, and how well it explains the contacts, from its `pose_record`."""
-    counts = (int(record[name]) for name in ("rows", "columns", "n_points", "n_matched"))
-    rows, columns, points, matched = counts
+    names = ("rows", "columns", "n_points", "n_matched")
+    rows, columns, points, matched = (int(record[name]) for name in names)
     x, y = map(float, record["centre_m"])
-    turn = radians(record["rotation_deg"])
+    turn = math.radians(record["rotation_deg"])
     pose = Pose((rows, columns), float(record["pixel_size_m"]), (x, y), turn, bool(record["mirrored"]))
-    residual = nan if record["residual_m"] is None else float(record["residual_m"])
+    residual = math.nan if record["residual_m"] is None else float(record["residual_m"])
     return PoseFit(pose, bool(record["fitted"]), points, matched, residual)
 
 
@@ -76,7 +66,7 @@ def pose_record(fit: PoseFit) -> dict[str, Any]:
         "columns": fit.pose.shape[1],
         "pixel_size_m": fit.pose.pixel_size,
         "centre_m": list(fit.pose.centre),
-        "rotation_deg": degrees(fit.pose.rotation),
+        "rotation_deg": math.degrees(fit.pose.rotation),
         "mirrored": fit.pose.mirrored,
         "known": FOUND if fit.fitted else STATED,
         "fitted": fit.fitted,
@@ -173,7 +163,7 @@ class Run:
     @property
     def command(self) -> str:
         """The command that made the run, ``process`` or ``predict``; empty if not recorded."""
-        return command_of(self.provenance)
+        return output.command_of(self.provenance)
 
     def need_pose(self) -> Pose:
         """The pose of the camera, or an `InputError` that says how to get one."""
@@ -215,32 +205,28 @@ def read_run(folder: str | Path) -> Run:
         If the folder holds no complete run, or one written by a newer contactimg.
     """
     folder = Path(folder)
-    return read_settled(folder, lambda: _read_run(folder))
+    return output.read_settled(folder, lambda: _read_run(folder))
 
 
 def _read_run(folder: Path) -> Run:
     """The run in a folder; see `read_run`."""
-    file = folder / PROVENANCE_FILE
+    file = folder / output.PROVENANCE_FILE
     try:
         record, scene, pose = _read_record(folder)
     except OSError:
-        raise InputError(f"{folder}: holds no run of contactimg ({PROVENANCE_FILE} is missing)") from None
+        raise InputError(f"{folder}: holds no run of contactimg ({file.name} is missing)") from None
     except InputError:
         raise
     except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise InputError(f"{file}: is damaged ({type(error).__name__}: {error}); repeat the run") from None
-    contacts = read_run_table(folder, CONTACTS, infinite=True)
-    frames = read_run_table(folder, FRAMES, infinite=True)
+    contacts, frames = read_run_table(folder, CONTACTS), read_run_table(folder, FRAMES)
     _check_tables(folder, contacts, frames)
-    known = record["sha256"]
-    changed = [name for name in RUN_TABLES if name in known and known[name] != sha256_of(folder / name)]
+    known = {name: record["sha256"][name] for name in RUN_TABLES if name in record["sha256"]}
+    changed = [name for name in known if known[name] != output.sha256_of(folder / name)]
     if changed:
         frames = sums_of_contacts(contacts, frames)
-        logger.warning(
-            "%s: %s was changed after the run; numbers, areas and forces are summed anew",
-            folder,
-            " and ".join(changed),
-        )
+        cure = "numbers, areas and forces are summed anew"
+        logger.warning("%s: %s was changed after the run; %s", folder, " and ".join(changed), cure)
     return Run(scene, contacts, frames, pose, folder=folder, provenance=record, changed=tuple(changed))
 
 
@@ -249,15 +235,14 @@ def _read_record(folder: Path) -> tuple[dict[str, Any], Scene, PoseFit | None]:
 
     Errors that a damaged record causes are left to the caller.
     """
-    records, name = read_records(folder), str(folder / PROVENANCE_FILE)
+    records, name = output.read_records(folder), str(folder / output.PROVENANCE_FILE)
     # the record of the command that wrote the contacts; the last one if none says so
     made = {"contacts.csv", "contacts.parquet"}
     record = next((one for one in records if made & set(one.get("outputs", []))), records[0])
     version = record["schema_version"]
-    if version > SCHEMA_VERSION:
-        raise InputError(
-            f"{folder}: was written by a newer contactimg (schema {version}, this one reads {SCHEMA_VERSION})"
-        )
+    if version > output.SCHEMA_VERSION:
+        schemas = f"schema {version}, this one reads {output.SCHEMA_VERSION}"
+        raise InputError(f"{folder}: was written by a newer contactimg ({schemas})")
     record["command"].split()  # fails here if it is no text
     stated = record["configuration"]
     calibration = stated.get("options", {}).get("calibration")
@@ -272,10 +257,9 @@ def _read_record(folder: Path) -> tuple[dict[str, Any], Scene, PoseFit | None]:
         scene = scene.with_apex((x, y))
     pose = None if record.get("pose") is None else _pose_of(record["pose"])
     read = {entry["path"]: entry.get("sha256") for entry in record.get("inputs", [])}
-    later = [path for path in changed_inputs(record) if read[path] != sha256_of(Path(path))]
+    later = [path for path in output.changed_inputs(record) if read[path] != output.sha256_of(Path(path))]
     if later:
-        more = f" (and {len(later) - 1} other files)" if len(later) > 1 else ""
-        logger.warning("%s: %s%s changed after the run; repeat it", folder, later[0], more)
+        logger.warning("%s: %s changed after the run; repeat it", folder, first_names(later))
     return {"created": "", "inputs": [], "sha256": {}} | record, scene, pose
 
 
@@ -331,7 +315,7 @@ def read_calibration(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     path = path / CALIBRATION_FILE if path.is_dir() else path
-    finish_commit(path.parent)
+    output.finish_commit(path.parent)
     data = read_bytes(path)
     try:
         record = json.loads(data)

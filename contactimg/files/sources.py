@@ -6,7 +6,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import overload
 
@@ -78,10 +78,8 @@ class FrameSource:
             If the file cannot be read: one sentence with the file and the reason.
         """
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                path = _checked(self.path)
-                pixels = _decoder(path)[1](path, self.index)
+            with warnings.catch_warnings(action="ignore"):
+                pixels = _decoder(_checked(self.path))[1](self.path, self.index)
                 image = decoders.to_grey(pixels.array)
         except Exception as error:
             raise FrameError(f"{self.name} cannot be read: {_reason(error)}") from None
@@ -135,13 +133,7 @@ def natural_key(text: PathLike) -> str:
 
 
 @stage("reading")
-def list_frames(
-    path: PathLike | Iterable[PathLike],
-    *,
-    folder: PathLike = ".",
-    full_scale: float | None = None,
-    response: CameraResponse | None = None,
-) -> list[FrameSource]:
+def list_frames(path: PathLike | Iterable[PathLike], *, folder: PathLike = ".") -> list[FrameSource]:
     """List the frames of a folder, a glob, a file or a list of these, without reading an image.
 
     Parameters
@@ -151,10 +143,6 @@ def list_frames(
         match; both in natural order. A list keeps its order. A file with several images gives all of them.
     folder : path-like
         Folder that relative paths refer to.
-    full_scale : float, optional
-        Grey level at which the sensor saturates, if the files do not state it.
-    response : CameraResponse, optional
-        By which grey levels are made proportional to light.
 
     Returns
     -------
@@ -177,8 +165,7 @@ def list_frames(
     if not entries:
         raise InputError("the list of frames is empty; name at least one file, folder or glob")
     files = (file for entry in entries for file in _files(Path(folder), entry))
-    found = (source for file in files for source in _images(file))
-    sources = [replace(source, full_scale=full_scale, response=response) for source in found]
+    sources = [source for file in files for source in _images(file)]
     names = Counter(source.name for source in sources)
     if len(names) < len(sources):
         name, count = names.most_common(1)[0]
@@ -219,8 +206,7 @@ def _in_order(folder: Path, names: list[str], complaint: str) -> Iterable[Path]:
 def _images(path: Path) -> list[FrameSource]:
     """The images of one file; a file that cannot be opened is listed once and fails when it is read."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             numbers = _decoder(path)[0](_checked(path))
     except Exception:  # reported when the image is read
         numbers = range(1)

@@ -41,12 +41,8 @@ _UNITS = {  # ending in another unit -> ending in the schema, how many make one 
     **{f"_{unit}": ("_m", count) for unit, count in _PER_METRE.items()},
     **{f"_{unit}_s": ("_m_s", count) for unit, count in _PER_METRE.items()},
 }
-_Rows = Iterable[tuple[int, list[str]]]
-"""Rows of text, each with the number of its line."""
 _Places = dict[str, tuple[int, float]]
 """Column of a schema -> its place in a row, and the divisor of its numbers."""
-_BLOCK_ROWS = 50_000  # converted at once; chosen for memory: text takes about twenty times that of numbers
-_SEPARATORS = (",", ";", "\t")
 _SHOWN_CHARACTERS = 60  # of a cell or header in a message
 _KINDS = {
     b"PK": "an Excel workbook or another zip file",
@@ -99,7 +95,7 @@ def read_table(
 
 def _converted(
     path: str | Path,
-    rows: _Rows,
+    rows: Iterable[tuple[int, list[str]]],
     places: _Places,
     schema: Schema,
     required: Collection[str] = (),
@@ -107,9 +103,16 @@ def _converted(
     infinite: bool = False,
     decimal_comma: bool = True,
 ) -> pd.DataFrame:
-    """The table of rows of text; `InputError` with line and column of the first cell that is not valid."""
+    """The table of rows of text, each with the number of its line.
+
+    Raises
+    ------
+    InputError
+        With line and column of the first cell that is not valid.
+    """
     blocks, rows = [schema.empty()], iter(rows)
-    while block := list(islice(rows, _BLOCK_ROWS)):
+    # so many at once, chosen for memory: text takes about twenty times that of numbers
+    while block := list(islice(rows, 50_000)):
         values: dict[str, Any] = {}
         for name, (place, divisor) in places.items():
             kind = "flags" if name == "flags" else schema.columns[name][0]
@@ -148,7 +151,7 @@ def _text(path: str | Path) -> str:
 def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out."""
     text = _text(path)
-    separator = max(_SEPARATORS, key=text.lstrip("\r\n").partition("\n")[0].count)
+    separator = max((",", ";", "\t"), key=text.lstrip("\r\n").partition("\n")[0].count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
     def rows() -> Iterator[tuple[int, list[str]]]:
@@ -544,12 +547,10 @@ class TableWriter:
     """
 
     def __init__(self, schema: Schema, folder: Path, table_format: TableFormat = "csv") -> None:
-        self.schema, self.empty, self._format = schema, True, table_format
-        self.path = folder / f"{schema.name}.{table_format}"
-        self._file: Any = None
+        self.path, self.empty = folder / f"{schema.name}.{table_format}", True
         with explaining(self.path, "written"):
             if table_format == "csv":
-                self._file = self.path.open("w", encoding="utf-8", errors="surrogateescape", newline="")
+                self._file: Any = self.path.open("w", encoding="utf-8", errors="surrogateescape", newline="")
                 self._file.write(",".join(schema.columns) + "\n")
             else:
                 self._arrow, parquet = _pyarrow()
@@ -562,15 +563,11 @@ class TableWriter:
     def __exit__(self, *_error: object) -> None:
         self._file.close()
 
-    def add(self, table: pd.DataFrame) -> None:
-        """Add the rows of a table."""
-        self.append(encoded_rows(table, self.schema, self._format))
-
     @stage("writing")
     def append(self, rows: str | pd.DataFrame) -> None:
-        """Add rows that were encoded for this table and its format."""
+        """Add the `encoded_rows` of this schema and format."""
         try:
-            if self._format == "csv":
+            if isinstance(rows, str):
                 self._file.write(rows)
                 self._file.flush()
             else:
@@ -593,18 +590,14 @@ def main_tables(folders: Iterable[Path]) -> list[Path]:
     return [table_file(Path(folder), schema) for folder in folders for schema in (CONTACTS, FRAMES)]
 
 
-def read_run_table(
-    folder: Path, schema: Schema, *, infinite: bool = False, optional: bool = False
-) -> pd.DataFrame:
-    """Read a table of a run.
+def read_run_table(folder: Path, schema: Schema, *, optional: bool = False) -> pd.DataFrame:
+    """Read a table of a run; its numbers may be infinite.
 
     Parameters
     ----------
     folder : Path
     schema : Schema
         Columns that a later version added may be missing in the file, others in it are ignored.
-    infinite : bool
-        Whether infinite numbers are accepted.
     optional : bool
         Whether a table that is not there is empty.
 
@@ -617,20 +610,17 @@ def read_run_table(
     if optional and not path.is_file():
         return schema.empty()
     if path.suffix == ".csv":
-        return read_table(path, schema, infinite=infinite)
-    arrow, parquet = _pyarrow()
+        return read_table(path, schema, infinite=True)
+    parquet, data = _pyarrow()[1], io.BytesIO(read_bytes(path))
     try:
-        table = parquet.read_table(io.BytesIO(read_bytes(path))).to_pandas()
-    except arrow.ArrowException as error:
+        table = parquet.read_table(data).to_pandas()
+    except Exception as error:  # whatever a damaged file makes of the decoder
         raise InputError(f"{path}: is not a Parquet file ({str(error)[:100]}); repeat the run") from None
     for name in schema.first:
         if name not in table:
             raise InputError(f"{path}: column {name} is missing; repeat the run")
     with naming(path):
         found = schema.conform(table[[name for name in schema.columns if name in table]])
-    beyond = [name for name in found.select_dtypes("float64") if np.isinf(found[name]).any()]
-    if beyond and not infinite:
-        raise InputError(f"{path}: column {beyond[0]} must hold finite numbers")
     return found.fillna(dict.fromkeys(found.select_dtypes("str"), ""))
 
 

@@ -439,4 +439,4 @@ def write_joined_tables(
             named = {"run": ("str", "name of the folder of frames")} | schema.columns
             joined = Schema(f"all_{schema.name}", schema.description, **named)
             with files.TableWriter(joined, out.folder, table_format) as table:
-                table.add(pd.concat(parts, ignore_index=True))
+                table.append(files.encoded_rows(pd.concat(parts, ignore_index=True), joined, table_format))

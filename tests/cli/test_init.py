@@ -106,7 +106,7 @@ def test_names_say_what_an_image_is(tmp_path, capsys):
     assert (scene.images.flat, scene.images.mask) == ("flat.png", "mask_frame.png")
     experiment = open_experiment(scene)
     assert [frame.name for frame in experiment.frames] == ["a_01.png", "a_02.png"]
-    assert len(experiment.references) == len(experiment.corrections.dark) == 2
+    assert len(experiment.references) == len(experiment.frames[0].correct.dark) == 2
 
 
 @pytest.mark.parametrize(

@@ -146,7 +146,7 @@ def test_dark_frames_and_masks_are_not_measured(tmp_path, caplog):
     ("images", "sentence"),
     [
         ({"mask": "none.png"}, "none.png: the scene names this mask, but there is no such file"),
-        ({"mask": {"b.tif": "m.tif"}}, "there is no frame 'b.tif'; the first frames are frame_1.tif"),
+        ({"mask": {"b.tif": "m.tif"}}, "there is no frame 'b.tif'; the frames are frame_1.tif"),
         ({"mask": [[[0, 0], [1, 1]]]}, "mask must be a file, a list of polygons"),
         ({"mask": "bad.roi"}, "bad.roi: is not an ImageJ ROI file"),
         ({"mask": "m.tif"}, "m.tif has 3 x 3 pixels, the frame frame_1.tif has 5 x 4"),

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -129,8 +130,8 @@ def test_max_sample_value_is_believed_where_a_camera_can_have_it(tmp_path, level
 
 
 def test_stated_full_scale_wins(tmp_path, levels):
-    (source,) = list_frames(write_tiff(tmp_path / "a.tif", levels), full_scale=4095.0)
-    assert source.read().full_scale == 4095
+    (source,) = list_frames(write_tiff(tmp_path / "a.tif", levels))
+    assert replace(source, full_scale=4095.0).read().full_scale == 4095
 
 
 def test_pages_are_named_from_0_and_read_one_by_one(tmp_path, levels):

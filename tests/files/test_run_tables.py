@@ -8,7 +8,7 @@ import pytest
 
 from contactimg.cli import main
 from contactimg.errors import InputError
-from contactimg.files import TableWriter, read_run, read_run_table, tables
+from contactimg.files import TableWriter, encoded_rows, read_run, read_run_table, tables
 from contactimg.tables import CONTACTS
 
 pytest.importorskip("pyarrow")
@@ -60,14 +60,19 @@ def test_changed_table_is_noticed(runs, tmp_path):
     out = shutil.copytree(runs / "parquet", tmp_path / "out")
     contacts = read_run(out).contacts
     with TableWriter(CONTACTS, out, "parquet") as table:
-        table.add(contacts.iloc[1:].reset_index(drop=True))
+        table.append(encoded_rows(contacts.iloc[1:], CONTACTS, "parquet"))
     run = read_run(out)
     assert run.changed == ("contacts.parquet",)
     assert run.frames["n_contacts"].sum() == len(contacts) - 1
 
 
-def test_damaged_file_is_one_sentence(tmp_path):
-    (tmp_path / "contacts.parquet").write_bytes(b"PAR1")
+@pytest.mark.parametrize("damage", [b"PAR1", b"\0" * 40])
+def test_damaged_file_is_one_sentence(tmp_path, damage):
+    CONTACTS.empty().to_parquet(tmp_path / "contacts.parquet")
+    whole = (tmp_path / "contacts.parquet").read_bytes()
+    # in place of all of it, or of what the footer says of the columns
+    damaged = damage if damage == b"PAR1" else whole[:-200] + damage + whole[-200 + len(damage) :]
+    (tmp_path / "contacts.parquet").write_bytes(damaged)
     with pytest.raises(InputError, match=r"contacts\.parquet: is not a Parquet file"):
         read_run_table(tmp_path, CONTACTS)
     pd.DataFrame({"frame": ["a"], "label": ["x"]}).to_parquet(tmp_path / "contacts.parquet")
