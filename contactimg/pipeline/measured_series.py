@@ -33,6 +33,7 @@ from contactimg.plausibility import FORCES_OFF_LOAD
 from contactimg.pose import Pose
 from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find_centre
 from contactimg.pose.fit import (
+    LARGEST_SCALE_ERROR,
     LARGEST_TURN_RAD,
     NEARLY_ALL,
     SIGNIFICANT_FRACTION,
@@ -100,6 +101,14 @@ def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
     if found is not None and (not pose.fitted or found.pose.mirrored != guess.mirrored):
         _say_where(found, guess, run.scene)
     pose = found or pose
+    size = pose.pose.pixel_size
+    if abs(size - guess.pixel_size) > LARGEST_SCALE_ERROR * guess.pixel_size:
+        logger.warning(
+            "contacts fall on asperities with [camera] pixel_size_m = %.4g, not %.4g: used here; is "
+            "the scene wrong, or the scale of x_m and y_m?",
+            size,
+            guess.pixel_size,
+        )
     logger.info(
         "pose %s: %d of %d contacts on an asperity, RMS %.3g m",
         "fitted" if pose.fitted else "as given",
