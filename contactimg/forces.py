@@ -78,7 +78,7 @@ def assign_forces(
     Parameters
     ----------
     contacts : DataFrame
-        Contacts table with ``radius_m`` and ``radius_std_m``; not changed.
+        Contacts table with ``radius_m``, and ``radius_std_m`` and ``flags`` if known; not changed.
     sphere_radius : array_like, shape (n,) or scalar
         Composite radius ``R Rl/(R + Rl)`` of each contact's asperity, m; NaN where it is not known, which
         leaves the force empty.
@@ -127,7 +127,8 @@ def assign_forces(
     slope = local_law.force_exponents(a, R, law=law) * pressed - 1.5 * pulled
     std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
     beyond = int(Flag.BEYOND_HERTZ)
-    flags = contacts["flags"].to_numpy(np.int64) & ~beyond | np.where(a > HERTZ_LIMIT * R, beyond, 0)
+    known = np.asarray(contacts.get("flags", 0), np.int64)
+    flags = known & ~beyond | np.where(a > HERTZ_LIMIT * R, beyond, 0)
     forces = {"force_N": pressed - pulled, "force_std_N": std, "force_hertz_N": hertzian}
     return contacts.assign(**forces, flags=flags)
 
@@ -216,7 +217,7 @@ def _std_of_sum(contacts: pd.DataFrame, slope: NDArray[np.float64]) -> float:
 
 def _relative_radius_std(contacts: pd.DataFrame) -> NDArray[np.float64]:
     """Relative standard uncertainty of the radii; 0 where none is stated."""
-    std = contacts["radius_std_m"].to_numpy(float) / contacts["radius_m"].to_numpy(float)
+    std = np.asarray(contacts.get("radius_std_m", np.nan), float) / contacts["radius_m"].to_numpy(float)
     return np.nan_to_num(std, nan=0.0)
 
 

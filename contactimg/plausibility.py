@@ -268,7 +268,8 @@ def doubts_about_match(
         if apart > SHOWN_STDS * np.hypot(*shown.std):
             wrong |= apart > spacing / 2
             x, y = shown.place
-            causes.append(f"[indenter] apex_m: the contacts show the apex at ({x:.6g}, {y:.6g}) m")
+            place = "[indenter] apex_m, or the centre of the calibration used"
+            causes.append(f"{place}: the contacts show the apex at ({x:.6g}, {y:.6g}) m")
     if lens := _other_lens(scene, shown):
         causes.append(f"[indenter] radius_m: {lens}")
     cause = ", and ".join(causes) or (

@@ -85,8 +85,9 @@ def test_a_mismatch_names_its_likely_cause():
     scene = scene_from_dict({"indenter": {"radius_m": LENS}})
     shown = Apex(APEX, (1e-6, 1e-6), "found from the contacts", LENS, 1e-5)
     counts = {"measured": 100, "predicted": 90, "matched": 10}
-    assert "apex_m: the contacts show the apex at (0.0046, 0.0053) m" in next(
-        doubts_about_match(scene, **counts, shown=shown)
+    assert (
+        "apex_m, or the centre of the calibration used: the contacts show the apex at (0.0046, 0.0053) m"
+        in next(doubts_about_match(scene, **counts, shown=shown))
     )
     right = scene_from_dict({"indenter": {"radius_m": 2 * LENS, "apex_m": APEX}})
     assert "a lens of 0.129 m" in next(doubts_about_match(right, **counts, shown=shown))

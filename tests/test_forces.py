@@ -29,6 +29,12 @@ def test_hertz_by_hand():
     assert table["force_std_N"][0] == pytest.approx(0.05 * 1.44e-3, rel=1e-12)
 
 
+def test_radii_alone_give_forces():
+    table = assign_forces(pd.DataFrame({"radius_m": [3e-5]}), 1e-4, contact_modulus=4e6)
+    assert table["force_N"].tolist() == pytest.approx([4 * 4e6 * 2.7e-14 / 3e-4])
+    assert table["force_std_N"].tolist() == [0.0]
+
+
 def test_force_scales_with_units():
     length, pressure = 7.0, 11.0
     small = assign_forces(contacts([3e-5, 1e-5], [3e-7, 1e-7]), 1e-4, contact_modulus=4e6)

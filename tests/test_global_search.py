@@ -50,7 +50,7 @@ def test_the_camera_is_found_wherever_it_looks(targets, turn_deg, mirrored, scal
     assert apart.max() < (4 if count < 50 else 1) * 6e-6
 
 
-def test_a_mirrored_camera_at_the_stated_place_is_told(targets, caplog):
+def test_a_camera_at_the_stated_place_that_is_mirrored_or_of_another_scale_is_told(targets, caplog):
     truth = Pose(SHAPE, 6e-6, (0.0035, 0.0024), mirrored=True)
     x_px, y_px = contacts_near(targets, truth, (480, 430), 60, np.random.default_rng(17))
     contacts = CONTACTS.conform(pd.DataFrame({"frame": "a.tif", "x_px": x_px, "y_px": y_px}))
@@ -61,6 +61,10 @@ def test_a_mirrored_camera_at_the_stated_place_is_told(targets, caplog):
         run = Run(scene_from_dict({}), contacts, frames)
         assert find_pose(run, sites, replace(truth, mirrored=mirrored)).pose.mirrored
     assert "mirrored = true: used here" in caplog.text
+    assert "pixel_size_m" not in caplog.text
+    found = find_pose(run, sites, replace(truth, pixel_size=6.4e-6))
+    assert found.pose.pixel_size == pytest.approx(6e-6, rel=1e-3)
+    assert "not 6.4e-06: used here" in caplog.text
 
 
 def test_no_pose_is_found_by_chance(targets):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from contactimg.errors import InputError
@@ -172,3 +173,13 @@ def test_match_contacts_of_empty_tables_is_an_empty_table():
 def test_match_contacts_refuses_a_negative_distance():
     with pytest.raises(InputError, match="max_distance must be a positive length"):
         match_contacts(contacts([0.0], [0.0]), contacts([0.0], [0.0]), max_distance=-1.0)
+
+
+def test_tables_made_by_hand_need_no_more_than_places():
+    measured = pd.DataFrame({"x_m": [0, 1e-3], "y_m": [0, 0], "mine": ["a", "b"]}, index=[7, 3])
+    pairs = match_contacts(measured, measured.iloc[::-1], max_distance=1e-4)
+    assert pairs["distance_m"].tolist() == [0, 0]
+    assert pairs["measured_label"].isna().all()
+    for wrong in (measured.assign(x_m=[0, np.nan]), measured.drop(columns="y_m")):
+        with pytest.raises(InputError, match="place"):
+            match_contacts(wrong, measured)

@@ -220,6 +220,17 @@ def test_configuration_gives_the_same_scene(pixel_size, rotation, centre, mirror
     assert again.camera.model_copy(update={"rotation": scene.camera.rotation}) == scene.camera
 
 
+def test_configuration_states_no_more_than_the_scene():
+    scene = scene_from_dict({"indenter": {"radius_m": 0.1}, "asperities": {"file": "caps.csv"}})
+    again = scene_from_dict(scene.configuration)
+    assert "apex" not in again.indenter.model_fields_set
+    assert "side" not in again.asperities.model_fields_set
+    stated = {"indenter": {"radius_m": 0.1, "apex_m": [0.0, 0.0]}, "asperities": {"side_m": 0.01}}
+    again = scene_from_dict(scene_from_dict(stated).configuration)
+    assert "apex" in again.indenter.model_fields_set
+    assert "side" in again.asperities.model_fields_set
+
+
 def test_scene_travels_to_workers_with_its_folder():
     scene = scene_from_dict({"camera": {"pixel_size_m": 6e-6}}, folder="somewhere")
     again = pickle.loads(pickle.dumps(scene))  # noqa: S301

@@ -221,7 +221,7 @@ def fit_area_law(
     Raises
     ------
     InputError
-        If fewer than two different loads are left.
+        If fewer than two different loads are left, or the table is another one.
 
     Notes
     -----
@@ -232,6 +232,9 @@ def fit_area_law(
     ----------
     Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, Figs. 4 and 5.
     """
+    needed = ("place", "load", "area", "area_std", "sampling_std")
+    if lacking := [name for name in needed if name not in areas]:
+        raise InputError(f"areas: column {lacking[0]!r} is missing; give the table of `frame_areas`")
     good = areas[(areas["load"] > 0) & (areas["area"] > 0)]
     if (loads := good["load"].nunique()) < 2:
         raise InputError(f"an exponent of A(P) needs two different loads with contacts at least, got {loads}")

@@ -272,7 +272,7 @@ class JkrCalibration:
     edge : EdgeShift or None
         How far the edge seems to lie outside the true one; None where it was not looked for.
     zero_asked : float or None, N
-        Zero that the loads ask for although none is stated.
+        Zero that the loads, without a shift of the edge, ask for although none is stated.
     layer_asked : (float, float) or None
         Thickness (m) of a layer that they ask for although none is stated, and by how much it changes the
         modulus, relative.
@@ -379,14 +379,17 @@ def calibrate_jkr(
     branch = classify_branches(plain.load)
     used = _without_outliers(plain)
     (departure, series, _), *rivals = _departures(plain, branch, used)
-    edge = None
+    own, edge, asked = series.part(used), None, None
+    free = replace(own, zero_std=1.0)
     if pixel_size is not None:
         shifted = series.with_column(-pixel_size * series.slope(series.part(used).fit().parameters))
         # one load more than a fit without a test needs
         if int(used.sum()) >= shifted.terms(shifted.radius).shape[1] + 2:
             fit, column = shifted.part(used).fit(), shifted.physical + series.extra.shape[1]
             values = np.append(fit.parameters[column], _draws(fit)[:, column])
-            edge = EdgeShift(_from_draws(values), is_asked_for(series.part(used), shifted.part(used)))
+            # a zero of the loads that is not stated has nearly the same effect
+            nearer = own.zero_std > 0 or shifted.part(used).misfit() <= free.misfit()
+            edge = EdgeShift(_from_draws(values), nearer and is_asked_for(own, shifted.part(used)))
             series = shifted if edge.seen else series
     found = _solved(series, used, branch, cell, departure)
     doubts = doubts_about_calibration(
@@ -396,8 +399,7 @@ def calibrate_jkr(
     )
     settle(doubts, "the calibration")
     here = series.part(used)
-    free, asked = replace(here, zero_std=1.0), None
-    if not here.zero_std and is_asked_for(here, free):
+    if not own.zero_std and is_asked_for(own, free):
         asked = float(free.fit(prior=False).parameters[-1])
     found = replace(found, edge=edge, zero_asked=asked)
     if thickness is None:

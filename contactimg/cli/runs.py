@@ -65,6 +65,7 @@ def overlay(
         pipeline.draw_comparison(comparison, measured, experiment, out.folder / "overlays", workers=workers)
         echo_scores(comparison.scores, title=f"{run}: measured against predicted contacts")
         say(*(f"{frame}: {plan.sentence()}" for frame, plan in comparison.plans.items()))
+        say(*pipeline.reservations(measured.frames[measured.frames["frame"].isin(comparison.seen)]))
     for frame, reason in comparison.left_out.items():
         click.echo(f"contactimg: {frame}: no prediction, {reason}", err=True)
     return 1 if comparison.left_out else 0

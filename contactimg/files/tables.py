@@ -203,7 +203,8 @@ def _places(path: str | Path, header: list[str], schema: Schema, needed: Collect
         if name != right:
             raise InputError(f"{path}: column {name!r} must be written {right!r}")
         if name in schema.columns and names.count(name) > 1:
-            raise InputError(f"{path}: column {name} occurs {names.count(name)} times; keep one")
+            written = ", ".join(given for given, one in zip(header, names, strict=True) if one == name)
+            raise InputError(f"{path}: column {name} occurs {names.count(name)} times ({written}); keep one")
     return {name: (k, size) for k, (name, size) in enumerate(found) if name in schema.columns}
 
 

@@ -13,7 +13,7 @@ such a rim of their own.
 """
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -316,23 +316,34 @@ class Agreement:
         """Views that do not agree with the others as a whole."""
         return np.asarray(~self.used.any(axis=(1, 2)))
 
-    def spots_of(self, view: int, *, sign: int) -> int:
-        """Places of more than one square where a view is brighter (sign -1: darker) than all that agree."""
-        others = np.delete(self.used, view, axis=0).sum(axis=0) >= FEWEST_WITNESSES
+    def spots_of(self, view: int, contacts: Mapping[int, Contacts], *, sign: int) -> int:
+        """Places of more than one square where a view is brighter (sign -1: darker) than all that agree.
+
+        One of these must show the place outside its own contacts (on the anchor, by the number of the view).
+        """
+        bare = self.used & np.isfinite(self.deviation)
+        for n, own in contacts.items():
+            bare[n] &= ~self._squares_of(own)
+        agree, bare = (np.delete(flags, view, axis=0) for flags in (self.used, bare))
+        others = (agree.sum(axis=0) >= FEWEST_WITNESSES) & bare.any(axis=0)
         differs = (~self.used[view] & others & (sign * self.deviation[view] > 0)).astype(np.uint8)
         areas = cv2.connectedComponentsWithStats(differs)[2][1:, cv2.CC_STAT_AREA]
         return int(np.count_nonzero(areas > 1))
 
     def scatter_inside(self, contacts: Contacts, *, view: int) -> float:
         """Scatter of a view in the squares of its contacts (on the anchor), over that in the others."""
-        here = np.zeros([SQUARE_PX * size for size in self.used.shape[1:]], np.uint8)
-        for x, y, radius in np.rint(contacts.disks[:, :3]).astype(int).tolist():
-            cv2.circle(here, (x, y), radius + int(EDGE_REACH_PX), 1, cv2.FILLED)
-        near, known = block_means(here, side=SQUARE_PX) > FEWEST_SEEN, np.isfinite(self.deviation[view])
+        near, known = self._squares_of(contacts), np.isfinite(self.deviation[view])
         inside, outside = self.deviation[view][known & near], self.deviation[view][known & ~near]
         if min(len(inside), len(outside)) < FEWEST_SQUARES:
             return 0.0
         return robust_std(inside, centre=0.0) / max(robust_std(outside, centre=0.0), 1e-9)
+
+    def _squares_of(self, contacts: Contacts) -> Flags:
+        """The squares of contacts (on the anchor) and their surroundings."""
+        here = np.zeros([SQUARE_PX * size for size in self.used.shape[1:]], np.uint8)
+        for x, y, radius in np.rint(contacts.disks[:, :3]).astype(int).tolist():
+            cv2.circle(here, (x, y), radius + int(EDGE_REACH_PX), 1, cv2.FILLED)
+        return np.asarray(block_means(here, side=SQUARE_PX) > FEWEST_SEEN)
 
 
 def compare_views(squares: Sequence[Values], *, sign: int) -> Agreement:

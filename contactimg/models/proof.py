@@ -6,7 +6,7 @@ them hold; otherwise a solver raises an exception, or the status is a sentence t
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,13 +33,18 @@ and far above the rounding errors of ordinary scenes, 1e-12."""
 
 
 def refuse_beyond_floats(solve: Callable[Arguments, Solution]) -> Callable[Arguments, Solution]:
-    """Turn an overflow, a division by zero or a singular matrix inside a solver into a `ModelRangeError`."""
+    """Turn an overflow, a division by zero or a singular matrix inside a solver into a `ModelRangeError`.
+
+    Arrays of one number are taken as Python numbers: single precision would overflow and round.
+    """
 
     @functools.wraps(solve)
     def guarded(*args: Arguments.args, **keywords: Arguments.kwargs) -> Solution:
+        numbers = {key: one for key, one in keywords.items() if isinstance(one, np.generic | np.ndarray)}
+        options: Any = keywords | {key: one.item() for key, one in numbers.items() if one.size == 1}
         try:
             with np.errstate(over="raise", divide="raise", invalid="raise"):
-                return solve(*args, **keywords)
+                return solve(*args, **options)
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             raise ModelRangeError(
                 f"the solution leaves the range of floating-point numbers ({error}): loads, lengths and "

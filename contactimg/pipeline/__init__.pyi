@@ -25,6 +25,7 @@ from .predict import plan_effects as plan_effects
 from .predict import predict_loads as predict_loads
 from .predict import write_predictions as write_predictions
 from .results import Calibrated as Calibrated
+from .results import reservations as reservations
 from .results import write_calibration as write_calibration
 from .results import write_results as write_results
 from .series import measure_parts as measure_parts

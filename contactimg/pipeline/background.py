@@ -285,7 +285,7 @@ def pool_background(
         remark=remark,
         differing=frozenset(anchored.shown) - frozenset(views),
         needed=bool(fault) or wish == "pooled",
-        spots=agreement.spots_of(0, sign=anchored.sign) if has_reference else 0,
+        spots=agreement.spots_of(0, anchored.contacts, sign=anchored.sign) if has_reference else 0,
         before={str(part.row["frame"]): _noise_and_std(part) for part in parts.values()},
     )
 
@@ -304,6 +304,12 @@ class _Anchored:
     def first(self) -> list[pooled.View]:
         """The view of the reference."""
         return [pooled.View.plain(self.image)] if self.references else []
+
+    @property
+    def contacts(self) -> dict[int, pooled.Contacts]:
+        """The contacts of each frame, by the number of its view."""
+        shown = enumerate(self.shown.values(), start=bool(self.references))
+        return {n: own.on_anchor(self.image.shape) for n, (own, _) in shown}
 
     @cached_property
     def agreement(self) -> pooled.Agreement:
@@ -349,10 +355,7 @@ def _place_views(
         anchored = _Anchored(image, 0, source, sign, place(contacts, image))
     if len(anchored.shown) < FEWEST_VIEWS:
         raise FrameError(f"only {len(anchored.shown)} different frames show it")
-    scatter = [
-        anchored.agreement.scatter_inside(own.on_anchor(anchored.image.shape), view=n)
-        for n, (own, _) in enumerate(anchored.shown.values(), start=bool(anchored.references))
-    ]
+    scatter = [anchored.agreement.scatter_inside(own, view=n) for n, own in anchored.contacts.items()]
     if np.median(scatter) > pooled.WORST_SCATTER:  # below 1 if contacts show the surface as the model says
         logger.info("contacts do not show the surface as their surroundings do: they are left out")
         hidden = {k: own.contacts.left_out() for k, (own, _) in anchored.shown.items()}

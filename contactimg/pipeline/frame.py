@@ -137,7 +137,8 @@ def measure_frame(
         frame = Frame(frame, full_scale=full_scale)  # of masked integers as well
     image = reference.image if isinstance(reference, Frame) else reference
     image = None if image is None else as_pixels(image)
-    measurement = measuring(scene, frame.full_scale, optics)(frame.image, image)
+    film_asked = film_setting(scene, None)
+    measurement = measuring(scene, frame.full_scale, optics)(frame.image, image, film=film_asked)
     pose = Pose(frame.shape, pixel_size)
     contacts = locate_contacts(contacts_table(measurement, frame.name), pose, shift_px=(0.0, 0.0))
     contacts.attrs |= {"status": str(measurement.status), "message": measurement.message}

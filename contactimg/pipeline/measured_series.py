@@ -82,6 +82,14 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
     if found is not None and (not pose.fitted or found.pose.mirrored != guess.mirrored):
         _say_where(found, guess, run.scene)
     pose = found or pose
+    size = pose.pose.pixel_size
+    if abs(size - guess.pixel_size) > fit.LARGEST_SCALE_ERROR * guess.pixel_size:
+        logger.warning(
+            "contacts fall on asperities with [camera] pixel_size_m = %.4g, not %.4g: used here; is "
+            "the scene wrong, or the scale of x_m and y_m?",
+            size,
+            guess.pixel_size,
+        )
     logger.info(
         "pose %s: %d of %d contacts on an asperity, RMS %.3g m",
         "fitted" if pose.fitted else "as given",

@@ -12,7 +12,7 @@ from contactimg.analysis.load_cell import LoadCell
 from contactimg.files import CALIBRATION_FILE, write_figures, write_json, write_table
 from contactimg.plots import caption_of
 from contactimg.scene import Scene
-from contactimg.tables import Schema
+from contactimg.tables import Schema, Status
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes  # takes half a second, and `process` draws no axes
@@ -118,6 +118,13 @@ def frame_notes(frames: pd.DataFrame) -> list[str]:
         f"{those[0] if len(those) == 1 else f'{len(those)} frames'}: {text}"
         for those, text in alike_remarks(frames)
     ]
+
+
+def reservations(frames: pd.DataFrame) -> list[str]:
+    """What to be wary of in frames that are used although their status is not "ok"."""
+    cures, doubtful = {str(one): one.cure for one in Status}, frames[frames["status"] != Status.OK]
+    said = [f'used with the status "{status}": {cures.get(status, "")}' for status in doubtful["status"]]
+    return frame_notes(doubtful.assign(message=pd.array(said, dtype="str")))
 
 
 def cell_notes(scene: Scene) -> list[str]:

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from contactimg.errors import InputError
 from contactimg.pose.pose import Pose
-from contactimg.tables import MATCHES
+from contactimg.tables import CONTACTS, MATCHES
 from contactimg.timings import stage
 
 PAIRING_FRACTION = 0.15
@@ -105,7 +105,8 @@ def match_contacts(
     Parameters
     ----------
     measured, predicted : DataFrame
-        Contacts tables (columns ``x_m, y_m, radius_m, force_N, label, asperity``) of one frame.
+        Contacts tables of one frame: ``x_m, y_m``, and of ``frame, label, asperity, radius_m, force_N`` those
+        that are to be copied.
     max_distance : float, optional
         Largest distance of a pair, m. Default: half the median distance of a predicted contact to its nearest
         neighbour, beyond which a pair would be ambiguous; with a single predicted contact, its radius.
@@ -118,14 +119,20 @@ def match_contacts(
     Raises
     ------
     InputError
-        If ``max_distance`` is not positive.
+        If ``max_distance`` is not positive, or a contact has no place.
     """
+    measured, predicted = (
+        CONTACTS.conform(table[table.columns.intersection(list(CONTACTS.columns))])
+        for table in (measured, predicted)
+    )
     places = [table[["x_m", "y_m"]].to_numpy(float) for table in (measured, predicted)]
     if max_distance is None:
         half = median_spacing(places[1]) / 2
         max_distance = half or float(predicted["radius_m"].max() if len(predicted) else 1.0)
     if not max_distance > 0:
         raise InputError(f"match_contacts: max_distance must be a positive length, got {max_distance!r} m")
+    if not all(np.isfinite(table).all() for table in places):
+        raise InputError("match_contacts: each contact needs its place, finite numbers in x_m and y_m")
     i, j, distance = pair_points(*places, max_distance=max_distance)
     left, right = measured.iloc[i], predicted.iloc[j]
     return MATCHES.conform(

@@ -47,8 +47,12 @@ class Scene(Section):
 
     @property
     def configuration(self) -> dict[str, Any]:
-        """Every key with its value, defaults included, as a dict that gives this scene again."""
-        return self.model_dump(mode="json", by_alias=True, exclude_none=True)
+        """Every key with its value, defaults included, as a dict that gives this scene again.
+
+        What another value replaces unless it is stated is in it only if it is.
+        """
+        unstated = {name: {"apex", "side"} - one.model_fields_set for name, one in self if one is not None}
+        return self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=unstated)
 
     def with_apex(self, apex: tuple[float, float]) -> "Scene":
         """The scene with the indenter's apex at a point of the sample, m; itself without an indenter."""

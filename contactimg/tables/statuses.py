@@ -23,9 +23,9 @@ class Status(enum.StrEnum):
     """The frame was measured, or the load solved, without reservation."""
     FAILED = "failed", "read the reason in the column message; frames that cannot be read are exported again"
     """No result: the frame could not be read or measured, or the model has no solution at this load."""
-    APPROXIMATE = "approximate", "ask for a wider tolerance, or for smaller steps of the load"
-    """The model's equations hold only within the tolerance that was asked for, or contacts broke on the way
-    to an adhesive solution."""
+    APPROXIMATE = "approximate", "ask for a lower load if planes touch, a wider tolerance, or smaller steps"
+    """The model's equations hold only within the tolerance that was asked for, the base planes touch, or
+    contacts broke on the way to an adhesive solution."""
     NO_CONTACT = "no contact", 'check the reference and [images] polarity ("auto" finds it); take more light'
     """The frame was measured and no contact stands out of the noise."""
     LIGHT_CHANGED = "light changed", "take the reference with the lamp and the exposure of the frames"
@@ -33,7 +33,10 @@ class Status(enum.StrEnum):
     or contacts fill most of the frame."""
     NOT_REGISTERED = "not registered", "take the reference at the place of the frames, or leave it out"
     """The frame could not be aligned with its reference; background may remain in the difference."""
-    HOLES = "holes", "nothing, if the mask is meant; contacts below it are not counted"
+    HOLES = (
+        "holes",
+        "if the mask is meant, mind that contacts below it are not counted, and those of models are",
+    )
     """Some pixels of the frame or of its reference have no finite value; they are left out."""
     ALL_HOLES = "all holes", "check the mask, and how the frame was exported"
     """No pixel has a finite value."""

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import contactimg
 from contactimg.analysis.area_against_load import fit_area_law
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.threshold import calibrate_modulus, load_slope
@@ -77,3 +78,13 @@ def test_what_a_scene_states_of_the_load_cell():
     assert LoadCell.stated(scene_from_dict({}).load).zero_std == 0.0
     with pytest.raises(InputError, match="zero must not be negative"):
         LoadCell(zero_std=-1.0)
+
+
+def test_the_table_of_areas_has_a_public_maker():
+    frames = pd.DataFrame({"frame": ["a", "b"], "load_N": [0.1, 0.4], "area_m2": [1e-6, 4e-6]})
+    frames["area_std_m2"] = 0.0
+    with pytest.raises(InputError, match=r"column 'place' is missing; give the table of `frame_areas`"):
+        fit_area_law(frames)
+    contacts = pd.DataFrame({"frame": ["a", "b"], "radius_m": [1e-4, 2e-4], "area_m2": [1e-6, 4e-6]})
+    areas = contactimg.frame_areas(frames, contacts, place="here")
+    assert fit_area_law(areas).exponent.value == pytest.approx(1.0)

@@ -46,6 +46,18 @@ def test_an_edge_where_it_seems_is_left_there():
     )  # the shift is not among what is fitted
 
 
+@pytest.mark.parametrize(("shift_px", "zero"), [(0.0, 4e-3), (1.0, 0.0)])
+def test_a_zero_of_the_loads_that_is_not_stated_is_no_shift_of_the_edge(shift_px, zero):
+    law = {"sphere_radius": LENS, "contact_modulus": MODULUS / 0.75, "work_of_adhesion": ADHESION}
+    loads = np.array([0.02, 0.05, 0.1, 0.15, 0.2])
+    radius = jkr.radius(loads, **law) + PIXEL * shift_px
+    found = calibrate_jkr(loads + zero, radius, sphere_radius=LENS, poisson_ratio=0.5, pixel_size=PIXEL)
+    assert found.edge.seen == (zero == 0.0)
+    assert found.zero_asked is not None  # either way it is an explanation
+    if zero:
+        assert found.zero_asked == pytest.approx(zero, rel=1e-6)
+
+
 def test_few_loads_do_not_tell():
     few = calibrate_jkr(
         [0.02, 0.1, 0.5], [4e-4, 7e-4, 1.2e-3], sphere_radius=LENS, poisson_ratio=0.5, pixel_size=PIXEL

@@ -115,7 +115,7 @@ NO_UNIT = "no column is a load with its unit, such as load_mN, load_g, Kraft [mN
         ("", "column frame is missing; the header must name frame, load_N, got nothing; " + NO_UNIT),
         ("frame,LOAD_N\na,1\n", "column 'LOAD_N' must be written 'load_N'"),
         ("frame,load_N,Friction_n\na,1,2\n", "column 'Friction_n' must be written 'friction_N'"),
-        ("frame,load_N,load_N\na,1,2\n", "column load_N occurs 2 times; keep one"),
+        ("frame,load_N,load_N\na,1,2\n", "column load_N occurs 2 times (load_N, load_N); keep one"),
         ("frame,load_N\na,1\n\nb,0.1 N\n", "line 4, column load_N must be a number, got '0.1 N'"),
         ("frame,load_N\na,1_000\n", "line 2, column load_N must be a number, got '1_000'"),
         ("frame;load_N\na;1.234,5\n", "line 2, column load_N must be a number, got '1.234,5'"),
@@ -339,5 +339,5 @@ def test_columns_in_other_units_are_converted(tmp_path):
 def test_the_same_column_in_two_units_is_refused(tmp_path):
     loads = tmp_path / "loads.csv"
     loads.write_text("frame,load_mN,load_N\na.tif,300,0.3\n", encoding="utf-8")
-    with pytest.raises(InputError, match="column load_N occurs 2 times"):
+    with pytest.raises(InputError, match=r"column load_N occurs 2 times \(load_mN, load_N\); keep one"):
         read_loads(loads)

@@ -251,3 +251,14 @@ def test_newton_steps_of_all_field_updates_are_bounded_together(monkeypatch):
     assert f"no contacts were found in equilibrium in {most} Newton steps" in why
     # of each set of contacts that breaks, one direction more than steps is tried
     assert len(taken) < most + 2 * len(case.table)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float16, lambda load: np.array([load])])
+def test_loads_of_other_types_are_solved_in_double_precision(kind):
+    load, table = kind(0.25), caps([0.0, 3e-4])
+    expected = solve_interacting(table, load=0.25, **FLAT)
+    assert solve_interacting(table, load=load, **FLAT).indentation == expected.indentation
+    averaged = {"density": 1.8e7, "radius": 1e-4, "indenter_radius": 0.1288, "contact_modulus": 4e6}
+    heights = GaussianHeights(0.0, 6e-6)
+    for solve in (solve_greenwood_tripp, solve_greenwood_williamson):
+        assert solve(heights, load=load, **averaged).area == solve(heights, load=0.25, **averaged).area

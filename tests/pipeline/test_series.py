@@ -124,6 +124,11 @@ def test_a_missing_modulus_is_told_before_frames_are_measured(tmp_path):
 def test_a_pixel_size_in_micrometres_is_refused():
     with pytest.raises(InputError, match=r"measure_frame: pixel_size_m = 6 is outside .* given in µm"):
         measure_frame(np.zeros((20, 20)), pixel_size=6)
+
+
+def test_a_film_without_a_known_radius_is_refused():
+    with pytest.raises(InputError, match="needs the radius of the asperities"):
+        measure_frame(np.zeros((20, 20)), pixel_size=6e-6, film="on")
     with pytest.raises(InputError, match=r"pixel_size_m = 6 is outside .* given in µm"):
         measure_series(scene_from_dict({"camera": {"pixel_size_m": 6.0}}, folder="no_such_folder"))
 

@@ -36,7 +36,7 @@ from contactimg.pipeline.analyse.places import (
 )
 from contactimg.pipeline.analyse.sheared import Sheared, analyse_shear
 from contactimg.pipeline.measured_series import shown_apex
-from contactimg.pipeline.results import write_results
+from contactimg.pipeline.results import reservations, write_results
 from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile, plot_sheared_areas
 from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
@@ -150,7 +150,7 @@ def analyse_places(
         frame with a load above zero and an area.
     """
     own = _run_model(places)
-    notes = [note for place in places for note in _left_out(place)]
+    notes = [note for place in places for note in _notes_on_frames(place)]
     friction, density = _friction_table(places), _density(places[0])
     seen = {own: grouped(places, tolerance=options.load_tolerance)}
     lacking = [
@@ -239,10 +239,11 @@ def _lacking(place: Place) -> list[str]:
     return [name for name, value in needed.items() if value is None]
 
 
-def _left_out(place: Place) -> list[str]:
-    """The frames of a place that cannot be used, and why."""
-    unused = place.frames[~place.frames["frame"].isin(usable_frames(place)["frame"])]
-    notes = []
+def _notes_on_frames(place: Place) -> list[str]:
+    """The frames of a place that cannot be used, and why, and what to be wary of in the others."""
+    used = usable_frames(place)
+    unused = place.frames[~place.frames["frame"].isin(used["frame"])]
+    notes = [f"{place.name}, {note}" for note in reservations(used)]
     for row in unused.to_dict("records"):
         if np.isnan(row["area_m2"]) or row["load_N"] > 0:
             reason = row["message"] or "it has no area"

@@ -347,9 +347,11 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
     ]
     zero, stated = calibration.load_zero, calibration.load_cell.zero_std
     if calibration.zero_asked is not None:
+        instead = " instead of a shift of the edge" if calibration.edge and calibration.edge.seen else ""
         notes.append(
-            f"the frames ask for a zero of the loads of {1e3 * calibration.zero_asked:.3g} mN, which was not "
-            "fitted: state zero_std_N in [load] if the load cell may be off so far, or correct the loads"
+            f"the frames ask for a zero of the loads of {1e3 * calibration.zero_asked:.3g} mN{instead}, "
+            "which was not fitted: state zero_std_N in [load] if the load cell may be off so far, or correct "
+            "the loads"
         )
     if zero is not None and calibration.load_zero_seen:
         beyond = abs(zero.value) > SIGNIFICANT_STDS * stated

@@ -165,6 +165,18 @@ def test_a_loaded_frame_without_contacts_is_named_and_left_out(run):
     assert f"frame_2.tif: left out: {none}" in "; ".join(found.notes)
 
 
+def test_frames_used_with_a_reservation_are_named(run):
+    place = open_place(run)
+    frames = place.frames.assign(status=["ok", "holes", "holes"])
+    found = analyse_places([replace(place, frames=frames)], AnalysisOptions(models=False))
+    notes = [note for note in found.notes if 'used with the status "holes"' in note]
+    assert len(notes) == 1
+    assert "2 frames" in notes[0]
+    assert "contacts below it are not counted" in notes[0]
+    plain = analyse_places([place], AnalysisOptions(models=False))
+    assert not any("used with" in note for note in plain.notes)
+
+
 def test_one_load_is_analysed_without_an_exponent(run, tmp_path):
     single = change_frames(run, tmp_path / "single", load_N=[np.nan, np.nan, 0.05])
     assert analyse(single, "-o", tmp_path / "out", "--no-models") == 0
