@@ -176,7 +176,8 @@ def test_match_contacts_refuses_a_negative_distance():
 
 
 def test_tables_made_by_hand_need_no_more_than_places():
-    measured = pd.DataFrame({"x_m": [0, 1e-3], "y_m": [0, 0], "mine": ["a", "b"]}, index=[7, 3])
+    named = {"mine": ["a", "b"], "flags": ["BEYOND_HERTZ", ""]}
+    measured = pd.DataFrame({"x_m": [0, 1e-3], "y_m": [0, 0]} | named, index=[7, 3])
     pairs = match_contacts(measured, measured.iloc[::-1], max_distance=1e-4)
     assert pairs["distance_m"].tolist() == [0, 0]
     assert pairs["measured_label"].isna().all()

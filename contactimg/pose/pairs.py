@@ -121,9 +121,9 @@ def match_contacts(
     InputError
         If ``max_distance`` is not positive, or a contact has no place.
     """
+    used = ["frame", "label", "asperity", "x_m", "y_m", "radius_m", "force_N"]
     measured, predicted = (
-        CONTACTS.conform(table[table.columns.intersection(list(CONTACTS.columns))])
-        for table in (measured, predicted)
+        CONTACTS.conform(table[table.columns.intersection(used)]) for table in (measured, predicted)
     )
     places = [table[["x_m", "y_m"]].to_numpy(float) for table in (measured, predicted)]
     if max_distance is None:
