@@ -57,6 +57,9 @@ LEAST_CORE = 10
 """Squares well inside regions that show a plateau better than their peaks. By hand."""
 MOST_RUNS = 1500
 """Runs of pixels that are looked at for it. Accuracy: they know a median to 1 % of the scatter."""
+WHITE_RATIO = 0.6
+"""Noise of squares over that of squares of half their side, above which coarser ones show texture rather than
+noise. Theory: 0.5 for white noise, 1 for texture wider than they are."""
 FAINT_RATIO, RAGGED_SHARE = 0.7, 0.6
 """Plateau over the common contrast up to which a region is faint, and share of its area that its pieces at
 the common level cover at most. By hand: at half of the contrast noise decides pixel by pixel."""
@@ -330,13 +333,16 @@ def _faint_regions(
     Those found before are pieces of a region whose own plateau lies about at the level at which they were
     outlined, where they are ragged: which of them is returned too, and the width (px) of the filter.
     """
-    image = seen.image
-    for side in (2, 4, 8):  # the finest squares whose noise hides no faint region
-        coarse, coarse_noise = seen.squares(side)
-        floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
-        if floor < FAINT_RATIO * level:
+    image, side, (coarse, coarse_noise) = seen.image, 2, seen.squares(2)
+    floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
+    # coarser squares where noise hides faint regions, as long as it falls: with white noise by half
+    while side < 8 and not floor < FAINT_RATIO * level:
+        wider, wider_noise = seen.squares(2 * side)
+        if wider_noise > WHITE_RATIO * coarse_noise:
             break
-    else:
+        side, coarse, coarse_noise = 2 * side, wider, wider_noise
+        floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
+    if not floor < level:
         return [], np.zeros(len(regions), np.bool_), 0.0
     width = FAINT_SMOOTHING_SQUARES * side
     support, runs, plateau, half_area = _with_plateaus(coarse, floor)
