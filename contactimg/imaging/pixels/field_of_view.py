@@ -59,7 +59,7 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     beside, inside = means[outer > inner], means[outer == 0]
     if not (_is_field_of_view(1 - unlit) and inside.size):
         return None
-    level = quantile(inside, 0.25)  # that of the background, unless contacts cover most of it
+    level = median(inside)  # that of the background, unless contacts cover half of it
     if beside.size and median(beside) < STOP_LIGHT * level:
         return None
     return _pixels_of(unlit, cv2.blur(np.asarray(image, np.float32), (3, 3)) < 0.5 * level, EDGE_REACH_PX)
