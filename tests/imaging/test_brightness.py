@@ -2,7 +2,17 @@
 
 import numpy as np
 import pytest
-from camera_worlds import Layout, World, field_stop, in_stop, make_scene, odd_one, scaled, spread
+from camera_worlds import (
+    Layout,
+    World,
+    dead_lines,
+    field_stop,
+    in_stop,
+    make_scene,
+    odd_one,
+    scaled,
+    spread,
+)
 from contact_frames import match
 
 from contactimg.imaging.measure import measure_image
@@ -89,6 +99,36 @@ def test_faint_contacts_that_noise_tears_are_one_contact_each(electrons, contras
         assert len(result.disks) <= len(scene.truth)
         pull, _ = pulls(wide, result.disks)
         assert np.abs(pull).max() < 4
+
+
+def test_the_texture_of_the_surface_makes_no_faint_contacts():
+    """Texture is as high in coarse squares as in fine ones, noise is not."""
+    world = World(
+        layout=Layout(radii=(6, 18), pairs=0),
+        texture=0.05,
+        electrons=20.0,
+        contrast=31.0,
+        reference=False,
+    )
+    for seed in range(3):
+        scene = world(4, np.random.default_rng([7, seed]))
+        assert len(measure_image(scene.frame).disks) == 4
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_contacts_that_dead_lines_cross_on_a_textured_surface_are_kept(seed):
+    """Texture makes their light uncertain and lines spoil their fit, but they stand out all the same."""
+    world = World(
+        layout=Layout(radii=(3, 16), pairs=0),
+        alter=spread(0.3),
+        file=dead_lines,
+        texture=0.05,
+        contrast=88.0,
+        reference=False,
+    )
+    scene = world(60, np.random.default_rng([8, seed]))
+    clear = scene.truth[scene.truth.snr > 100].reset_index(drop=True)
+    assert len(match(clear, measure_image(scene.frame).disks)) == len(clear)
 
 
 @pytest.mark.parametrize("polarity", ["auto", "dark"])
