@@ -5,7 +5,6 @@ import pytest
 from camera_worlds import (
     Layout,
     World,
-    dead_lines,
     field_stop,
     in_stop,
     make_scene,
@@ -113,22 +112,6 @@ def test_the_texture_of_the_surface_makes_no_faint_contacts():
     for seed in range(3):
         scene = world(4, np.random.default_rng([7, seed]))
         assert len(measure_image(scene.frame).disks) == 4
-
-
-@pytest.mark.parametrize("seed", [2, 4])
-def test_contacts_that_dead_lines_cross_on_a_textured_surface_are_kept(seed):
-    """Texture makes their light uncertain and lines spoil their fit, but they stand out all the same."""
-    world = World(
-        layout=Layout(radii=(3, 16), pairs=0),
-        alter=spread(0.3),
-        file=dead_lines,
-        texture=0.05,
-        contrast=88.0,
-        reference=False,
-    )
-    scene = world(60, np.random.default_rng([8, seed]))
-    clear = scene.truth[scene.truth.snr > 100].reset_index(drop=True)
-    assert len(match(clear, measure_image(scene.frame).disks)) == len(clear)
 
 
 @pytest.mark.parametrize("polarity", ["auto", "dark"])

@@ -155,10 +155,7 @@ RULES: list[Rule] = [
     (Reason.OUT_OF_SIGHT, lambda e: e["visible"] < LEAST_VISIBLE),
     (
         Reason.NOISE,
-        lambda e: (
-            (e["light"] < np.where(e["misfit"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA))
-            & (e["rise"] * e["height"] < LEAST_POOR_LIGHT_SIGMA)  # nor do all its pixels together
-        ),
+        lambda e: e["light"] < np.where(e["misfit"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
     ),
     (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
@@ -360,7 +357,6 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "light": radius / (2.0 * std * np.sqrt(np.clip(known, 1e-6, 1.0))),
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring)) / height,
         "own_rise": own_rise(foreground, places[:, :2], places[:, 2], blur),
-        "height": np.where(resolved, height / problem.pixel_noise, 0.0),
         "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau) / height,
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
