@@ -154,8 +154,10 @@ def _in_order(
                     result, suspects = lost(error, *item), 0
                 calls.popleft()
                 if suspects == 0:
-                    for k in [k for k, (_, future) in enumerate(calls) if _has_ended(workers, future)]:
-                        calls[k] = calls[k][0], workers.submit(_call, name, *calls[k][0])
+                    ended = [k for k, (_, future) in enumerate(calls) if _has_ended(workers, future)]
+                    for k in ended:
+                        item, _ = calls[k]
+                        calls[k] = item, workers.submit(_call, name, *item)
                     suspects = None
                 yield result
         finally:
@@ -197,12 +199,13 @@ class _Processes:
     def _executor(self) -> Any:
         threads = str(max(1, cpu_count() // self._count))
         libraries = ("BLIS", "MKL", "NUMBA", "OMP", "OPENBLAS", "VECLIB")
+        names = [f"{library}_NUM_THREADS" for library in libraries]
         executor = get_reusable_executor(
             max_workers=self._count,
             timeout=300,  # s, chosen: longer than a command works alone between two passes
             initializer=live_with_parent,
             initargs=(os.getpid(),),
-            env={name: os.environ.get(name, threads) for name in map("{}_NUM_THREADS".format, libraries)},
+            env={name: os.environ.get(name, threads) for name in names},
         )
         keep_workers(executor)
         return executor

@@ -121,7 +121,7 @@ def frame_notes(frames: pd.DataFrame) -> list[str]:
 
 
 def reservations(frames: pd.DataFrame) -> list[str]:
-    """What to be wary of in frames that are used although their status is not "ok"."""
+    """Tell what to be wary of in frames that are used although their status is not "ok"."""
     cures, doubtful = {str(one): one.cure for one in Status}, frames[frames["status"] != Status.OK]
     said = [f'used with the status "{status}": {cures.get(status, "")}' for status in doubtful["status"]]
     return frame_notes(doubtful.assign(message=pd.array(said, dtype="str")))

@@ -59,7 +59,7 @@ MOST_RUNS = 1500
 """Runs of pixels that are looked at for it. Accuracy: they know a median to 1 % of the scatter."""
 WHITE_RATIO = 0.6
 """Noise of squares over that of squares of half their side, above which coarser ones show texture rather than
-noise. Theory: 0.5 for white noise, 1 for texture wider than they are."""
+noise. Theory: 0.5 for white noise, 1 for texture wider than they are; by hand, near the former."""
 FAINT_RATIO, RAGGED_SHARE = 0.7, 0.6
 """Plateau over the common contrast up to which a region is faint, and share of its area that its pieces at
 the common level cover at most. By hand: at half of the contrast noise decides pixel by pixel."""
@@ -331,7 +331,8 @@ def _faint_regions(
     """Regions that stand out of the noise and contain none found before, each in a window of its own.
 
     Those found before are pieces of a region whose own plateau lies about at the level at which they were
-    outlined, where they are ragged: which of them is returned too, and the width (px) of the filter.
+    outlined, where they are ragged: which of them is returned too, and the width (px) of the
+    filter behind which the faint ones are outlined.
     """
     image, side, (coarse, coarse_noise) = seen.image, 2, seen.squares(2)
     floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
