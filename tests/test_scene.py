@@ -67,6 +67,13 @@ def test_image_is_centred_on_the_apex_unless_a_centre_is_given():
     assert (pose.centre, pose.shape, pose.pixel_size) == ((0, 3e-3), (3, 5), 6e-6)
 
 
+def test_a_shift_of_the_edge_needs_its_uncertainty():
+    with pytest.raises(InputError, match=r"edge_shift_px = 0.5 needs edge_shift_std_px"):
+        scene_from_dict({"measure": {"edge_shift_px": 0.5}})
+    exact = scene_from_dict({"measure": {"edge_shift_px": 0.5, "edge_shift_std_px": 0.0}})
+    assert exact.measure.edge_shift_px == 0.5
+
+
 def test_needed_section_is_asked_for():
     with pytest.raises(
         InputError, match=r"^turning pixels into metres needs a section \[camera\] in the scene; add it$"

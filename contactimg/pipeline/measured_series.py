@@ -25,7 +25,7 @@ from contactimg.pose import Pose, fit
 from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find_centre
 from contactimg.pose.pairs import FEWEST_CONTACTS, PAIRING_FRACTION, pair_points, pairing_distance
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Flag, Schema, Status
+from contactimg.tables import CONTACTS, FRAMES, NO_RESULT, OUTLINES, REJECTED, Flag, Schema, Status
 from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
@@ -186,12 +186,15 @@ def locate_frames(
 
 
 def _noted(frames: pd.DataFrame, notes: Mapping[Any, str], status: Status | None = None) -> pd.DataFrame:
-    """The frames with notes added to the messages of those named; with a status, these are no longer ok."""
+    """The frames with notes added to the messages of those named.
+
+    A ``status``, which leaves no result to rely on, takes the place of every one that leaves a result.
+    """
     messages = [
         "; ".join(filter(None, [message, notes.get(name, "")]))
         for name, message in zip(frames["frame"], frames["message"], strict=True)
     ]
-    changed = (frames["status"] == Status.OK) & frames["frame"].isin(list(notes)) & (status is not None)
+    changed = ~frames["status"].isin(NO_RESULT) & frames["frame"].isin(list(notes)) & (status is not None)
     return frames.assign(message=messages, status=frames["status"].mask(changed, status))
 
 
@@ -275,9 +278,12 @@ def _unbalanced(frames: pd.DataFrame, scene: Scene, cut: pd.Series) -> dict[str,
     apart = (total - load).abs() > np.maximum(SIGNIFICANT_STDS * std, allowed)
     off = frames[apart & (total != 0) & (~cut | (total > load))]
     modulus = scene.need("elastic", "computing local forces").young_modulus
+    shift = scene.measure.edge_shift_px if scene.measure.method == "disk" else 0.0
+    edge = f"[measure] edge_shift_px = {shift:g}, " if shift else ""
     return {
         name: f"the local forces add up to {forces:.3g} N at a load of {load:.3g} N: check the load and its "
-        f"zero, [elastic] young_modulus_Pa = {modulus:g}, [camera] pixel_size_m and the asperities' radii"
+        f"zero, {edge}[elastic] young_modulus_Pa = {modulus:g}, [camera] pixel_size_m and the asperities' "
+        "radii"
         for name, forces, load in off[["frame", "force_sum_N", "load_N"]].itertuples(index=False)
     }
 

@@ -210,6 +210,15 @@ class Measure(Section):
         description="Whether the pose of the camera is corrected with the asperities, or kept as given.",
     )
 
+    @model_validator(mode="after")
+    def _known_edge(self) -> Self:
+        if self.edge_shift_px and self.edge_shift_std_px is None:
+            raise ValueError(
+                f"edge_shift_px = {self.edge_shift_px:g} needs edge_shift_std_px, its standard uncertainty "
+                "(0 if it is exact)"
+            )
+        return self
+
 
 class Tolerance(Section):
     """Which output must be accurate, and how accurate."""

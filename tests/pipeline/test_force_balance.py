@@ -52,13 +52,17 @@ RIGID = {
 }
 
 
-def balanced(load_over_forces, places, **load):
-    """Status and message of a frame of 200 x 200 pixels with equal contacts, under a load given by them."""
+def balanced(load_over_forces, places, before="ok", **load):
+    """Status and message of a frame of 200 x 200 pixels with equal contacts, under a load given by them.
+
+    ``before`` is the status by the image alone.
+    """
     contacts = CONTACTS.conform(pd.DataFrame(places, columns=["x_px", "y_px"]).assign(frame="a.tif"))
     contacts = contacts.assign(radius_px=4.0, radius_m=2.4e-5, radius_std_m=1e-7, area_m2=np.pi * 2.4e-5**2)
     # Hertz: P = 4/3 E* a^3 / R with E* = E/(1 - 1/4)
     forces = len(contacts) * 4 / 3 * 4e6 * 2.4e-5**3 / 1e-4
-    row = {"frame": "a.tif", "status": "ok", "n_contacts": len(contacts), "load_N": load_over_forces * forces}
+    row = {"frame": "a.tif", "status": before, "n_contacts": len(contacts)}
+    row["load_N"] = load_over_forces * forces
     frames, scene = FRAMES.conform(pd.DataFrame([row])), scene_from_dict(RIGID | {"load": load})
     pose = PoseFit(scene.pose((200, 200)), fitted=False, n_points=0, n_matched=0, residual=np.nan)
     run = Run(scene, contacts, frames, pose)
@@ -76,6 +80,12 @@ def test_forces_without_a_load_are_off_it():
     assert "N at a load of 0 N" in message
     assert balanced(0.0, INSIDE, zero_std_N=0.01) == ("ok", "")
     assert balanced(0.0, []) == ("ok", "")
+
+
+def test_forces_off_their_load_are_said_whatever_else_is():
+    assert balanced(5.0, INSIDE, before="poor fit")[0] == "forces off load"
+    assert balanced(1.0, INSIDE, before="poor fit")[0] == "poor fit"
+    assert balanced(5.0, INSIDE, before="no pose")[0] == "no pose"
 
 
 def test_a_frame_that_shows_a_part_of_the_contact_bears_a_part_of_the_load():

@@ -11,6 +11,7 @@ from contactimg.imaging.evidence.background_left import inspect_background
 from contactimg.imaging.evidence.rules import PLACE, Columns, Judged, excess_of_counts
 from contactimg.imaging.fit.edge_profile import describe_edge
 from contactimg.imaging.fit.method import FrameFit
+from contactimg.imaging.fit.problem import RADIUS
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
 from contactimg.imaging.pixels.blocks import SignedImage
@@ -305,6 +306,11 @@ def _edges(fit: FrameFit) -> Iterator[tuple[str, str]]:
         soft = bool({"softness", "rim"} & families) and not known
         status = Status.NONLINEAR if "response" in families else Status.SOFT if soft else ""
         yield status, describe_edge(fit.edge, binning=fit.problem.binning)
+    if fit.known_edge is not None:
+        shift, radius = fit.known_edge.shift_px, fit.fit.disks[:, RADIUS] * fit.problem.binning
+        if n := int(np.count_nonzero(shift > 0.5 * radius)):
+            text = f"the shift of the edge, {shift:.3g} px, is more than half of the radius of {n} contacts"
+            yield Status.SOFT if n > DOUBTED_SHARE * len(radius) else "", text
 
 
 def _remarks(seen: Judged) -> Iterator[str]:

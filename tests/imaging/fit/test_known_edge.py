@@ -26,3 +26,13 @@ def test_a_known_edge_moves_all_radii_and_settles_soft_edges():
 
 def test_without_an_uncertainty_nothing_is_known():
     assert SharedOptics().with_edge(0.3, None).known_edge is None
+
+
+def test_a_shift_as_wide_as_contacts_is_said():
+    frame, reference, _ = edge_frame("soft", seed=41)[:3]
+    radius = measure_image(frame, reference, polarity="bright").disks["radius_px"]
+    for shift, status in ((1.5 * float(radius.median()), Status.SOFT), (0.3, Status.OK)):
+        known = SharedOptics().with_edge(shift, 0.05)
+        found = measure_image(frame, reference, polarity="bright", optics=known)
+        assert found.status == status
+        assert ("the shift of the edge" in found.message) == (status == Status.SOFT)
