@@ -438,12 +438,15 @@ def find_touching_load(
         If the model ends before the planes touch, with the smallest gap at the last load that it describes.
     """
     reasons: dict[float, str] = {}
+    table = pd.DataFrame() if asperities is None else asperities
+    if model == "interacting" and table.empty:
+        raise InputError("the interacting model needs a table of asperities")
 
     @cache
     def gap(load: float) -> float:
         try:
-            if model == "interacting":
-                found = _solve(scene, _table(asperities, "a table"), load, coupling)[-1].base_gap.least
+            if model == "interacting" and asperities is not None:
+                found = _solve(scene, asperities, load, coupling)[-1].base_gap.least
             else:
                 row = predict_average(scene, asperities, load=load, model=model).frames
                 found = float(row["min_gap_m"].iloc[0])

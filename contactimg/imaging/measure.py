@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.background.find_illumination import BackgroundLevel
@@ -42,8 +42,13 @@ from contactimg.imaging.profile.limits import RESOLVED
 from contactimg.imaging.profile.optics import KnownEdge, SharedOptics
 from contactimg.tables import Flag, Reason
 
-SHAPES = ("auto", "disk", "ellipse", "free")
-"""Shapes that contacts may have, for the method "disk"."""
+CHOICES = {
+    "method": ("disk", "threshold"),
+    "polarity": ("bright", "dark", "auto"),
+    "shape": ("auto", "disk", "ellipse", "free"),
+    "registration": ("strips", "whole"),
+}
+"""Values of the options that have a few."""
 CORRECTIONS = ("position_drift", "dust", "film")
 """What is corrected, or allowed for, unless its cause is known to be absent."""
 LINEARITY = 0.01
@@ -149,8 +154,8 @@ class ImageMeasurement:
 
 
 def measure_image(
-    image: NDArray,
-    reference: NDArray | None = None,
+    image: ArrayLike,
+    reference: ArrayLike | None = None,
     *,
     method: str = "disk",
     polarity: str = "auto",
@@ -170,7 +175,7 @@ def measure_image(
 
     Parameters
     ----------
-    image, reference : ndarray, shape (rows, columns)
+    image, reference : array_like, shape (rows, columns)
         Grey levels, uint8, uint16 or float; non-finite pixels are holes. Without a reference the background
         is estimated from the image itself.
     method : {"disk", "threshold"}
@@ -215,7 +220,7 @@ def measure_image(
     Raises
     ------
     FrameError
-        If the reference has another shape than the image.
+        If the reference has another shape than the image, or one of them holds no real numbers.
     InputError
         If an option has a value that it cannot have.
 
@@ -227,7 +232,8 @@ def measure_image(
     >>> [float(disks[name].iloc[0].round(0)) for name in ("x_px", "y_px", "radius_px")]
     [30.0, 33.0, 8.0]
     """
-    _check(image, reference, method, polarity, absent, shape)
+    image, reference = _grey_levels(image), None if reference is None else _grey_levels(reference)
+    _check(image, reference, absent, method=method, polarity=polarity, shape=shape, registration=registration)
     if not 0 <= linearity < 1:
         raise InputError(
             f"linearity must be a fraction of the contrast, 0 <= linearity < 1, got {linearity!r}"
@@ -374,12 +380,25 @@ def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedO
     return prior
 
 
-def _check(
-    image: NDArray, reference: NDArray | None, method: str, polarity: str, absent: Collection[str], shape: str
-) -> None:
+def _grey_levels(image: ArrayLike) -> NDArray:
+    """The image as an array of numbers."""
+    levels = np.asarray(image)
+    if levels.dtype.kind not in "buif":
+        said = repr(image) if isinstance(image, str) else f"numbers of the type {levels.dtype}"
+        raise FrameError(
+            f"an image must be an array of grey levels, got {said}; contactimg.read_frames reads files"
+        )
+    return levels
+
+
+def _check(image: NDArray, reference: NDArray | None, absent: Collection[str], **chosen: str) -> None:
     """Refuse what cannot be measured."""
     if not set(absent) <= set(CORRECTIONS):
         raise InputError(f"absent must name some of {', '.join(CORRECTIONS)}, got {sorted(absent)}")
+    for name, value in chosen.items():
+        if value not in CHOICES[name]:
+            *others, last = (f'"{choice}"' for choice in CHOICES[name])
+            raise InputError(f"{name} must be {', '.join(others)} or {last}, got {value!r}")
     if image.ndim != 2 or image.size == 0:
         raise FrameError(f"an image must have two dimensions and at least one pixel, got shape {image.shape}")
     if reference is not None and reference.shape != image.shape:
@@ -387,12 +406,6 @@ def _check(
             f"the reference must have the size of the frame, {image.shape[1]} x {image.shape[0]} pixels, "
             f"got {' x '.join(str(n) for n in reference.shape[::-1])}"
         )
-    if method not in ("disk", "threshold"):
-        raise InputError(f'method must be "disk" or "threshold", got {method!r}')
-    if polarity not in ("bright", "dark", "auto"):
-        raise InputError(f'polarity must be "bright", "dark" or "auto", got {polarity!r}')
-    if shape not in SHAPES:
-        raise InputError(f'shape must be "auto", "disk", "ellipse" or "free", got {shape!r}')
 
 
 def _subtract_background(

@@ -126,6 +126,11 @@ def test_twelve_bits_in_sixteen(usual):
     assert result.contrast > 1000
 
 
+def test_nested_lists_are_an_image():
+    image = np.full((24, 24), 50, np.uint8)
+    assert measure_image(image.tolist(), image.tolist()).status == measure_image(image, image).status
+
+
 def test_result_does_not_depend_on_memory_layout(usual, measured):
     _, frame, reference = usual
     other = measure_image(np.asfortranarray(frame), np.asfortranarray(reference))
@@ -359,6 +364,11 @@ def test_what_cannot_be_measured_is_refused(usual):
         measure_image(frame, reference, method="hough")
     with pytest.raises(InputError, match='polarity must be "bright", "dark" or "auto"'):
         measure_image(frame, reference, polarity="grey")
+    with pytest.raises(InputError, match='registration must be "strips" or "whole", got \'all\''):
+        measure_image(frame, reference, registration="all")
+    for wrong, said in (("a.tif", "'a.tif'"), (frame + 0j, "complex128"), (np.array([[None]]), "object")):
+        with pytest.raises(FrameError, match=f"an array of grey levels, got .*{said}"):
+            measure_image(frame, wrong)
     for wrong in (0.0, 1.0, -0.2, "otsu"):
         with pytest.raises(InputError, match="threshold must be a fraction"):
             measure_image(frame, reference, threshold=wrong)

@@ -124,6 +124,8 @@ def test_ring_of_caps_touches_before_its_caps_do():
     assert row["status"] == "approximate"
     assert "at (0, 0) mm" in row["message"] or "at (-0, 0) mm" in row["message"]
     assert find_touching_load(scene, ring) == 0.0
+    with pytest.raises(InputError, match="the interacting model needs a table of asperities"):
+        find_touching_load(scene, None)
 
 
 def test_sparse_pattern_warns_and_says_how_much_touches():
