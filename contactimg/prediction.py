@@ -445,8 +445,8 @@ def find_touching_load(
     @cache
     def gap(load: float) -> float:
         try:
-            if model == "interacting" and asperities is not None:
-                found = _solve(scene, asperities, load, coupling)[-1].base_gap.least
+            if model == "interacting":
+                found = _solve(scene, table, load, coupling)[-1].base_gap.least
             else:
                 row = predict_average(scene, asperities, load=load, model=model).frames
                 found = float(row["min_gap_m"].iloc[0])
