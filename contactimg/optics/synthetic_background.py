@@ -50,11 +50,10 @@ def surface_texture(
     """
     size = tuple(fft.next_fast_len(n, real=True) for n in shape)
     spectrum, std = _texture_spectrum(size, blur_px, seed)
-    if std == 0:  # a single pixel
-        return np.zeros(shape)
     rows, columns = _frequencies(size)
     phase = np.exp(-2j * np.pi * (columns * shift_px[0] + rows * shift_px[1]))
-    return (rms / std) * fft.irfft2(spectrum * phase, s=size)[: shape[0], : shape[1]]
+    # of a single pixel the spectrum is 0
+    return (rms / (std or 1.0)) * fft.irfft2(spectrum * phase, s=size)[: shape[0], : shape[1]]
 
 
 @lru_cache(maxsize=1)  # of the frames of a series, which follow each other
