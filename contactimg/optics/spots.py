@@ -94,7 +94,7 @@ class FilmSpots(Spots):
 
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
         """Mean light in each cell; where halos meet, that of the thinnest film counts."""
-        disks = np.column_stack([self.disks, self.depth, self.film_px])[chosen]
+        disks = np.column_stack([self.disks, self.depth, self.film_px, self.extent_px])[chosen]
         outline, excess = self.outline_px[chosen], (self.excess.values, self.excess.step)
         points = math.ceil(POINTS_PER_FRINGE * cell / self.fringe_px)
         return film_cells(shape, disks, outline, *excess, (origin[0], origin[1]), cell, points)
