@@ -149,7 +149,7 @@ def write_simulation(
 
 def _measured_scene(scene: Scene) -> dict[str, Any]:
     """The scene as an experimenter would write it for the simulated folder."""
-    data = {section: dict(keys) for section, keys in scene.source.items()}
+    data = dict(scene.source)
     if "asperities" in data:
         generated = ("generate", "coverage", "seed")
         kept = {key: value for key, value in data["asperities"].items() if key not in generated}
