@@ -141,8 +141,7 @@ class Kind:
     @property
     def record(self) -> dict[str, object]:
         """The kind as the page of `review` takes it."""
-        names = [str(flag.name) for flag in Flag if flag & self.flags]
-        return asdict(self) | {"flags": int(self.flags), "flag_names": names}
+        return asdict(self) | {"flags": int(self.flags), "flag_names": [flag.name for flag in self.flags]}
 
 
 _DOUBTFUL = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU | Flag.COUNTED
