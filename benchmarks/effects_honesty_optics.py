@@ -52,9 +52,8 @@ def judge(name, seeds):
             f"  {effect:15s} true {100 * truth:6.2f} +- {100 * error:.2f} %"
             f"  estimated {100 * guess:6.2f} % {mark}"
         )
-    decisions, _ = decide(
-        [estimates[e] for e in OPTICS if e in everything], scene.effects, tolerance=tolerance
-    )
+    chosen = [estimates[e] for e in OPTICS if e in everything]
+    decisions, _ = decide(chosen, scene.effects, scene.tolerance)
     kept = frozenset(d.effect for d in decisions if d.on)
     together, error = photographed.change(complete, photographed.amounts(kept, seeds), noise=False)
     slow, fast = render_time(photographed, everything), render_time(photographed, kept)

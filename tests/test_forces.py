@@ -140,7 +140,7 @@ def test_sphere_law_row_by_row_and_its_exponent():
     np.testing.assert_allclose(force_exponents(radius, 1e-4, law="sphere"), slope, rtol=1e-8)
     np.testing.assert_allclose(table["force_std_N"], 0.01 * slope * expected, rtol=1e-8)
     with pytest.raises(InputError, match='law must be "hertz" or "sphere"'):
-        force_exponents(radius, 1e-4, law="cone")
+        assign_forces(contacts(radius, 0), 1e-4, contact_modulus=4e6, law="cone")
 
 
 def test_a_contact_as_wide_as_its_sphere_has_no_force_by_the_spheres_law():

@@ -197,12 +197,6 @@ class CoverageEstimate(Estimate):
         return {"value": self.value, "std": self.std, "unit": unit, "low_95": self.low, "high_95": self.high}
 
 
-def estimate_from_draws(draws: NDArray[np.float64]) -> CoverageEstimate:
-    """Median and central 95 % interval of draws from a distribution."""
-    low, value, high = np.quantile(draws, [0.5 - COVERAGE / 2, 0.5, 0.5 + COVERAGE / 2])
-    return CoverageEstimate(float(value), float((high - low) / 2 / NORMAL_95), float(low), float(high))
-
-
 def coverage_estimate(
     value: float, std: float, *, freedom: float, known_std: float = 0.0
 ) -> CoverageEstimate:

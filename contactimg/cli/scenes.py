@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -48,17 +49,17 @@ def scene_of_folder(
         raise InputError(f"{folder} is a file; give the folder that holds the frames")
     if scene_file is not None:
         read = files.read_scene(scene_file)
-        data = _placed(_copied(read), folder, first=folder, other=Path(read.folder))
+        data = _placed(deepcopy(read.source), folder, first=folder, other=Path(read.folder))
     elif (folder / files.SCENE_FILE).exists():
-        data = _copied(files.read_scene(folder))
+        data = deepcopy(files.read_scene(folder).source)
     else:
         found = files.recognise_folder(folder)
         data = found.keys
         if found.ignored:
             say(f"{folder}: not used: {', '.join(found.ignored)}")
     apply_calibration(data, calibration, sets_method="method" not in stated.get("measure", {}))
-    given = {section: dict(keys) for section, keys in stated.items()}
-    return _plausible(data, _placed(given, folder, first=Path(), other=folder), folder)
+    given = _placed(deepcopy(stated), folder, first=Path(), other=folder)
+    return _plausible(data, given, folder)
 
 
 def scene_at(path: str | Path, stated: Stated) -> tuple[Scene, list[Path]]:
@@ -67,7 +68,7 @@ def scene_at(path: str | Path, stated: Stated) -> tuple[Scene, list[Path]]:
     ``path`` is a scene file, or the folder that holds one.
     """
     read, path = files.read_scene(path), Path(path)
-    scene = _plausible(_copied(read), stated, read.folder)
+    scene = _plausible(deepcopy(read.source), stated, read.folder)
     inputs = [path / files.SCENE_FILE if path.is_dir() else path]
     if scene.asperities is not None and scene.asperities.file is not None:
         inputs.append(Path(scene.folder) / scene.asperities.file)
@@ -97,10 +98,6 @@ def _plausible(data: Stated, stated: Stated, folder: str | Path) -> Scene:
         if keys:
             data[section] = data.get(section, {}) | keys
     return plausible(scene_from_dict(data, name="the options and the scene", folder=str(folder)))
-
-
-def _copied(scene: Scene) -> Stated:
-    return {section: dict(keys) for section, keys in scene.source.items()}
 
 
 def _placed(data: Stated, folder: Path, *, first: Path, other: Path) -> Stated:

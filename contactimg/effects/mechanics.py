@@ -25,7 +25,6 @@ from contactimg.effects.output_change import (
     Answer,
     EffectEstimate,
     output_changes,
-    requested_outputs,
 )
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
@@ -448,12 +447,10 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
         (whole if name in ("coupling", "layer") else near).compare(name)
     compared = (whole,) if near is whole else (whole, near)
     found, reasons = MechanicalEstimates((), whole.base, compared=compared), near.reasons | whole.reasons
-    requested = requested_outputs(scene.tolerance.output)
     estimates = []
     for name in MECHANICAL_EFFECTS:
         changes = found.together([name])
-        change = max(changes[output] for output in requested)
-        estimates.append(EffectEstimate(name, change, reasons[name], changes))
+        estimates.append(EffectEstimate.of(name, reasons[name], changes, scene.tolerance.output))
         if reasons[name].startswith(UNSOLVED):
             limits.append(f"{name} is not compared: {reasons[name]}")
     force = np.abs(near.base.force[near.base.touching])

@@ -18,7 +18,7 @@ from contactimg.imaging.fit.film_choice import film_makes_contrast
 from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmRim
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.optics.render_settings import PARAMETER, lamp, read_render_settings
+from contactimg.optics.render_settings import PARAMETER, lamp, rendered_effects
 from contactimg.optics.sensor import digitise
 from contactimg.render import render_contacts, render_reference
 from contactimg.scene import Effects, Scene, Simulate
@@ -83,23 +83,7 @@ def measuring(
     )
 
 
-def film_makes_the_contrast(simulate: Simulate) -> bool:
-    """Whether the contrast of a scene is that of an air film, within a factor.
-
-    Otherwise it has another cause (for example caps that deflect the light), and the film does not shape the
-    edge.
-
-    Examples
-    --------
-    >>> film_makes_the_contrast(Simulate(background_levels=200.0, contrast_levels=15.0))
-    True
-    >>> film_makes_the_contrast(Simulate(background_levels=80.0, contrast_levels=100.0))
-    False
-    """
-    return film_makes_contrast(_any_rim(simulate), simulate.contrast_levels / simulate.background_levels)
-
-
-def _any_rim(simulate: Simulate) -> FilmRim:
+def film_rim(simulate: Simulate) -> FilmRim:
     """A rim under the light of a scene, of which only the contrast counts."""
     return FilmRim(lamp(simulate), sphere_radius=1.0, pixel_size=1.0)
 
@@ -248,13 +232,14 @@ class Camera:
 def _film_reason(camera: Camera) -> str:
     """The contrast of the scene and that of the film; ends with why the film cannot act."""
     simulate = camera.simulate
-    contrast, strength = simulate.contrast_levels / simulate.background_levels, _any_rim(simulate).contrast
-    stated = f"contrast {100 * contrast:.3g} % of the background, the film's {100 * strength:.2g} %"
+    contrast, rim = simulate.contrast_levels / simulate.background_levels, film_rim(simulate)
+    stated = f"contrast {100 * contrast:.3g} % of the background, the film's {100 * rim.contrast:.2g} %"
     if not np.isfinite(camera.sphere_radius).all():
         return f"{stated}, {NO_FILM} the radii of curvature are not known"
     if simulate.edge_softness_px > 0:
         return f"{stated}, {NO_FILM} edge_softness_px replaces its edge"
-    if camera.scene.effects.film != "on" and not film_makes_the_contrast(simulate):
+    # such as caps that deflect the light: the film then does not shape the edge
+    if camera.scene.effects.film != "on" and not film_makes_contrast(rim, contrast):
         return f"{stated}, {NO_FILM} the contrast has another cause"
     return stated
 
@@ -312,7 +297,7 @@ def estimate_optics(scene: Scene, contacts: pd.DataFrame) -> tuple[EffectEstimat
     """
     if scene.simulate is None or scene.camera is None:
         return ()
-    shown = read_render_settings(scene).effects - {"position_drift"}
+    shown = rendered_effects(scene) - {"position_drift"}
     camera = Camera.of(scene, contacts)
     if camera is not None and NO_FILM not in _film_reason(camera) and scene.effects.film != "off":
         shown |= {"film"}

@@ -143,7 +143,7 @@ def relative_change(output: str, *, without: Contacts, complete: Contacts) -> fl
     >>> [round(relative_change(name, without=before, complete=after), 3) for name in (*OUTPUTS, "all")]
     [0.0, 0.5, 0.632, 0.632]
     """
-    return _chosen(_basic_changes(without, complete), output)
+    return chosen_change(_basic_changes(without, complete), output)
 
 
 def _basic_changes(without: Contacts, complete: Contacts) -> dict[str, float]:
@@ -158,45 +158,14 @@ def _basic_changes(without: Contacts, complete: Contacts) -> dict[str, float]:
     }
 
 
-def _chosen(changes: Mapping[str, float], output: str) -> float:
+def chosen_change(changes: Mapping[str, float], output: str) -> float:
     """The change of one output: that of the force for a profile, the largest of the three for ``"all"``."""
-    named = {**changes, "profile": changes["force"], "all": max(changes.values())}
-    if output not in named:
-        raise InputError(f"output must be one of {', '.join(map(repr, named))}, got {output!r}")
-    return float(named[output])
+    return float({**changes, "profile": changes["force"], "all": max(changes.values())}[output])
 
 
 def _ratio(change: float, size: float) -> float:
     """The ratio of change and size; 0 for zero over zero, 1 for a change of nothing."""
     return change / size if size > 0 else float(change > 0)
-
-
-def stated_change(output: str, *, radius: ArrayLike, std: ArrayLike) -> float:
-    """Relative standard uncertainty of an output, from independent uncertainties of the radii.
-
-    Parameters
-    ----------
-    output : {"area", "force", "radius", "profile", "all"}
-        Forces are proportional to ``a^3``; ``"profile"`` and ``"all"`` as in `relative_change`.
-    radius, std : array_like, shape (n,)
-        Both in the same unit.
-
-    Returns
-    -------
-    float
-        Infinite without contacts.
-
-    Examples
-    --------
-    >>> round(stated_change("area", radius=[3.0, 4.0], std=[0.03, 0.04]), 6)
-    0.014686
-    """
-    a, s = np.asarray(radius, float), np.asarray(std, float)
-    if not a.size:
-        return _chosen(dict.fromkeys(OUTPUTS, np.inf), output)
-    norm = np.linalg.norm
-    changes = {name: float(norm(n * a ** (n - 1) * s) / np.sum(a**n)) for name, n in POWER.items()}
-    return _chosen(changes | {"radius": float(norm(s) / norm(a))}, output)
 
 
 def change_sentence(changes: Mapping[str, float]) -> str:
@@ -244,6 +213,12 @@ class EffectEstimate:
                 raise InputError(
                     f"{name} of the effect {self.effect} must be finite and not negative, got {value!r}"
                 )
+
+    @classmethod
+    def of(cls, effect: str, reason: str, changes: Mapping[str, float], output: str) -> "EffectEstimate":
+        """The estimate of an effect by its changes, of which that of the requested outputs counts."""
+        change = max(changes.get(name, 0.0) for name in requested_outputs(output))
+        return cls(effect, change, reason, changes)
 
     def change_of(self, output: str) -> float:
         """Relative change of one output; that of the requested ones where they are not told apart."""

@@ -25,7 +25,7 @@ from contactimg.effects.mechanics import (
 from contactimg.effects.optics import estimate_optics
 from contactimg.effects.output_change import EffectEstimate, change_sentence, requested_outputs
 from contactimg.models.solution import InteractingSolution
-from contactimg.scene import Effects, Scene
+from contactimg.scene import Effects, Scene, Tolerance
 from contactimg.tables import EFFECTS
 from contactimg.timings import stage
 
@@ -40,8 +40,6 @@ INCLUDED = {"full_coupling": "coupling"}
 The layer is no such effect: coupling and layer partly cancel, so that leaving out both can change less than
 leaving out one.
 """
-
-NOT_MODELLED = "not modelled"
 
 SAFETY_FACTOR = 1.25
 """Factor on what the dropped effects add to the solution. Chosen: differences add up to first order only."""
@@ -164,7 +162,7 @@ class Plan:
             {name: value for name, value in asdict(d).items() if name in EFFECTS.columns}
             | {f"change_{output}": value for output, value in d.changes.items()}
             | {"load_N": self.load, "tolerance": self.relative}
-            | {"decision": self._switches.get(d.effect, NOT_MODELLED)}
+            | {"decision": self._switches.get(d.effect, "not modelled")}
             for d in (*self.decisions, *self.unmodelled)
         ]
         return EFFECTS.conform(pd.DataFrame(rows, columns=list(EFFECTS.columns)))
@@ -173,9 +171,7 @@ class Plan:
 def decide(
     estimates: Sequence[EffectEstimate],
     switches: Effects,
-    *,
-    tolerance: float,
-    output: str = "all",
+    tolerance: Tolerance,
     mechanics: MechanicalEstimates | None = None,
 ) -> tuple[tuple[Decision, ...], tuple[str, ...]]:
     """Drop the smallest effects, as long as together they change each output by less than the tolerance.
@@ -185,10 +181,8 @@ def decide(
     estimates : sequence of EffectEstimate
     switches : Effects
         Of the scene. Effects that it switches "on" or "off" stay so and do not count.
-    tolerance : float
-        Relative change that is allowed.
-    output : str
-        The output that must be accurate.
+    tolerance : Tolerance
+        The output that must be accurate, and the relative change that is allowed.
     mechanics : MechanicalEstimates, optional
         Says what mechanical effects change together, where contacts form or vanish by several of them.
 
@@ -203,7 +197,7 @@ def decide(
     Examples
     --------
     >>> estimates = [EffectEstimate("layer", 0.004, "thin"), EffectEstimate("coupling", 0.2, "close")]
-    >>> [decision.on for decision in decide(estimates, Effects(), tolerance=0.01)[0]]
+    >>> [decision.on for decision in decide(estimates, Effects(), Tolerance(relative=0.01))[0]]
     [False, True]
     """
     switch = {e.effect: getattr(switches, e.effect, "auto") for e in estimates}
@@ -213,8 +207,9 @@ def decide(
         known = mechanics.together(names, SAFETY_FACTOR) if mechanics is not None else {}
         counted = [e for e in dropped if INCLUDED.get(e.effect) not in names]
         return all(
-            max(SAFETY_FACTOR * sum(e.change_of(name) for e in counted), known.get(name, 0.0)) < tolerance
-            for name in requested_outputs(output)
+            max(SAFETY_FACTOR * sum(e.change_of(name) for e in counted), known.get(name, 0.0))
+            < tolerance.relative
+            for name in requested_outputs(tolerance.output)
         )
 
     def kept(required: set[str]) -> set[str]:
@@ -243,10 +238,10 @@ def decide(
         decisions.append(d)
         if d.switch == "on" and not d.on:
             warnings.append(f"{d.effect} is switched on but {d.reason}")
-        elif d.switch == "off" and d.change >= tolerance:
+        elif d.switch == "off" and d.change >= tolerance.relative:
             warnings.append(
                 f"{d.effect} is switched off although that changes the requested output by about "
-                f"{d.change:.2g} (tolerance {tolerance:g}): {d.reason}"
+                f"{d.change:.2g} (tolerance {tolerance.relative:g}): {d.reason}"
             )
     return tuple(decisions), tuple(warnings)
 
@@ -288,14 +283,9 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     ('asymptotic', False)
     """
     mechanics = estimate_mechanics(scene, asperities, load=load)
+    estimates = *mechanics.estimates, *estimate_optics(scene, mechanics.base.contacts())
     tolerance = scene.tolerance
-    decisions, messages = decide(
-        (*mechanics.estimates, *estimate_optics(scene, mechanics.base.contacts())),
-        scene.effects,
-        tolerance=tolerance.relative,
-        output=tolerance.output,
-        mechanics=mechanics,
-    )
+    decisions, messages = decide(estimates, scene.effects, tolerance, mechanics)
     dropped = [d.effect for d in decisions if not d.on]
     law = "hertz" if "sphere_profile" in dropped else "sphere"
     return Plan(
@@ -350,8 +340,5 @@ def unmodelled_effects(solution: InteractingSolution, *, law: str, output: str) 
     tilted = {name: factor * slope**2 for name, factor in SLOPE_FACTORS.items()}
     at = f"a/R up to {a[widest] / R[widest]:.2f}: rubber bears {load[widest]:.3f} of the law's force"
     under = f"slopes of the lens up to {slope:.2g} under the contacts"
-    found = []
-    for name, reason, changes in (("finite_strain", at, strain), ("cap_slope", under, tilted)):
-        change = max(changes.get(wanted, 0.0) for wanted in requested_outputs(output))
-        found.append(EffectEstimate(name, change, reason, changes))
-    return tuple(found)
+    found = ("finite_strain", at, strain), ("cap_slope", under, tilted)
+    return tuple(EffectEstimate.of(name, reason, changes, output) for name, reason, changes in found)

@@ -112,12 +112,9 @@ class Psf:
         """Banded matrix that blurs a finely sampled line and averages it over ``pixels`` pixels."""
         s, m = self.sampling, self.margin_px
         band = np.convolve(kernel, np.full(s, 1 / s))
-        line = np.zeros((2 * m + 1) * s)
-        start = m * s - len(kernel) // 2
-        line[start : start + len(band)] = band
         matrix = np.zeros((pixels, (pixels + 2 * m) * s))
         rows = np.arange(pixels)[:, None]
-        matrix[rows, rows * s + np.arange(len(line))] = line
+        matrix[rows, (rows + m) * s - len(kernel) // 2 + np.arange(len(band))] = band
         return matrix
 
 

@@ -1,7 +1,5 @@
 """The settings for rendering a scene: which effects a synthetic frame shows, and the optics."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from contactimg.errors import InputError
@@ -25,24 +23,8 @@ PARAMETER = {
 """Effect -> key of the section [simulate] that sets its strength; 0 switches it off."""
 
 
-@dataclass(frozen=True)
-class RenderSettings:
-    """Settings for rendering a scene; made by `read_render_settings`.
-
-    Parameters
-    ----------
-    simulate : Simulate
-        Optics and sensor.
-    effects : frozenset of str
-        Names of the effects of optics and sensor that are rendered.
-    """
-
-    simulate: Simulate
-    effects: frozenset[str]
-
-
-def read_render_settings(scene: Scene) -> RenderSettings:
-    """Read and check the settings for the synthetic frames of a scene.
+def rendered_effects(scene: Scene) -> frozenset[str]:
+    """Names of the effects of optics and sensor that the synthetic frames of a scene show, after a check.
 
     Parameters
     ----------
@@ -51,7 +33,7 @@ def read_render_settings(scene: Scene) -> RenderSettings:
 
     Returns
     -------
-    RenderSettings
+    frozenset of str
         An effect that is "auto" is rendered if its parameter is not zero; the film is not.
 
     Raises
@@ -64,7 +46,7 @@ def read_render_settings(scene: Scene) -> RenderSettings:
     --------
     >>> from contactimg import scene_from_dict
     >>> scene = scene_from_dict({"simulate": {"vignetting": 0.2}, "effects": {"blur": "off"}})
-    >>> sorted(read_render_settings(scene).effects)
+    >>> sorted(rendered_effects(scene))
     ['quantisation', 'saturation', 'supersampling', 'vignetting']
     """
     simulate: Simulate = scene.need("simulate", "rendering frames")
@@ -77,7 +59,7 @@ def read_render_settings(scene: Scene) -> RenderSettings:
     if scene.effects.film == "on":
         effects.add("film")
     _refuse_contradictions(simulate, effects)
-    return RenderSettings(simulate, frozenset(effects))
+    return frozenset(effects)
 
 
 def lamp(keys: FilmLight | Simulate) -> Light:
@@ -91,7 +73,7 @@ def lamp(keys: FilmLight | Simulate) -> Light:
     )
 
 
-def point_spread(settings: RenderSettings) -> tuple[Psf, Halo | None]:
+def point_spread(simulate: Simulate, effects: frozenset[str]) -> tuple[Psf, Halo | None]:
     """The point spread function, sampled finely enough, and its halo if it has one.
 
     Raises
@@ -99,18 +81,15 @@ def point_spread(settings: RenderSettings) -> tuple[Psf, Halo | None]:
     InputError
         If the blur is finer than the finest grid.
     """
-    simulate = settings.simulate
-    depth = simulate.supersampling if "supersampling" in settings.effects else 1
-    if not ("blur" in settings.effects and simulate.blur_px):
-        return no_blur(sampling=depth), None
-    sigma = simulate.blur_px
+    depth = simulate.supersampling if "supersampling" in effects else 1
+    sigma = simulate.blur_px if "blur" in effects else 0.0
     sampling = sampling_for(sigma, at_least=depth)
-    if simulate.psf == "airy":
-        return airy_psf(sigma, sampling=sampling), None
-    core = gaussian_psf(sigma, sampling=sampling)
-    if simulate.psf == "gaussian":
-        return core, None
-    return core, Halo(simulate.halo_fraction, float(np.sqrt(simulate.halo_sigma_px**2 - sigma**2)))
+    if sigma == 0:
+        return no_blur(sampling=sampling), None
+    psf, halo = airy_psf if simulate.psf == "airy" else gaussian_psf, None
+    if simulate.psf == "halo":
+        halo = Halo(simulate.halo_fraction, float(np.sqrt(simulate.halo_sigma_px**2 - sigma**2)))
+    return psf(sigma, sampling=sampling), halo
 
 
 def _refuse_contradictions(simulate: Simulate, effects: set[str]) -> None:

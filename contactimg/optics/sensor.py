@@ -43,22 +43,9 @@ def add_shot_noise(levels: Values, *, electrons_per_level: float, rng: np.random
     return rng.poisson(levels * electrons_per_level) / electrons_per_level
 
 
-def add_read_noise(
-    levels: Values, *, electrons: float, electrons_per_level: float, rng: np.random.Generator
-) -> Values:
-    """Add read noise of standard deviation ``electrons / electrons_per_level`` grey levels.
-
-    Parameters
-    ----------
-    levels : ndarray, grey levels
-    electrons, electrons_per_level : float
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray, grey levels
-    """
-    return levels + rng.standard_normal(levels.shape) * (electrons / electrons_per_level)
+def add_read_noise(levels: Values, *, std: float, rng: np.random.Generator) -> Values:
+    """Add read noise, the same at all grey levels; ``std`` in grey levels."""
+    return levels + rng.standard_normal(levels.shape) * std
 
 
 def digitise(levels: Values, *, bit_depth: int, saturate: bool, quantise: bool, name: str) -> Frame:

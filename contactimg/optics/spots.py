@@ -94,7 +94,7 @@ class FilmSpots(Spots):
 
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
         """Mean light in each cell; where halos meet, that of the thinnest film counts."""
-        disks = np.column_stack([self.disks, self.depth, self.film_px])[chosen]
+        disks = np.column_stack([self.disks, self.depth, self.film_px, self.extent_px])[chosen]
         outline, excess = self.outline_px[chosen], (self.excess.values, self.excess.step)
         points = math.ceil(POINTS_PER_FRINGE * cell / self.fringe_px)
         return film_cells(shape, disks, outline, *excess, (origin[0], origin[1]), cell, points)
@@ -227,12 +227,10 @@ SECTORS = 1024
 """Of the azimuth. Chosen: the radius of an ellipse of a ratio of 16 changes by less than 4 % from one to the
 next."""
 
+AZIMUTHS = -np.pi + 2 * np.pi * (np.arange(SECTORS) + 0.5) / SECTORS
+"""Middle of each sector, rad."""
+
 LOWEST_MODE, HIGHEST_MODE = 2, 8  # waves around an edge: mode 0 is the radius, mode 1 the position
-
-
-def _azimuths() -> Values:
-    """Middle of each sector."""
-    return -np.pi + 2 * np.pi * (np.arange(SECTORS) + 0.5) / SECTORS
 
 
 def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Generator) -> Values:
@@ -258,7 +256,7 @@ def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Genera
     """
     radius = np.asarray(radius_px, float)
     modes = np.arange(LOWEST_MODE, HIGHEST_MODE + 1)
-    angles = modes[:, None] * _azimuths()
+    angles = modes[:, None] * AZIMUTHS
     waves = np.concatenate([np.cos(angles), np.sin(angles)])
     amplitudes = rng.standard_normal((radius.size, len(waves))) / np.sqrt(len(modes))
     rms = np.minimum(rms_px, MAX_ROUGHNESS_FRACTION * radius)
@@ -290,7 +288,7 @@ def elliptic_outlines(
     array([ 2., -1.])
     """
     a, b, turn = (np.asarray(values, float)[:, None] for values in (semi_major_px, semi_minor_px, angle))
-    azimuth = _azimuths() - turn
+    azimuth = AZIMUTHS - turn
     edges, radius = a * b / np.hypot(b * np.cos(azimuth), a * np.sin(azimuth)), np.sqrt(a * b)
     on_circle = np.arctan2(a * np.sin(azimuth), b * np.cos(azimuth))  # where the point lay before stretching
     sector = ((on_circle + np.pi) / (2 * np.pi) * outline_px.shape[1]).astype(np.intp) % outline_px.shape[1]

@@ -49,30 +49,26 @@ def surface_texture(
     True
     """
     size = tuple(fft.next_fast_len(n, real=True) for n in shape)
-    spectrum, std = _texture_spectrum(size, blur_px, seed)
-    if std == 0:  # a single pixel
-        return np.zeros(shape)
-    rows, columns = _frequencies(size)
+    spectrum, std, rows, columns = _texture_spectrum(size, blur_px, seed)
     phase = np.exp(-2j * np.pi * (columns * shift_px[0] + rows * shift_px[1]))
-    return (rms / std) * fft.irfft2(spectrum * phase, s=size)[: shape[0], : shape[1]]
+    # of a single pixel the spectrum is 0
+    return (rms / (std or 1.0)) * fft.irfft2(spectrum * phase, s=size)[: shape[0], : shape[1]]
 
 
 @lru_cache(maxsize=1)  # of the frames of a series, which follow each other
 def _texture_spectrum(
     size: tuple[int, ...], blur_px: float, seed: int
-) -> tuple[NDArray[np.complex128], float]:
-    """Spectrum of the texture in its place, and the standard deviation."""
+) -> tuple[NDArray[np.complex128], float, Values, Values]:
+    """Spectrum of the texture in its place, the standard deviation, and the frequencies per pixel.
+
+    The frequencies are those of its rows and of its columns.
+    """
     white = np.random.default_rng([seed, TEXTURE_STREAM]).standard_normal(size)
-    rows, columns = _frequencies(size)
+    rows, columns = fft.fftfreq(size[0])[:, None], fft.rfftfreq(size[1])
     gain = np.exp(-2 * np.pi**2 * blur_px**2 * (rows**2 + columns**2))
     gain[0, 0] = 0.0
     spectrum = fft.rfft2(white) * gain
-    return spectrum, float(np.sqrt(np.mean(fft.irfft2(spectrum, s=size) ** 2)))
-
-
-def _frequencies(size: tuple[int, ...]) -> tuple[Values, Values]:
-    """Frequencies of the rows and columns of a spectrum, per pixel."""
-    return fft.fftfreq(size[0])[:, None], fft.rfftfreq(size[1])
+    return spectrum, float(np.sqrt(np.mean(fft.irfft2(spectrum, s=size) ** 2))), rows, columns
 
 
 def dust_shadow(

@@ -30,7 +30,7 @@ from contactimg.plots.overlay import (
     join_pictures,
 )
 from contactimg.tables import Status
-from contactimg.tables.outlines import REJECTED_COLOUR, Outline, contact_outlines, kind_of, kinds_of_contacts
+from contactimg.tables.outlines import KINDS_OF_CONTACTS, REJECTED_COLOUR, Outline, contact_outlines, kind_of
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -152,7 +152,7 @@ def draw_measured(image: NDArray, shown: FrameTables, view: View) -> Picture:
     """
     outlines = contact_outlines(shown.contacts, shown.outlines)
     kinds, layers = [kind_of(flags) for flags in shown.contacts["flags"]], []
-    for kind in kinds_of_contacts():
+    for kind in KINDS_OF_CONTACTS:
         part = [outline for outline, own in zip(outlines, kinds, strict=True) if own is kind]
         if part or not kind.flags:
             label = f"{kind.name} ({len(part)})"

@@ -10,7 +10,7 @@ from contactimg.effects.plan import Plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
-from contactimg.optics.render_settings import read_render_settings
+from contactimg.optics.render_settings import rendered_effects
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.prediction import make_mechanical_plan, predict_contacts
 from contactimg.render import Rendered, render_contacts, render_reference, render_smooth_contact
@@ -49,7 +49,7 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> tuple[Scen
     simulate = scene.need("simulate", "simulating frames")
     scene.need("camera", "simulating frames")
     scene.check_effects()
-    read_render_settings(scene)
+    rendered_effects(scene)
     if asperities is None or not simulate.loads:
         return explicit_switches(scene), ()
     pressed = [load for load in simulate.loads if load > 0] or simulate.loads
@@ -75,7 +75,7 @@ def explicit_switches(scene: Scene) -> Scene:
     >>> scene.effects.vignetting, scene.effects.dust, scene.effects.coupling, scene.effects.film
     ('on', 'off', 'on', 'off')
     """
-    shown = read_render_settings(scene).effects | ({"coupling"} if scene.asperities is not None else set())
+    shown = rendered_effects(scene) | ({"coupling"} if scene.asperities is not None else set())
     stated = scene.effects.switches()
     switches = {name: "on" if name in shown else "off" for name in stated if stated[name] == "auto"}
     return scene.with_effects(switches)
@@ -149,7 +149,7 @@ def write_simulation(
 
 def _measured_scene(scene: Scene) -> dict[str, Any]:
     """The scene as an experimenter would write it for the simulated folder."""
-    data = {section: dict(keys) for section, keys in scene.source.items()}
+    data = dict(scene.source)
     if "asperities" in data:
         generated = ("generate", "coverage", "seed")
         kept = {key: value for key, value in data["asperities"].items() if key not in generated}

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 from contactimg.optics.film import excess_table
-from contactimg.optics.render_settings import RenderSettings, lamp
+from contactimg.optics.render_settings import lamp
 from contactimg.optics.spots import SECTORS, Spots, elliptic_outlines, rough_outlines, surround_with_film
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
@@ -71,7 +71,7 @@ def place_contacts(
 def contact_spots(
     truth: pd.DataFrame,
     scene: Scene,
-    settings: RenderSettings,
+    effects: frozenset[str],
     *,
     sphere_radius: ArrayLike | None,
     rng: np.random.Generator,
@@ -84,7 +84,8 @@ def contact_spots(
         With finite columns in px.
     scene : Scene
         Pixel size and radii of curvature, for the film.
-    settings : RenderSettings
+    effects : frozenset of str
+        Those that are rendered (`contactimg.optics.render_settings.rendered_effects`).
     sphere_radius : array_like, m, or None
         Radius of curvature of each contact, or one for all; None for that of the scene.
     rng : numpy.random.Generator
@@ -99,12 +100,12 @@ def contact_spots(
     InputError
         If the film is switched on and the radii of curvature are not known, or their number is wrong.
     """
-    simulate = settings.simulate
+    simulate = scene.need("simulate", "rendering frames")
     visible = truth["radius_px"].to_numpy() > 0
     x_px, y_px, radius_px = (truth.loc[visible, name].to_numpy() for name in PIXEL_COLUMNS)
     brightness = 1 + simulate.brightness_spread * rng.standard_normal(radius_px.size)
     outline_px = np.zeros((radius_px.size, 1))
-    if "edge_roughness" in settings.effects:
+    if "edge_roughness" in effects:
         outline_px = rough_outlines(radius_px, rms_px=simulate.edge_roughness_px, rng=rng)
     chosen = np.flatnonzero(truth.loc[visible, "shape"] == "ellipse")
     if chosen.size:
@@ -113,7 +114,7 @@ def contact_spots(
         outline_px = np.repeat(outline_px, SECTORS // outline_px.shape[1], axis=1)
         outline_px[chosen] = stretched
     spots = Spots(x_px, y_px, radius_px, brightness, outline_px, simulate.edge_softness_px)
-    if "film" not in settings.effects:
+    if "film" not in effects:
         return spots
     if (truth["shape"] == "ellipse").any():
         raise InputError(

@@ -5,7 +5,7 @@
 with the vignetting V, the surface texture T, the dust D, and the light C of the contacts.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -15,17 +15,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.frame import Frame
 from contactimg.optics.psf import Psf
-from contactimg.optics.render_settings import RenderSettings, point_spread, read_render_settings
+from contactimg.optics.render_settings import point_spread, rendered_effects
 from contactimg.optics.sensor import add_read_noise, add_shot_noise, digitise
 from contactimg.optics.spots import Spots, spots_image
 from contactimg.optics.synthetic_background import dust_shadow, light_falloff, surface_texture
 from contactimg.render.contacts import contact_spots, place_contacts
 from contactimg.render.smooth import smooth_contact, smooth_contact_spot
-from contactimg.scene import Scene
+from contactimg.scene import Scene, Simulate
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 Shift = tuple[float, float]
+Shown = frozenset[str]
+"""Names of effects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,10 +145,10 @@ def render_reference(scene: Scene, *, rng: np.random.Generator, name: str = "ref
     >>> int(render_reference(scene, rng=np.random.default_rng(1)).image.max())
     80
     """
-    settings = read_render_settings(scene)
-    shot, read = (np.random.default_rng(seed) for seed in rng.integers(2**63, size=2))
-    levels = _background_levels(settings, point_spread(settings)[0], (0.0, 0.0))
-    return _record(levels, settings, shot, read, name)
+    effects, simulate = rendered_effects(scene), scene.need("simulate", "rendering frames")
+    rngs = [np.random.default_rng(seed) for seed in rng.integers(2**63, size=2)]
+    levels = _background_levels(simulate, effects, point_spread(simulate, effects)[0], (0.0, 0.0))
+    return _record(levels, simulate, effects, rngs, name)
 
 
 def render_smooth_contact(
@@ -196,33 +198,32 @@ def _render(
     contacts: pd.DataFrame, scene: Scene, rng: np.random.Generator, name: str, spots_of: Callable[..., Spots]
 ) -> Rendered:
     """The frame of contacts, which ``spots_of`` turns into spots of light, with the truth."""
-    settings = read_render_settings(scene)
-    simulate, streams = settings.simulate, [np.random.default_rng(k) for k in rng.integers(2**63, size=4)]
+    effects, simulate = rendered_effects(scene), scene.need("simulate", "rendering frames")
+    streams = [np.random.default_rng(k) for k in rng.integers(2**63, size=4)]
     shift = 0.0, 0.0
-    if "position_drift" in settings.effects:
+    if "position_drift" in effects:
         shift = tuple(streams[0].normal(0.0, simulate.position_drift_px, 2).tolist())
     truth = place_contacts(contacts, scene, shape=simulate.shape, shift_px=shift)
-    spots = spots_of(truth, scene, settings, rng=streams[1])
-    psf, halo = point_spread(settings)
+    spots = spots_of(truth, scene, effects, rng=streams[1])
+    psf, halo = point_spread(simulate, effects)
     light = spots_image(spots, shape=simulate.shape, psf=psf, halo=halo)
-    drift = 1 + simulate.light_drift if "light_drift" in settings.effects else 1.0
-    levels = drift * _background_levels(settings, psf, shift)
+    drift = 1 + simulate.light_drift if "light_drift" in effects else 1.0
+    levels = drift * _background_levels(simulate, effects, psf, shift)
     levels *= 1 + simulate.contrast_levels / simulate.background_levels * light
-    return Rendered(_record(levels, settings, streams[2], streams[3], name), truth, *shift)
+    return Rendered(_record(levels, simulate, effects, streams[2:], name), truth, *shift)
 
 
-def _background_levels(settings: RenderSettings, psf: Psf, shift: Shift) -> Values:
+def _background_levels(simulate: Simulate, effects: Shown, psf: Psf, shift: Shift) -> Values:
     """Grey levels of the background without contacts and noise."""
-    simulate = settings.simulate
     levels = np.full(simulate.shape, simulate.background_levels)
-    if "vignetting" in settings.effects:
+    if "vignetting" in effects:
         levels *= light_falloff(simulate.shape, fraction=simulate.vignetting)
     if simulate.texture:
-        blur_px = simulate.blur_px if "blur" in settings.effects else 0.0
+        blur_px = simulate.blur_px if "blur" in effects else 0.0
         levels *= 1 + surface_texture(
             simulate.shape, rms=simulate.texture, blur_px=blur_px, shift_px=shift, seed=simulate.seed
         )
-    if "dust" in settings.effects:
+    if "dust" in effects:
         levels *= 1 - dust_shadow(
             simulate.shape, count=simulate.dust_count, psf=psf, shift_px=shift, seed=simulate.seed
         )
@@ -230,15 +231,15 @@ def _background_levels(settings: RenderSettings, psf: Psf, shift: Shift) -> Valu
 
 
 def _record(
-    levels: Values, settings: RenderSettings, shot: np.random.Generator, read: np.random.Generator, name: str
+    levels: Values, simulate: Simulate, effects: Shown, rngs: Sequence[np.random.Generator], name: str
 ) -> Frame:
-    """Add the noise and convert to a frame."""
-    simulate = settings.simulate
+    """Add shot and read noise, each with its own generator, and convert to a frame."""
+    shot, read = rngs
     levels = np.maximum(levels, 0.0)
-    if "shot_noise" in settings.effects:
+    if "shot_noise" in effects:
         levels = add_shot_noise(levels, electrons_per_level=simulate.electrons_per_level, rng=shot)
-    if "read_noise" in settings.effects:
-        electrons, per_level = simulate.read_noise_electrons, simulate.electrons_per_level
-        levels = add_read_noise(levels, electrons=electrons, electrons_per_level=per_level, rng=read)
-    saturate, quantise = (effect in settings.effects for effect in ("saturation", "quantisation"))
+    if "read_noise" in effects:
+        std = simulate.read_noise_electrons / simulate.electrons_per_level
+        levels = add_read_noise(levels, std=std, rng=read)
+    saturate, quantise = (effect in effects for effect in ("saturation", "quantisation"))
     return digitise(levels, bit_depth=simulate.bit_depth, saturate=saturate, quantise=quantise, name=name)

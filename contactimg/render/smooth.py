@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
-from contactimg.optics.render_settings import RenderSettings, lamp
+from contactimg.optics.render_settings import lamp
 from contactimg.optics.spots import Spots
 from contactimg.optics.wide_edge import EdgeLight, edge_light, film_opening
 from contactimg.render.contacts import contact_spots
@@ -79,7 +79,7 @@ def smooth_contact(load: float, scene: Scene, *, name: str) -> pd.DataFrame:
 
 
 def smooth_contact_spot(
-    truth: pd.DataFrame, scene: Scene, settings: RenderSettings, *, rng: np.random.Generator
+    truth: pd.DataFrame, scene: Scene, effects: frozenset[str], *, rng: np.random.Generator
 ) -> Spots:
     """The contact as a spot of light, with the JKR gap in the air film if the film is on.
 
@@ -88,20 +88,22 @@ def smooth_contact_spot(
     truth : DataFrame, contacts schema
         One row with finite columns in pixels.
     scene : Scene
-    settings : RenderSettings
+    effects : frozenset of str
+        Those that are rendered.
     rng : numpy.random.Generator
     """
     indenter = scene.need("indenter", "a smooth contact")
     elastic = scene.need("elastic", "a smooth contact")
-    if "film" not in settings.effects:
-        return contact_spots(truth, scene, settings, sphere_radius=indenter.radius, rng=rng)
+    simulate = scene.need("simulate", "rendering frames")
+    if "film" not in effects:
+        return contact_spots(truth, scene, effects, sphere_radius=indenter.radius, rng=rng)
     radius = float(truth["radius_m"].iloc[0])
     adhesion = elastic.work_of_adhesion
     opening = film_opening(contact_modulus=elastic.contact_modulus, work_of_adhesion=adhesion)
-    excess = excess_table(lamp(settings.simulate))
+    excess = excess_table(lamp(simulate))
     edge = edge_light(radius, sphere_radius=indenter.radius, opening=opening, excess=excess)
     x_px, y_px, radius_px = (truth[column].to_numpy(float) for column in ("x_px", "y_px", "radius_px"))
     pixel_size = scene.need("camera", "rendering the air film").pixel_size
-    brightness = 1 + settings.simulate.brightness_spread * rng.standard_normal(1)
+    brightness = 1 + simulate.brightness_spread * rng.standard_normal(1)
     disk = x_px, y_px, radius_px, brightness, np.zeros((1, 1))
     return SmoothSpot(*disk, edge=edge, pixel_size=pixel_size)

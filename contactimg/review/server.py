@@ -24,7 +24,7 @@ from contactimg.review.frame_view import LIGHT_TOP
 from contactimg.review.jobs import SECONDS
 from contactimg.review.session import TABLES, Session
 from contactimg.tables import EDITS, Flag
-from contactimg.tables.outlines import kind_of_rejected, kinds_of_contacts
+from contactimg.tables.outlines import KINDS_OF_CONTACTS, REJECTED_KIND
 
 logger = logging.getLogger(__name__)
 
@@ -222,8 +222,8 @@ def answer_get(session: Session, path: str) -> Answer | None:
         return Answer.of(vars(session.jobs.state))
     if path == "run.json":
         fixed = {
-            "kinds": [kind.record for kind in kinds_of_contacts()],
-            "rejected": kind_of_rejected().record,
+            "kinds": [kind.record for kind in KINDS_OF_CONTACTS],
+            "rejected": REJECTED_KIND.record,
             "flags": {str(flag.name): int(flag) for flag in Flag},
             "light_top": LIGHT_TOP,
         }

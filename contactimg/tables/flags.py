@@ -60,7 +60,7 @@ def flag_names(flags: Iterable[int]) -> list[str]:
 @cache
 def _names(value: int) -> str:
     """The names in one value: few values occur, in many rows."""
-    return "|".join(str(flag.name) for flag in Flag if flag & value)
+    return "|".join(str(flag.name) for flag in Flag(value))
 
 
 class Reason(enum.StrEnum):

@@ -4,9 +4,7 @@ An outline is a circle, an ellipse, or closed lines. All colours are of the pale
 colour-blind eyes tell apart; dashes are for eyes and printers without colours.
 """
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -77,7 +75,9 @@ def contact_outlines(contacts: pd.DataFrame, outlines: pd.DataFrame | None = Non
     >>> contact_outlines(contacts)
     [Outline(label=7, x=2.0, y=1.0, semi_major=1.5, semi_minor=1.5, angle=0.0, lines=())]
     """
-    lines = dict(_lines(outlines)) if outlines is not None and len(outlines) else {}
+    lines: dict[object, tuple[Line, ...]] = {}
+    for (label, _), part in () if outlines is None else outlines.groupby(["label", "outline"]):
+        lines[label] = (*lines.get(label, ()), part[["x_px", "y_px"]].to_numpy(float))
     columns = [contacts[name].to_numpy(float) for name in ("label", "x_px", "y_px")]
     rows = np.column_stack([*columns, half_axes(contacts)]).tolist()
     return [
@@ -100,13 +100,6 @@ def half_axes(contacts: pd.DataFrame) -> NDArray[np.float64]:
         names = ["semi_major_px", "semi_minor_px", "angle_rad"]
         axes[ellipses] = contacts.loc[ellipses, names].to_numpy(float)
     return axes
-
-
-def _lines(outlines: pd.DataFrame) -> Iterator[tuple[int, tuple[Line, ...]]]:
-    """Label and lines of each contact that has any."""
-    for label, table in outlines.groupby("label"):
-        parts = table.groupby("outline")
-        yield int(str(label)), tuple(part[["x_px", "y_px"]].to_numpy(float) for _, part in parts)
 
 
 def _joined(outer: Line, hole: Line) -> Line:
@@ -148,35 +141,23 @@ class Kind:
     @property
     def record(self) -> dict[str, object]:
         """The kind as the page of `review` takes it."""
-        names = [str(flag.name) for flag in Flag if flag & self.flags]
-        return asdict(self) | {"flags": int(self.flags), "flag_names": names}
+        return asdict(self) | {"flags": int(self.flags), "flag_names": [flag.name for flag in self.flags]}
 
 
-@cache
-def kinds_of_contacts() -> tuple[Kind, ...]:
-    """Kinds of contacts; one is of the first kind with one of its flags.
-
-    Examples
-    --------
-    >>> [kind.name for kind in kinds_of_contacts()]
-    ['by hand', 'doubtful', 'cut or not resolved', 'touching', 'beyond Hertz', 'contact']
-    """
-    doubtful = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU | Flag.COUNTED
-    return (
-        Kind("by hand", MANUAL_COLOUR, (), Flag.MANUAL),
-        Kind("doubtful", FLAGGED_COLOUR, (8, 4), doubtful),
-        Kind("cut or not resolved", CUT_COLOUR, (4, 4), Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL),
-        Kind("touching", TOUCHING_COLOUR, (14, 4), Flag.MERGED | Flag.OVERLAP),
-        Kind("beyond Hertz", CONTACT_COLOUR, (6, 3), Flag.BEYOND_HERTZ),
-        Kind("contact", CONTACT_COLOUR, (), Flag(0)),
-    )
+_DOUBTFUL = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU | Flag.COUNTED
+KINDS_OF_CONTACTS = (
+    Kind("by hand", MANUAL_COLOUR, (), Flag.MANUAL),
+    Kind("doubtful", FLAGGED_COLOUR, (8, 4), _DOUBTFUL),
+    Kind("cut or not resolved", CUT_COLOUR, (4, 4), Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL),
+    Kind("touching", TOUCHING_COLOUR, (14, 4), Flag.MERGED | Flag.OVERLAP),
+    Kind("beyond Hertz", CONTACT_COLOUR, (6, 3), Flag.BEYOND_HERTZ),
+    Kind("contact", CONTACT_COLOUR, (), Flag(0)),
+)
+"""Kinds of contacts; one is of the first kind with one of its flags."""
+REJECTED_KIND = Kind("rejected", REJECTED_COLOUR, (), Flag(0))
+"""How rejected candidates are drawn."""
 
 
 def kind_of(flags: int) -> Kind:
     """The kind of a contact with these flags."""
-    return next(kind for kind in kinds_of_contacts() if flags & kind.flags or not kind.flags)
-
-
-def kind_of_rejected() -> Kind:
-    """How rejected candidates are drawn."""
-    return Kind("rejected", REJECTED_COLOUR, (), Flag(0))
+    return next(kind for kind in KINDS_OF_CONTACTS if flags & kind.flags or not kind.flags)

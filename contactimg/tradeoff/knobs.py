@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 
 from contactimg.effects.mechanics import estimate_mechanics, solve_scene
 from contactimg.effects.optics import measuring
-from contactimg.effects.output_change import OUTPUTS, relative_change, stated_change
+from contactimg.effects.output_change import OUTPUTS, POWER, chosen_change, relative_change
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.frame import Frame
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
@@ -64,7 +64,7 @@ class Average:
             "force": float(np.abs(self.loads - reference.loads).sum() / reference.loads.sum()),
             "radius": abs(self.mean_radius / reference.mean_radius - 1),
         }
-        return max(errors.values()) if output == "all" else errors.get(output, errors["force"])
+        return chosen_change(errors, output)
 
 
 def average_contacts(solution: InteractingSolution, *, centre: tuple[float, float], edges: Values) -> Average:
@@ -155,7 +155,11 @@ def image_settings(case: Case) -> Iterator[Setting]:
     def stated(disks: pd.DataFrame) -> float:
         if not len(disks):
             raise InputError("no contact was found on the frame")
-        return stated_change(case.output, radius=disks["radius_px"], std=disks["radius_std_px"])
+        # of outputs in proportion to powers of independent radii
+        a, std = (disks[name].to_numpy(float) for name in ("radius_px", "radius_std_px"))
+        parts = {name: n * a ** (n - 1) * std / np.sum(a**n) for name, n in POWER.items()}
+        parts["radius"] = std / np.linalg.norm(a)
+        return chosen_change({name: float(np.linalg.norm(part)) for name, part in parts.items()}, case.output)
 
     compared = {
         "threshold": (against_fit, f"{METHODS['disk']} (the truth is not known)"),

@@ -22,8 +22,10 @@ from contactimg.models.asperity_laws import SphereLaw
 from contactimg.models.coupling import DenseCoupling
 from contactimg.models.full_coupling import FieldCorrection
 from contactimg.prediction import predict_contacts
-from contactimg.scene import Effects, scene_from_dict
+from contactimg.scene import Effects, Tolerance, scene_from_dict
 from contactimg.tables import EFFECTS
+
+ONE_PERCENT = Tolerance(relative=0.01)
 
 
 def on(decisions):
@@ -38,7 +40,7 @@ def test_what_is_dropped_stays_below_the_tolerance_as_a_sum():
     names = [n for n in Effects().switches() if n not in {"full_coupling", "layer", "adhesion"}]
     for _ in range(200):
         estimates = [EffectEstimate(n, 10 ** rng.uniform(-5, -1), "") for n in names]
-        decisions, _ = decide(estimates, Effects(), tolerance=0.01)
+        decisions, _ = decide(estimates, Effects(), ONE_PERCENT)
         dropped = [d.change for d in decisions if not d.on]
         assert sum(dropped) < 0.01
         # as much as fits is dropped: no effect that is on fits too
@@ -47,7 +49,7 @@ def test_what_is_dropped_stays_below_the_tolerance_as_a_sum():
 
 def test_three_that_fit_one_by_one_do_not_fit_together():
     estimates = [EffectEstimate(name, 0.004, "") for name in ("layer", "blur", "dust")]
-    decisions, _ = decide(estimates, Effects(), tolerance=0.01)
+    decisions, _ = decide(estimates, Effects(), ONE_PERCENT)
     # 1.25 * 0.004 = 0.005 fits, 0.010 meets the tolerance exactly: on; ties by name
     assert on(decisions) == {"dust", "layer"}
 
@@ -55,8 +57,7 @@ def test_three_that_fit_one_by_one_do_not_fit_together():
 def test_the_order_of_the_estimates_does_not_matter():
     estimates = [EffectEstimate(n, 0.004, "") for n in ("layer", "blur", "dust", "film")]
     found = {
-        frozenset(on(decide(order, Effects(), tolerance=0.01)[0]))
-        for order in itertools.permutations(estimates)
+        frozenset(on(decide(order, Effects(), ONE_PERCENT)[0])) for order in itertools.permutations(estimates)
     }
     assert len(found) == 1
 
@@ -64,15 +65,15 @@ def test_the_order_of_the_estimates_does_not_matter():
 @pytest.mark.parametrize("change", [0.008, np.nextafter(0.008, 0)])
 def test_an_estimate_exactly_at_the_tolerance_is_kept(change):
     # 1.25 * 0.008 is 0.01 exactly, in floating point too
-    decisions, _ = decide([EffectEstimate("layer", change, "")], Effects(), tolerance=0.01)
+    decisions, _ = decide([EffectEstimate("layer", change, "")], Effects(), ONE_PERCENT)
     assert decisions[0].on == (change == 0.008)
 
 
 def test_the_smallest_are_dropped_first_and_of_equal_ones_the_first_by_name():
     estimates = [EffectEstimate("layer", 0.004, ""), EffectEstimate("dust", 0.006, "")]
-    assert on(decide(estimates, Effects(), tolerance=0.01)[0]) == {"dust"}
+    assert on(decide(estimates, Effects(), ONE_PERCENT)[0]) == {"dust"}
     equal = [EffectEstimate("layer", 0.005, ""), EffectEstimate("dust", 0.005, "")]
-    assert on(decide(equal, Effects(), tolerance=0.01)[0]) == {"layer"}
+    assert on(decide(equal, Effects(), ONE_PERCENT)[0]) == {"layer"}
 
 
 @pytest.mark.parametrize("change", [np.nan, np.inf, -1e-9])
@@ -90,7 +91,7 @@ def test_orders_are_obeyed_and_do_not_count():
         EffectEstimate("dust", 1e-9, ""),
         EffectEstimate("film", 0.007, ""),
     ]
-    decisions, messages = decide(estimates, Effects(layer="off", dust="on"), tolerance=0.01)
+    decisions, messages = decide(estimates, Effects(layer="off", dust="on"), ONE_PERCENT)
     assert on(decisions) == {"dust"}
     assert len(messages) == 1
     assert "layer is switched off although that changes the requested output by about 0.5" in messages[0]
@@ -100,17 +101,17 @@ def test_orders_are_obeyed_and_do_not_count():
 def test_what_acts_through_coupling_goes_with_it():
     full, thin = EffectEstimate("full_coupling", 0.006, ""), EffectEstimate("layer", 0.3, "thin")
     # coupling's change includes that of full coupling
-    decisions, messages = decide([EffectEstimate("coupling", 0.005, ""), full], Effects(), tolerance=0.01)
+    decisions, messages = decide([EffectEstimate("coupling", 0.005, ""), full], Effects(), ONE_PERCENT)
     assert on(decisions) == set()
     assert [d.change for d in decisions] == [0.005, 0.0]
     assert "acts through coupling, which is left out" in decisions[1].reason
     assert not messages
     matters = [EffectEstimate("coupling", 0.5, ""), full, thin]
-    assert on(decide(matters, Effects(), tolerance=0.01)[0]) == {"coupling", "layer"}
+    assert on(decide(matters, Effects(), ONE_PERCENT)[0]) == {"coupling", "layer"}
     slight = [EffectEstimate("coupling", 1e-6, ""), full]
-    assert on(decide(slight, Effects(full_coupling="on"), tolerance=0.01)[0]) == {"coupling", "full_coupling"}
-    assert on(decide([*slight, thin], Effects(), tolerance=0.01)[0]) == {"coupling", "layer"}
-    decisions, messages = decide(matters, Effects(coupling="off", layer="on"), tolerance=0.01)
+    assert on(decide(slight, Effects(full_coupling="on"), ONE_PERCENT)[0]) == {"coupling", "full_coupling"}
+    assert on(decide([*slight, thin], Effects(), ONE_PERCENT)[0]) == {"coupling", "layer"}
+    decisions, messages = decide(matters, Effects(coupling="off", layer="on"), ONE_PERCENT)
     assert on(decisions) == set()
     assert "layer is switched on but acts through coupling, which is left out" in messages
     assert any("coupling is switched off although" in sentence for sentence in messages)

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.optics import OPTICS, film_makes_the_contrast
+from contactimg.effects.optics import OPTICS, film_rim
 from contactimg.effects.output_change import POWER
+from contactimg.imaging.fit.film_choice import film_makes_contrast
 from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.inputs import contact_sites, need_asperities
 from contactimg.prediction import predict_contacts
@@ -40,7 +41,7 @@ class Photographed:
         shown = set(OPTICS)
         if not simulate.electrons_per_level:
             shown -= {"shot_noise", "read_noise"}
-        if not film_makes_the_contrast(simulate):
+        if not film_makes_contrast(film_rim(simulate), simulate.contrast_levels / simulate.background_levels):
             shown -= {"film"}
         return frozenset(shown)
 
