@@ -16,8 +16,9 @@ LIMITS = (0, 1_000, 3_000)  # bytes a file may have: none, below and within the 
 
 
 def process(series, out, *options):
+    """Count the pixels of the frames: what is written, and when, is that of a fit."""
     words = ["process", str(series), "-o", str(out), "--workers", "1", "--no-pictures", "--quiet"]
-    return main([*words, *options])
+    return main([*words, "--method", "threshold", *options])
 
 
 def contents(out, names=TABLES):
@@ -38,7 +39,7 @@ def disk_of(request):
 
 def test_a_full_disk_loses_nothing(tiny_series, tmp_path, disk_of, capsys):
     series, out = copy_of(tiny_series, tmp_path / "series"), tmp_path / "out"
-    assert process(series, out, "--method", "threshold") == 0
+    assert process(series, out, "--threshold", "0.3") == 0
     earlier = contents(out)
     ended = 0
     for size in LIMITS:
@@ -65,7 +66,7 @@ def test_a_full_disk_loses_nothing(tiny_series, tmp_path, disk_of, capsys):
 
 def test_a_frame_that_changes_while_the_command_runs(tiny_series, tmp_path, monkeypatch, capsys):
     series, out = copy_of(tiny_series, tmp_path / "series"), tmp_path / "out"
-    assert process(series, out, "--method", "threshold") == 0
+    assert process(series, out, "--threshold", "0.3") == 0
     earlier, measure = contents(out), series_module.measure_scene_frame
 
     @wraps(measure)

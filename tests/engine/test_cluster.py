@@ -1,7 +1,5 @@
 """A cluster of a scheduler and workers on this machine: equal results, and every part killed."""
 
-import os
-import signal
 import time
 from contextlib import ExitStack
 from functools import partial
@@ -9,6 +7,7 @@ from functools import partial
 import pandas as pd
 import pytest
 from local_cluster import TIME_LIMIT_S, LocalCluster, files_of, start, wait_until
+from small_calls import deadly_frame, refused, slow_square
 from stored_results import stored_results
 
 from contactimg import InputError, solve_ensemble
@@ -28,26 +27,6 @@ def parts(tmp_path_factory):
     with ExitStack() as stack:
         # a worker that measures frames loads all machine code first: one is enough for that
         yield LocalCluster(stack, tmp_path_factory.mktemp("cluster") / "parts", workers=1)
-
-
-def slow_square(folder, number):
-    """The square; says that it has begun, in a file with the process number."""
-    (folder / f"{number}").write_text(str(os.getpid()))
-    time.sleep(0.1)
-    return number**2
-
-
-def deadly(frame, _reference):
-    """End the worker for one of the frames."""
-    if frame.name == "frame_2.tif":
-        os.kill(os.getpid(), signal.SIGKILL)
-    return frame.name
-
-
-def fail(number):
-    if number < 0:
-        import no_such_library  # noqa: F401
-    raise InputError(f"{number} is odd")
 
 
 def test_commands_give_the_same_bytes(parts, tiny_series, tmp_path, monkeypatch):
@@ -87,9 +66,9 @@ def test_an_ensemble_goes_to_the_cluster_and_can_go_on(parts):
 def test_an_error_of_a_call_is_raised_here(parts):
     with on_cluster(str(parts.file)):
         with pytest.raises(InputError, match="2 is odd"):
-            list(in_parallel(fail, [(2,)], count=1, workers=None))
+            list(in_parallel(refused, [(2,)], count=1, workers=None))
         with pytest.raises(ClusterError, match="has No module named 'no_such_library'; install"):
-            list(in_parallel(fail, [(-1,)], count=1, workers=None))
+            list(in_parallel(refused, [(-1,)], count=1, workers=None))
 
 
 def test_another_version_on_a_worker_is_refused(parts, monkeypatch):
@@ -98,7 +77,7 @@ def test_another_version_on_a_worker_is_refused(parts, monkeypatch):
         on_cluster(str(parts.file)),
         pytest.raises(ClusterError, match=r"numpy 0.1 against .*install the same"),
     ):
-        list(in_parallel(fail, [(2,)], count=1, workers=None))
+        list(in_parallel(refused, [(2,)], count=1, workers=None))
 
 
 def test_a_killed_worker_costs_nothing_but_time(parts, tmp_path):
@@ -138,7 +117,8 @@ def test_no_call_waits_for_a_result_that_a_worker_may_lose(parts, tmp_path, monk
     assert not list(here.iterdir())
 
 
-def test_the_client_killed_and_the_run_taken_up(parts, tiny_series, tmp_path, capfd):
+def test_the_client_killed_and_the_run_taken_up(parts, tiny_series, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)  # a killed client leaves the file of its function there
     out, options = tmp_path / "out", ["--no-pictures", "--quiet", "--cluster", str(parts.file)]
     words = ["process", str(tiny_series), "-o"]
     with ExitStack() as stack:
@@ -158,7 +138,7 @@ def test_a_frame_that_ends_its_workers_fails_and_the_others_are_kept(parts, tiny
     parts.workers += [parts.start_worker(), parts.start_worker()]
     with on_cluster(str(parts.file)) as cluster:
         wait_until(lambda: cluster.processes() == 3)
-        first, lost, last = for_each_frame(experiment, deadly, workers=None)
+        first, lost, last = for_each_frame(experiment, deadly_frame, workers=None)
     assert (first, last) == ("frame_1.tif", "frame_3.tif")
     assert isinstance(lost, FailedFrame)
     assert lost.row["status"] == "failed"

@@ -14,7 +14,7 @@ TIME_LIMIT_S = 60.0
 
 def start(stack: ExitStack, *arguments: str, **variables: str) -> subprocess.Popen:
     """A Python module in a process of its own, ended with the stack."""
-    paths = os.pathsep.join(str(path) for path in (TESTS.parent, TESTS / "engine", TESTS / "helpers"))
+    paths = os.pathsep.join(str(path) for path in (TESTS.parent, TESTS / "helpers"))
     environment = os.environ | {"PYTHONPATH": paths, "PYTHONWARNINGS": "ignore", "OMP_NUM_THREADS": "1"}
     process = subprocess.Popen(  # noqa: S603
         [sys.executable, "-m", *arguments],

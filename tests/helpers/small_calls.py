@@ -1,4 +1,4 @@
-"""Calls for worker processes, of the standard library alone, so that a worker starts quickly."""
+"""Calls for worker processes, which import little, so that a worker starts quickly."""
 
 import os
 import signal
@@ -26,3 +26,26 @@ def process_of(seconds):
     """The number of the process that a call was made in."""
     time.sleep(seconds)
     return os.getpid()
+
+
+def slow_square(folder, number):
+    """The square; says that it has begun, in a file with the process number."""
+    (folder / f"{number}").write_text(str(os.getpid()))
+    time.sleep(0.1)
+    return number**2
+
+
+def deadly_frame(frame, _reference):
+    """End the worker for one of the frames."""
+    if frame.name == "frame_2.tif":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return frame.name
+
+
+def refused(number):
+    """Refuse the number, or need what is not installed."""
+    if number < 0:
+        import no_such_library  # noqa: F401
+    from contactimg.errors import InputError
+
+    raise InputError(f"{number} is odd")

@@ -29,21 +29,24 @@ def test_what_a_laboratory_may_save_is_measured_without_harm(name):
         assert not faults(ODD[name], reference_of(kind, ODD[name], other), method=method, polarity=polarity)
 
 
-MADE, PHOTOGRAPHS = made_images(120), photographs()
-NO_CONTACTS = {
-    "text": MADE["text"],
-    "checkerboard": more_images(84)["plain checkerboard"],
-    "photograph of coins": sized(PHOTOGRAPHS["coins"], 19_000, np.random.default_rng(1)),
-    "portrait": sized(PHOTOGRAPHS["astronaut"], 19_000, np.random.default_rng(2)),
-    "cell": sized(PHOTOGRAPHS["cell"], 19_000, np.random.default_rng(4)),
-    "stripes": MADE["stripes"],
-}
+@pytest.fixture(scope="module")
+def other_things():
+    """Pictures that show no contacts."""
+    made, seen = made_images(120), photographs()
+    return {
+        "text": made["text"],
+        "checkerboard": more_images(84)["plain checkerboard"],
+        "coins": sized(seen["coins"], 19_000, np.random.default_rng(1)),
+        "portrait": sized(seen["astronaut"], 19_000, np.random.default_rng(2)),
+        "cell": sized(seen["cell"], 19_000, np.random.default_rng(4)),
+        "stripes": made["stripes"],
+    }
 
 
-@pytest.mark.parametrize("name", NO_CONTACTS)
-def test_a_picture_of_other_things_ends_soon_and_is_not_ok(name):
+@pytest.mark.parametrize("name", ["text", "checkerboard", "coins", "portrait", "cell", "stripes"])
+def test_a_picture_of_other_things_ends_soon_and_is_not_ok(other_things, name):
     start = time.process_time()
-    result = measure_image(NO_CONTACTS[name])
+    result = measure_image(other_things[name])
     # an ordinary frame of this size takes 0.03 s; the slowest machine is ten times slower
     assert time.process_time() - start < 6.5
     assert result.status != "ok"

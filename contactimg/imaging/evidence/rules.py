@@ -398,7 +398,8 @@ def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: flo
     rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > AGREEMENT_SIGMA * foreground.noise))
     disks = np.column_stack([places, radius])[rows]
     own, other = (
-        foreground.sign * measure_rise(image, disks, blur) for image in (pair.frame, pair.reference)
+        foreground.sign * measure_rise(np.ascontiguousarray(image), disks, blur)
+        for image in (pair.frame, pair.reference)
     )
     both = own - other
     share[rows] = np.divide(own, both, out=np.ones(len(rows)), where=both > 1e-9)

@@ -22,10 +22,11 @@ UNIT_DISK = np.sqrt((np.arange(POINTS) + 0.5) / POINTS) * np.exp(1j * GOLDEN_ANG
 def for_kernel(mask: Mask, saturated: Mask = None) -> NDArray[np.uint8]:
     """The mask as compiled functions take it: an array of another shape than the image masks nothing.
 
-    Saturated pixels that are not masked have the value 2.
+    Saturated pixels that are not masked have the value 2. A part of a mask is copied: functions compiled for
+    whole masks would be compiled once more for it.
     """
     if saturated is None:
-        return np.zeros((1, 1), np.uint8) if mask is None else mask
+        return np.zeros((1, 1), np.uint8) if mask is None else np.ascontiguousarray(mask)
     return 1 + saturated if mask is None else mask * (1 + saturated)
 
 

@@ -58,6 +58,11 @@ def written_out(image, disk, weight):
     return information, np.einsum("uij,ij->u", slopes, w * residual), chi, np.count_nonzero(rim)
 
 
+def noise(slope=SLOPE, rim=RIM):
+    """An array, as the fit hands it over: for a tuple all would be compiled once more."""
+    return np.array([VARIANCE, slope, rim])
+
+
 def summed(image, model, disk, weight, *, isolated, every=1):
     out = np.zeros(SUMS)
     sum_disk(
@@ -66,7 +71,7 @@ def summed(image, model, disk, weight, *, isolated, every=1):
         weight,
         np.array(disk),
         S,
-        (VARIANCE, SLOPE, RIM),
+        noise(),
         isolated,
         False,
         every,
@@ -115,9 +120,7 @@ def test_a_disk_far_wider_than_its_rim_stays_finite(masked, residual):
     weight = np.ones(SHAPE, np.uint8)
     weight[0, 0] = not masked
     out = np.zeros(SUMS)
-    sum_disk(
-        residual + model, model, weight, disk, s, (VARIANCE, 0.0, RIM), False, False, 1, disk_table(), out
-    )
+    sum_disk(residual + model, model, weight, disk, s, noise(slope=0.0), False, False, 1, disk_table(), out)
     assert np.all(np.isfinite(out))
     assert out[9] == pytest.approx(np.count_nonzero(weight) / VARIANCE, rel=1e-5)
     assert out[GRADIENT + 3] == pytest.approx(residual[weight > 0].sum() / VARIANCE, rel=1e-4)
@@ -143,7 +146,7 @@ def test_sums_of_a_pair(one, two, rng):
     both = (r1 <= one[2] + FIT_BLUR_WIDTHS * S) & (r2 <= two[2] + FIT_BLUR_WIDTHS * S) & (weight > 0)
     expected = np.einsum("uij,ij,vij->uv", first[:4], both / VARIANCE, second[:4])
     block = np.full((4, 4), np.nan)
-    sum_pair(model, weight, np.array(one), np.array(two), S, (VARIANCE, SLOPE, 0.0), disk_table(), block)
+    sum_pair(model, weight, np.array(one), np.array(two), S, noise(rim=0.0), disk_table(), block)
     sizes = [np.sqrt(np.diag(written_out(model, disk, weight)[0]))[:4] for disk in (one, two)]
     np.testing.assert_allclose(block / np.outer(*sizes), expected / np.outer(*sizes), atol=3e-3)
 

@@ -28,6 +28,12 @@ def run(small_series, tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def alone(run):
+    """The analysis of that run without models."""
+    return analyse_places([open_place(run)], AnalysisOptions(models=False))
+
+
 def analyse(*arguments):
     return main(["analyse", *map(str, arguments), "--quiet"])
 
@@ -81,10 +87,9 @@ def test_measured_and_rendered_contacts_say_the_same(run):
     assert np.sum(first["pressure_Pa"] * area) == pytest.approx(0.005, rel=1e-9)
 
 
-def test_two_places_alike_are_one_place_twice(run, tmp_path):
+def test_two_places_alike_are_one_place_twice(run, alone, tmp_path):
     twin = tmp_path / "twin"
     shutil.copytree(run, twin)
-    alone = analyse_places([open_place(run)], AnalysisOptions(models=False))
     both = analyse_places([open_place(run), open_place(twin)], AnalysisOptions(models=False))
     pd.testing.assert_series_equal(both.area["area_m2"], alone.area["area_m2"])
     np.testing.assert_allclose(both.profile["pressure_Pa"], alone.profile["pressure_Pa"], rtol=1e-12)
@@ -165,7 +170,7 @@ def test_a_loaded_frame_without_contacts_is_named_and_left_out(run):
     assert f"frame_2.tif: left out: {none}" in "; ".join(found.notes)
 
 
-def test_frames_used_with_a_reservation_are_named(run):
+def test_frames_used_with_a_reservation_are_named(run, alone):
     place = open_place(run)
     frames = place.frames.assign(status=["ok", "holes", "holes"])
     found = analyse_places([replace(place, frames=frames)], AnalysisOptions(models=False))
@@ -173,8 +178,7 @@ def test_frames_used_with_a_reservation_are_named(run):
     assert len(notes) == 1
     assert "2 frames" in notes[0]
     assert "contacts below it are not counted" in notes[0]
-    plain = analyse_places([place], AnalysisOptions(models=False))
-    assert not any("used with" in note for note in plain.notes)
+    assert not any("used with" in note for note in alone.notes)
 
 
 def test_one_load_is_analysed_without_an_exponent(run, tmp_path):
@@ -185,8 +189,8 @@ def test_one_load_is_analysed_without_an_exponent(run, tmp_path):
     assert (tmp_path / "out" / "profile_1.svg").exists()
 
 
-def test_noise_of_ten_percent_on_the_load_widens_the_interval_and_keeps_the_truth(run, tmp_path):
-    clean = analyse_places([open_place(run)], AnalysisOptions(models=False)).area_laws["measured"].exponent
+def test_noise_of_ten_percent_on_the_load_widens_the_interval_and_keeps_the_truth(run, alone, tmp_path):
+    clean = alone.area_laws["measured"].exponent
     noisy = change_frames(run, tmp_path / "noisy", load_N=np.array([0.005, 0.02, 0.05]) * [1.1, 0.9, 1.08])
     options = AnalysisOptions(models=False, load_relative_std=0.1)
     exponent = analyse_places([open_place(noisy)], options).area_laws["measured"].exponent
@@ -296,18 +300,15 @@ def calibration(path, **centre):
     return path
 
 
-def test_a_calibrated_centre_moves_the_annuli(run, tmp_path, capsys):
+def test_a_calibrated_centre_moves_the_annuli(run, alone, tmp_path, capsys):
     pose = open_place(run).pose
     x_px, y_px = pose.to_pixels(0.0011, 0.00095)
     file = calibration(tmp_path / "calibration.json", centre_x=float(x_px), centre_y=float(y_px))
     place = open_place(run, centre_px=read_centre_of(file))
     assert place.centre == pytest.approx((0.0011, 0.00095), rel=1e-9)
     assert place.scene.indenter.apex == place.centre  # the models press there too
-    moved, plain = (
-        analyse_places([one], AnalysisOptions(models=False)).profile["pressure_Pa"].iloc[0]
-        for one in (place, open_place(run))
-    )
-    assert moved != plain
+    moved = analyse_places([place], AnalysisOptions(models=False))
+    assert moved.profile["pressure_Pa"].iloc[0] != alone.profile["pressure_Pa"].iloc[0]
     bare = calibration(tmp_path / "bare.json", threshold=0.5)
     assert analyse(run, "-o", tmp_path / "none", "--calibration", bare) == 2
     assert "centre_x" in capsys.readouterr().err
