@@ -22,9 +22,8 @@ from contactimg.imaging.detect.inscribed_disks import (
     is_round,
 )
 from contactimg.imaging.pixels.blocks import SignedImage
-from contactimg.imaging.pixels.masks import visible_fraction
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA, SIGNIFICANT_SIGMA, quantile
-from contactimg.imaging.profile.limits import LEAST_VISIBLE, NOISY_RATIO, SMALL_AREA_PX2
+from contactimg.imaging.profile.limits import NOISY_RATIO, SMALL_AREA_PX2
 
 CLEAR_RATIO, BRIGHT_RATIO = 1.5, 3.0
 """Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and
@@ -158,13 +157,12 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
     Parameters
     ----------
     seen : SignedImage
-        Pixels without a value do not bound a disk.
     contrast : float
         Common contrast, grey levels.
     blur : float, px
         Standard deviation of the blur, for smoothing where the contrast is low.
     """
-    image, noise, valid = seen.image, seen.noise, seen.valid
+    image, noise = seen.image, seen.noise
     smooth, smooth_noise = image, noise
     if contrast < NOISY_RATIO * noise:
         smooth = np.asarray(
@@ -200,8 +198,6 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
     heights = np.concatenate([np.broadcast_to(height, len(part)) for height, part, _ in found])
     wholes = np.concatenate([np.full(len(part), whole) for _, part, whole in found])
     order = np.argsort(-disks[:, 2], kind="stable")
-    if valid is not None and len(disks):
-        order = order[visible_fraction(disks[order], image.shape, valid) > LEAST_VISIBLE]
     return Candidates(disks[order], heights[order], wholes[order])
 
 
