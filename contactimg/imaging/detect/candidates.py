@@ -44,11 +44,6 @@ DARK_FRACTION = 0.2
 ODD_RATIO = 1.3
 """Plateau over the common contrast, or its inverse, from which a region is outlined at its own half.
 Theory: the edge at the wrong level is then off by a quarter of a blur width."""
-WIDER_RATIO = 1.15
-"""Radius of a faint region over that of a contact of the common contrast behind the blur, as high as the
-region, from which it has a brightness of its own. By hand: pixels and noise make 1.1."""
-HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
-"""Radius at half height of a Gaussian over its standard deviation (theory)."""
 FAINT_SMOOTHING_SQUARES = 0.5
 """Standard deviation of the filter behind which faint regions are outlined, over the side of the squares that
 show them. By hand."""
@@ -171,7 +166,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         smooth_noise = noise / (2.0 * np.sqrt(np.pi) * blur)
     level = max(0.5 * contrast, SIGNIFICANT_SIGMA * smooth_noise)
     regions, runs, plateau, half_area = _with_plateaus(smooth, level)
-    faint, ragged, width = _faint_regions(seen, level, regions)
+    faint, ragged = _faint_regions(seen, level, regions)
     bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2) & ~ragged
     shown = ~bright & ~ragged & (regions["area"] > SMALL_AREA_PX2)
     one = is_round(regions, smooth.shape) & shown
@@ -184,16 +179,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         found.append((plateau[k], disks, whole) if lower is None else (plateau[k], lower, True))
     for k in np.flatnonzero(bright):
         found += _at_own_half(regions[k], smooth, level, float(plateau[k]))
-    for height, disks, whole in faint:
-        # the disk that the blur reduces to this fraction of its height
-        share = np.minimum(height / contrast, 0.99)
-        small = float(blur * np.sqrt(-2.0 * np.log1p(-share))) if contrast > height else 0.0
-        spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + width**2)
-        if len(disks) == 1 and disks[0, 2] < WIDER_RATIO * spot:
-            disks[0, 2] = small
-            found.append((contrast, disks, False))
-        else:
-            found.append((height, disks, whole))
+    found += faint
     disks = np.vstack([part for _, part, _ in found])
     heights = np.concatenate([np.broadcast_to(height, len(part)) for height, part, _ in found])
     wholes = np.concatenate([np.full(len(part), whole) for _, part, whole in found])
@@ -323,12 +309,11 @@ def _at_own_half(region: np.void, image: NDArray[np.float32], level: float, plat
 
 def _faint_regions(
     seen: SignedImage, level: float, regions: NDArray[np.void]
-) -> tuple[list[Outlined], NDArray[np.bool_], float]:
+) -> tuple[list[Outlined], NDArray[np.bool_]]:
     """Regions that stand out of the noise and contain none found before, each in a window of its own.
 
     Those found before are pieces of a region whose own plateau lies about at the level at which they were
-    outlined, where they are ragged: which of them is returned too, and the width (px) of the
-    filter behind which the faint ones are outlined.
+    outlined, where they are ragged: which of them is returned too.
     """
     image, side, (coarse, coarse_noise) = seen.image, 2, seen.squares(2)
     floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
@@ -340,7 +325,7 @@ def _faint_regions(
         side, coarse, coarse_noise = 2 * side, wider, wider_noise
         floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
     if not floor < level:
-        return [], np.zeros(len(regions), np.bool_), 0.0
+        return [], np.zeros(len(regions), np.bool_)
     width = FAINT_SMOOTHING_SQUARES * side
     support, runs, plateau, half_area = _with_plateaus(coarse, floor)
     half_area *= side**2
@@ -359,4 +344,4 @@ def _faint_regions(
         blurred = cv2.GaussianBlur(part, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
         faint = _outlined(np.asarray(blurred, np.float32), 0.5 * float(plateau[k]), 0.5 * WIDE_PX2)
         found += [(height, disks + side * corner, whole) for height, disks, whole in faint]
-    return found, np.append(shown, False)[where], width
+    return found, np.append(shown, False)[where]
