@@ -62,6 +62,8 @@ WEIGHT_CAP = 8.0
 decides."""
 
 
+Regions = tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
+"""Regions above a level, their runs of pixels, plateaus, and areas above half of these (pixels)."""
 Outlined = tuple[NDArray | float, NDArray[np.float64], bool]
 """The plateau of a region, the disks in it, and whether it is one ellipse."""
 
@@ -112,9 +114,7 @@ def measure_contrast(image: SignedImage) -> Contrast:
     """The plateau that most regions of a difference image have."""
     spots = Contrast(0.0, resolved=False)
     for side in (2, 4, 8):
-        coarse, noise = image.squares(side)
-        floor = max(SIGNIFICANT_SIGMA * noise, 1e-6)
-        _, runs, plateau, half_area = _with_plateaus(coarse, floor)
+        coarse, floor, (_, runs, plateau, half_area) = image.squares(side)[0], *_shown_by(image, side)
         clear = plateau > CLEAR_RATIO * floor
         if not clear.any():
             continue
@@ -249,9 +249,7 @@ def _weighted_median(values: NDArray, weights: NDArray) -> float:
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def _with_plateaus(
-    image: NDArray[np.float32], level: float | np.floating
-) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+def _with_plateaus(image: NDArray[np.float32], level: float) -> Regions:
     """Regions above a level, their runs of pixels, plateaus, and areas above half of these (pixels)."""
     regions, runs = label_runs(image, float(level))
     plateau, half_area = np.zeros((2, len(regions)))
@@ -286,25 +284,36 @@ def _sum_above(line, level):
     return number, total
 
 
-def _outlined(window: NDArray[np.float32], level: float, least: float = 0.0) -> list[Outlined]:
-    """Regions of a window above half of their plateaus that are larger than an area (px^2)."""
+def _outlined(
+    window: NDArray[np.float32], corner: NDArray[np.float64], level: float, least: float = 0.0
+) -> list[Outlined]:
+    """Regions of a window of an image above half of their plateaus that are larger than an area (px^2).
+
+    ``corner`` is the place (x, y, 0) of the first pixel of the window.
+    """
     parts, runs = label_runs(window, level)
-    return [
-        (2.0 * level, *disks_in_region(parts[k], k, runs, window.shape))
-        for k in np.flatnonzero(parts["area"] > least)
-    ]
+    found = (disks_in_region(parts[k], k, runs, window.shape) for k in np.flatnonzero(parts["area"] > least))
+    return [(2.0 * level, disks + corner, whole) for disks, whole in found]
 
 
 def _at_own_half(region: np.void, image: NDArray[np.float32], level: float, plateau: float) -> list[Outlined]:
     """Disks of a bright region at half of its own plateau, and of what was beside it."""
     box, corner = window_of(region, 1)
-    window = np.ascontiguousarray(image[box])
-    covered = np.zeros(window.shape, np.uint8)
-    found = _outlined(window, 0.5 * plateau)
-    for x, y, a in np.vstack([disks for _, disks, _ in found]):
-        cv2.circle(covered, (round(x), round(y)), int(np.ceil(1.15 * a + 2)), 1, cv2.FILLED)
-    found += _outlined(np.where(covered > 0, np.float32(0.0), window), level, WIDE_PX2)
-    return [(height, disks + corner, whole) for height, disks, whole in found]
+    rest = image[box].copy()
+    found = _outlined(rest, corner, 0.5 * plateau)
+    for x, y, a in np.vstack([disks - corner for _, disks, _ in found]):
+        cv2.circle(rest, (round(x), round(y)), int(np.ceil(1.15 * a + 2)), 0.0, cv2.FILLED)
+    return found + _outlined(rest, corner, level, WIDE_PX2)
+
+
+def _shown_by(seen: SignedImage, side: int) -> tuple[float, Regions]:
+    """Level from which squares of a side stand out of their noise, and `_with_plateaus` of it."""
+    if side not in seen.outlined:
+        squares, noise = seen.squares(side)
+        floor = max(SIGNIFICANT_SIGMA * noise, 1e-6)
+        seen.outlined[side] = floor, _with_plateaus(squares, floor)
+    floor, regions = seen.outlined[side]
+    return floor, regions
 
 
 def _faint_regions(
@@ -315,33 +324,31 @@ def _faint_regions(
     Those found before are pieces of a region whose own plateau lies about at the level at which they were
     outlined, where they are ragged: which of them is returned too.
     """
-    image, side, (coarse, coarse_noise) = seen.image, 2, seen.squares(2)
-    floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
+    side, noise = 2, seen.squares(2)[1]
     # coarser squares where noise hides faint regions, as long as it falls: with white noise by half
-    while side < 8 and not floor < FAINT_RATIO * level:
-        wider, wider_noise = seen.squares(2 * side)
-        if wider_noise > WHITE_RATIO * coarse_noise:
+    while side < 8 and not SIGNIFICANT_SIGMA * noise < FAINT_RATIO * level:
+        wider_noise = seen.squares(2 * side)[1]
+        if wider_noise > WHITE_RATIO * noise:
             break
-        side, coarse, coarse_noise = 2 * side, wider, wider_noise
-        floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
-    if not floor < level:
+        side, noise = 2 * side, wider_noise
+    if not SIGNIFICANT_SIGMA * noise < level:
         return [], np.zeros(len(regions), np.bool_)
-    width = FAINT_SMOOTHING_SQUARES * side
-    support, runs, plateau, half_area = _with_plateaus(coarse, floor)
-    half_area *= side**2
+    support, runs, plateau, half_area = _shown_by(seen, side)[1]
+    half_area = half_area * side**2
     # a few pixels of noise on a faint plateau reach the level as well
     where = component_of_pixels(runs, regions["peak_x"] // side, regions["peak_y"] // side)
     outlined = (where >= 0) & (regions["area"] > SMALL_AREA_PX2)
     covered = np.bincount(where[outlined], regions["area"][outlined], minlength=len(support))
     at_level = plateau < FAINT_RATIO * 2.0 * level
     taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * half_area))
-    light = support["flux"] > LIGHT_SIGMA * coarse_noise * np.sqrt(support["area"])
+    light = support["flux"] > LIGHT_SIGMA * noise * np.sqrt(support["area"])
     shown = light & ~taken & (half_area > WIDE_PX2)
     found: list[Outlined] = []
     for k in np.flatnonzero(shown):
         box, corner = window_of(support[k], 1)
-        part = image[tuple(slice(side * at.start, side * at.stop) for at in box)]
+        part = seen.image[tuple(slice(side * at.start, side * at.stop) for at in box)]
+        width = FAINT_SMOOTHING_SQUARES * side
         blurred = cv2.GaussianBlur(part, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
-        faint = _outlined(np.asarray(blurred, np.float32), 0.5 * float(plateau[k]), 0.5 * WIDE_PX2)
-        found += [(height, disks + side * corner, whole) for height, disks, whole in faint]
+        own = 0.5 * float(plateau[k])
+        found += _outlined(np.asarray(blurred, np.float32), side * corner, own, 0.5 * WIDE_PX2)
     return found, np.append(shown, False)[where]
