@@ -39,7 +39,6 @@ from contactimg.imaging.fit.shapes import (
     LEAST_ELONGATION,
     Ellipses,
     FittedEllipse,
-    find_ellipses,
     fit_ellipse,
     render_ellipse,
 )
@@ -49,7 +48,6 @@ from contactimg.imaging.profile.limits import (
     ITERATIONS,
     LEAST_NOISE_FRACTION,
     NEAR_BLUR_WIDTHS,
-    POOR_CHI_SQUARE,
     ROUNDS,
     SUSPICIOUS_CHI_SQUARE,
     USUAL_CHI_SQUARE,
@@ -229,10 +227,6 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
             break
         disks = fit.disks[members] - window.offset
         better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
-        if len(members) == 1 and len(better) == 2:
-            found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
-            if any(_misfit(window, each) < window.chi_square(better) for each in found.fitted):
-                continue
         simple = _simpler(window, better, usual)
         better, shaped = (better, np.zeros(len(better), np.bool_)) if simple is None else simple
         if better is not disks:
@@ -400,14 +394,11 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     first = chi_square = window.chi_square(disks)
     allowed = expected + EXCESS_LEFT_FRACTION * (first - expected) + slack
     best = disks
-    unsettled = first < POOR_CHI_SQUARE * expected
-    for number in range(-1 if unsettled else 0, ROUNDS):
+    for number in range(ROUNDS):
         if chi_square < expected + slack:
             break
         count, before = len(best), chi_square
-        # at first the same disks again
-        again = number < 0
-        covers = [window.fit(best, np.full(count, np.inf))] if again else list(_larger_covers(window, best))
+        covers = list(_larger_covers(window, best))
         costs = [value + DISK_PRICE * (len(cover) - count) for cover, value in covers]
         gain = chi_square - min(costs)
         if gain > 0.0:
@@ -415,7 +406,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
         same = len(best) == count and gain < LEAST_GAIN
         # rounds that gain as much as this one are not enough
         hopeless = chi_square - (before - chi_square) * (ROUNDS - 1 - number) > allowed
-        if not again and (same or hopeless):
+        if same or hopeless:
             break
     return disks if chi_square > allowed else best
 
