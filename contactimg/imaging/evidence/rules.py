@@ -14,7 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe
 
-from contactimg.imaging.detect.components import component_of_pixels, label_runs, mask_of_component, window_of
+from contactimg.imaging.detect.components import (
+    component_of_pixels,
+    half_axes,
+    label_runs,
+    mask_of_component,
+    window_of,
+)
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.inscribed_disks import (
     CONVEX_SHARE,
@@ -296,16 +302,14 @@ def _count_region(
 ) -> None:
     """Put a region of an area in the place of a contact, with the uncertainties and flags of its parts."""
     radius, std = np.sqrt(area / np.pi), float(np.linalg.norm(table["area_std_px2"][parts]))
-    middle, xx, xy = (region[name] / region["area"] for name in ("moment", "xx", "xy"))
-    middle, apart = 0.5 * middle + 1 / 12, xx - 0.5 * middle  # a pixel is a square: its moment is 1/12
-    root = np.hypot(apart, xy)
-    ratio = ((middle + root) / max(middle - root, 1 / 12)) ** 0.25
+    major, minor, angle = half_axes(region)
+    ratio = np.sqrt(major / minor)
     flags = np.bitwise_or.reduce(table["flags"][parts]) | int(Flag.POOR_FIT | Flag.COUNTED)
     values = {
         "x_px": region["x"], "y_px": region["y"], "radius_px": radius, "perimeter_px": 2.0 * np.pi * radius,
         "radius_std_px": std / (2.0 * np.pi * radius), "area_px2": area, "area_std_px2": std,
         "visible_area_px2": area, "semi_major_px": radius * ratio, "semi_minor_px": radius / ratio,
-        "angle_rad": 0.5 * np.arctan2(xy, apart), "shape": "free", "flags": flags,
+        "angle_rad": angle, "shape": "free", "flags": flags,
     }  # fmt: skip
     for name, value in values.items():
         table[name][row] = value
