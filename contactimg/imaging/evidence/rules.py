@@ -34,10 +34,9 @@ from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
 from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, erase_disks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
-from contactimg.imaging.fit.shapes import made_round
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import count_touching
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Mask, clear_disks
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
@@ -241,9 +240,12 @@ def _unexplained_share(foreground: Foreground, result: FrameFit, found: NDArray[
     """
     problem, fit, bright = result.problem, result.fit, foreground.bright
     erase_disks(problem, fit, ~np.isin(np.arange(len(fit.disks)), found))
-    model = made_round(replace(problem, image=fit.model), fit, result.ellipses, -1.0)[0].image
-    dark = model[::BRIGHT_STEP, ::BRIGHT_STEP] < 0.2 * foreground.image[::BRIGHT_STEP, ::BRIGHT_STEP]
-    return float(np.count_nonzero(bright & dark) / max(int(np.count_nonzero(bright)), 1))
+    model, image = (part[::BRIGHT_STEP, ::BRIGHT_STEP] for part in (fit.model, foreground.image))
+    dark = (bright & (model < 0.2 * image)).astype(np.uint8)
+    # the disks drawn in the place of ellipses do not reach their ends
+    ends = [[*one.parameters[[X, Y]], one.half_axes[0]] for one in result.ellipses.fitted]
+    clear_disks(dark, np.array(ends).reshape(-1, 3) / BRIGHT_STEP)
+    return float(np.count_nonzero(dark) / max(int(np.count_nonzero(bright)), 1))
 
 
 def _join_parts(
