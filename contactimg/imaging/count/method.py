@@ -94,7 +94,7 @@ def measure_by_count(
     long &= flags & int(Flag.MERGED) > 0
     cut = pair.near_hole(x, y, radius + 2.0 * DEFAULT_BLUR_PX)  # a hole so near spoils the rim
     contacts["flags"] = flags | np.where(long, int(Flag.POOR_FIT), 0) | np.where(cut, int(Flag.EDGE), 0)
-    dust = own_rise(foreground, np.column_stack([x, y]), radius, blur) < OWN_RISE
+    dust = own_rise(foreground, np.column_stack([x, y, radius]), blur) < OWN_RISE
     dust &= flags & int(Flag.MANUAL) == 0
     gone = {name: contacts[name][dust] for name in PLACE}
     gone["reason"] = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
