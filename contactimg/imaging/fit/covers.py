@@ -39,6 +39,7 @@ from contactimg.imaging.fit.shapes import (
     LEAST_ELONGATION,
     Ellipses,
     FittedEllipse,
+    find_ellipses,
     fit_ellipse,
     render_ellipse,
 )
@@ -227,6 +228,10 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
             break
         disks = fit.disks[members] - window.offset
         better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
+        if len(members) == 1 and len(better) == 2:
+            found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
+            if any(_misfit(window, each) < window.chi_square(better) for each in found.fitted):
+                continue
         simple = _simpler(window, better, usual)
         better, shaped = (better, np.zeros(len(better), np.bool_)) if simple is None else simple
         if better is not disks:
