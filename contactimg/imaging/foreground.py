@@ -1,7 +1,7 @@
 """What is measured: a difference image in which contacts are positive, its noise and its contrast."""
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import cv2
 import numpy as np
@@ -71,7 +71,7 @@ class Foreground:
         """Standard deviation of a background pixel."""
         return self.seen.noise
 
-    @property
+    @cached_property
     def bright(self) -> NDArray[np.bool_]:
         """Which pixels of every `BRIGHT_STEP`-th row and column stand out as contacts do."""
         level = max(0.5 * self.contrast.plateau, 5.0 * self.noise)

@@ -314,8 +314,7 @@ def _tabulate(judged: Judged, threshold: float = float("nan")) -> ImageMeasureme
 def _foreign(foreground: Foreground) -> Columns:
     """The foreign objects; those that the frame itself does not show are dust in the reference."""
     foreign = foreground.foreign.rejected
-    places = np.column_stack([foreign["x_px"], foreign["y_px"]])
-    rise = own_rise(foreground, places, foreign["radius_px"], DEFAULT_BLUR_PX)
+    rise = own_rise(foreground, np.column_stack([foreign[name] for name in PLACE]), DEFAULT_BLUR_PX)
     return foreign | {"reason": np.where(rise < OWN_RISE, Reason.REFERENCE_DUST.value, foreign["reason"])}
 
 

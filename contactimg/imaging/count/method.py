@@ -26,7 +26,7 @@ from contactimg.imaging.count.rim_errors import (
 )
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.detect.candidates import Contrast
-from contactimg.imaging.detect.components import sides_cut
+from contactimg.imaging.detect.components import half_axes, sides_cut
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX, estimate_blur
 from contactimg.imaging.evidence.rules import OWN_RISE, PLACE, Columns, Judged, own_rise
@@ -94,7 +94,7 @@ def measure_by_count(
     long &= flags & int(Flag.MERGED) > 0
     cut = pair.near_hole(x, y, radius + 2.0 * DEFAULT_BLUR_PX)  # a hole so near spoils the rim
     contacts["flags"] = flags | np.where(long, int(Flag.POOR_FIT), 0) | np.where(cut, int(Flag.EDGE), 0)
-    dust = own_rise(foreground, np.column_stack([x, y]), radius, blur) < OWN_RISE
+    dust = own_rise(foreground, np.column_stack([x, y, radius]), blur) < OWN_RISE
     dust &= flags & int(Flag.MANUAL) == 0
     gone = {name: contacts[name][dust] for name in PLACE}
     gone["reason"] = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
@@ -216,23 +216,9 @@ def count_contacts(
         "flags": _flags(kept, split, image.shape),
         "height": np.where(split, np.nan, kept["flux"] / np.maximum(kept["area"], 1)),
     }
-    return contacts | _second_moments(kept), rejected
-
-
-def _second_moments(components: NDArray[np.void]) -> Columns:
-    """Half-axes and angle of the ellipses with the second moments of the pixels (squares of 1 px)."""
-    area, n = np.maximum(components["area"], 1), len(components)
-    xx, xy = components["xx"] / area + PIXEL_VARIANCE, components["xy"] / area
-    yy = (components["moment"] - components["xx"]) / area + PIXEL_VARIANCE
-    middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    # the second moment of an ellipse along an axis is a quarter of the square of its half
-    return {
-        "shape": np.full(n, "free", object),
-        "semi_major_px": 2.0 * np.sqrt(middle + root),
-        "semi_minor_px": 2.0 * np.sqrt(np.maximum(middle - root, 0.0)),
-        "angle_rad": 0.5 * np.arctan2(2.0 * xy, xx - yy),
-        "perimeter_px": np.full(n, np.nan),
-    }
+    axes = zip(("semi_major_px", "semi_minor_px", "angle_rad"), half_axes(kept), strict=True)
+    rest = {"shape": np.full(len(kept), "free", object), "perimeter_px": np.full(len(kept), np.nan)}
+    return contacts | dict(axes) | rest, rejected
 
 
 def _flags(

@@ -22,9 +22,8 @@ from contactimg.imaging.detect.inscribed_disks import (
     is_round,
 )
 from contactimg.imaging.pixels.blocks import SignedImage
-from contactimg.imaging.pixels.masks import visible_fraction
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA, SIGNIFICANT_SIGMA, quantile
-from contactimg.imaging.profile.limits import LEAST_VISIBLE, NOISY_RATIO, SMALL_AREA_PX2
+from contactimg.imaging.profile.limits import NOISY_RATIO, SMALL_AREA_PX2
 
 CLEAR_RATIO, BRIGHT_RATIO = 1.5, 3.0
 """Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and
@@ -45,11 +44,6 @@ DARK_FRACTION = 0.2
 ODD_RATIO = 1.3
 """Plateau over the common contrast, or its inverse, from which a region is outlined at its own half.
 Theory: the edge at the wrong level is then off by a quarter of a blur width."""
-WIDER_RATIO = 1.15
-"""Radius of a faint region over that of a contact of the common contrast behind the blur, as high as the
-region, from which it has a brightness of its own. By hand: pixels and noise make 1.1."""
-HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
-"""Radius at half height of a Gaussian over its standard deviation (theory)."""
 FAINT_SMOOTHING_SQUARES = 0.5
 """Standard deviation of the filter behind which faint regions are outlined, over the side of the squares that
 show them. By hand."""
@@ -68,6 +62,8 @@ WEIGHT_CAP = 8.0
 decides."""
 
 
+Regions = tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
+"""Regions above a level, their runs of pixels, plateaus, and areas above half of these (pixels)."""
 Outlined = tuple[NDArray | float, NDArray[np.float64], bool]
 """The plateau of a region, the disks in it, and whether it is one ellipse."""
 
@@ -118,9 +114,7 @@ def measure_contrast(image: SignedImage) -> Contrast:
     """The plateau that most regions of a difference image have."""
     spots = Contrast(0.0, resolved=False)
     for side in (2, 4, 8):
-        coarse, noise = image.squares(side)
-        floor = max(SIGNIFICANT_SIGMA * noise, 1e-6)
-        _, runs, plateau, half_area = _with_plateaus(coarse, floor)
+        coarse, floor, (_, runs, plateau, half_area) = image.squares(side)[0], *_shown_by(image, side)
         clear = plateau > CLEAR_RATIO * floor
         if not clear.any():
             continue
@@ -158,13 +152,12 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
     Parameters
     ----------
     seen : SignedImage
-        Pixels without a value do not bound a disk.
     contrast : float
         Common contrast, grey levels.
     blur : float, px
         Standard deviation of the blur, for smoothing where the contrast is low.
     """
-    image, noise, valid = seen.image, seen.noise, seen.valid
+    image, noise = seen.image, seen.noise
     smooth, smooth_noise = image, noise
     if contrast < NOISY_RATIO * noise:
         smooth = np.asarray(
@@ -173,7 +166,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         smooth_noise = noise / (2.0 * np.sqrt(np.pi) * blur)
     level = max(0.5 * contrast, SIGNIFICANT_SIGMA * smooth_noise)
     regions, runs, plateau, half_area = _with_plateaus(smooth, level)
-    faint, ragged, width = _faint_regions(seen, level, regions)
+    faint, ragged = _faint_regions(seen, level, regions)
     bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2) & ~ragged
     shown = ~bright & ~ragged & (regions["area"] > SMALL_AREA_PX2)
     one = is_round(regions, smooth.shape) & shown
@@ -186,22 +179,11 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         found.append((plateau[k], disks, whole) if lower is None else (plateau[k], lower, True))
     for k in np.flatnonzero(bright):
         found += _at_own_half(regions[k], smooth, level, float(plateau[k]))
-    for height, disks, whole in faint:
-        # the disk that the blur reduces to this fraction of its height
-        share = np.minimum(height / contrast, 0.99)
-        small = float(blur * np.sqrt(-2.0 * np.log1p(-share))) if contrast > height else 0.0
-        spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + width**2)
-        if len(disks) == 1 and disks[0, 2] < WIDER_RATIO * spot:
-            disks[0, 2] = small
-            found.append((contrast, disks, False))
-        else:
-            found.append((height, disks, whole))
+    found += faint
     disks = np.vstack([part for _, part, _ in found])
     heights = np.concatenate([np.broadcast_to(height, len(part)) for height, part, _ in found])
     wholes = np.concatenate([np.full(len(part), whole) for _, part, whole in found])
     order = np.argsort(-disks[:, 2], kind="stable")
-    if valid is not None and len(disks):
-        order = order[visible_fraction(disks[order], image.shape, valid) > LEAST_VISIBLE]
     return Candidates(disks[order], heights[order], wholes[order])
 
 
@@ -267,9 +249,7 @@ def _weighted_median(values: NDArray, weights: NDArray) -> float:
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def _with_plateaus(
-    image: NDArray[np.float32], level: float | np.floating
-) -> tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+def _with_plateaus(image: NDArray[np.float32], level: float) -> Regions:
     """Regions above a level, their runs of pixels, plateaus, and areas above half of these (pixels)."""
     regions, runs = label_runs(image, float(level))
     plateau, half_area = np.zeros((2, len(regions)))
@@ -304,63 +284,71 @@ def _sum_above(line, level):
     return number, total
 
 
-def _outlined(window: NDArray[np.float32], level: float, least: float = 0.0) -> list[Outlined]:
-    """Regions of a window above half of their plateaus that are larger than an area (px^2)."""
+def _outlined(
+    window: NDArray[np.float32], corner: NDArray[np.float64], level: float, least: float = 0.0
+) -> list[Outlined]:
+    """Regions of a window of an image above half of their plateaus that are larger than an area (px^2).
+
+    ``corner`` is the place (x, y, 0) of the first pixel of the window.
+    """
     parts, runs = label_runs(window, level)
-    return [
-        (2.0 * level, *disks_in_region(parts[k], k, runs, window.shape))
-        for k in np.flatnonzero(parts["area"] > least)
-    ]
+    found = (disks_in_region(parts[k], k, runs, window.shape) for k in np.flatnonzero(parts["area"] > least))
+    return [(2.0 * level, disks + corner, whole) for disks, whole in found]
 
 
 def _at_own_half(region: np.void, image: NDArray[np.float32], level: float, plateau: float) -> list[Outlined]:
     """Disks of a bright region at half of its own plateau, and of what was beside it."""
     box, corner = window_of(region, 1)
-    window = np.ascontiguousarray(image[box])
-    covered = np.zeros(window.shape, np.uint8)
-    found = _outlined(window, 0.5 * plateau)
-    for x, y, a in np.vstack([disks for _, disks, _ in found]):
-        cv2.circle(covered, (round(x), round(y)), int(np.ceil(1.15 * a + 2)), 1, cv2.FILLED)
-    found += _outlined(np.where(covered > 0, np.float32(0.0), window), level, WIDE_PX2)
-    return [(height, disks + corner, whole) for height, disks, whole in found]
+    rest = image[box].copy()
+    found = _outlined(rest, corner, 0.5 * plateau)
+    for x, y, a in np.vstack([disks - corner for _, disks, _ in found]):
+        cv2.circle(rest, (round(x), round(y)), int(np.ceil(1.15 * a + 2)), 0.0, cv2.FILLED)
+    return found + _outlined(rest, corner, level, WIDE_PX2)
+
+
+def _shown_by(seen: SignedImage, side: int) -> tuple[float, Regions]:
+    """Level from which squares of a side stand out of their noise, and `_with_plateaus` of it."""
+    if side not in seen.outlined:
+        squares, noise = seen.squares(side)
+        floor = max(SIGNIFICANT_SIGMA * noise, 1e-6)
+        seen.outlined[side] = floor, _with_plateaus(squares, floor)
+    floor, regions = seen.outlined[side]
+    return floor, regions
 
 
 def _faint_regions(
     seen: SignedImage, level: float, regions: NDArray[np.void]
-) -> tuple[list[Outlined], NDArray[np.bool_], float]:
+) -> tuple[list[Outlined], NDArray[np.bool_]]:
     """Regions that stand out of the noise and contain none found before, each in a window of its own.
 
     Those found before are pieces of a region whose own plateau lies about at the level at which they were
-    outlined, where they are ragged: which of them is returned too, and the width (px) of the
-    filter behind which the faint ones are outlined.
+    outlined, where they are ragged: which of them is returned too.
     """
-    image, side, (coarse, coarse_noise) = seen.image, 2, seen.squares(2)
-    floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
+    side, noise = 2, seen.squares(2)[1]
     # coarser squares where noise hides faint regions, as long as it falls: with white noise by half
-    while side < 8 and not floor < FAINT_RATIO * level:
-        wider, wider_noise = seen.squares(2 * side)
-        if wider_noise > WHITE_RATIO * coarse_noise:
+    while side < 8 and not SIGNIFICANT_SIGMA * noise < FAINT_RATIO * level:
+        wider_noise = seen.squares(2 * side)[1]
+        if wider_noise > WHITE_RATIO * noise:
             break
-        side, coarse, coarse_noise = 2 * side, wider, wider_noise
-        floor = np.float32(max(SIGNIFICANT_SIGMA * coarse_noise, 1e-6))
-    if not floor < level:
-        return [], np.zeros(len(regions), np.bool_), 0.0
-    width = FAINT_SMOOTHING_SQUARES * side
-    support, runs, plateau, half_area = _with_plateaus(coarse, floor)
-    half_area *= side**2
+        side, noise = 2 * side, wider_noise
+    if not SIGNIFICANT_SIGMA * noise < level:
+        return [], np.zeros(len(regions), np.bool_)
+    support, runs, plateau, half_area = _shown_by(seen, side)[1]
+    half_area = half_area * side**2
     # a few pixels of noise on a faint plateau reach the level as well
     where = component_of_pixels(runs, regions["peak_x"] // side, regions["peak_y"] // side)
     outlined = (where >= 0) & (regions["area"] > SMALL_AREA_PX2)
     covered = np.bincount(where[outlined], regions["area"][outlined], minlength=len(support))
     at_level = plateau < FAINT_RATIO * 2.0 * level
     taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * half_area))
-    light = support["flux"] > LIGHT_SIGMA * coarse_noise * np.sqrt(support["area"])
+    light = support["flux"] > LIGHT_SIGMA * noise * np.sqrt(support["area"])
     shown = light & ~taken & (half_area > WIDE_PX2)
     found: list[Outlined] = []
     for k in np.flatnonzero(shown):
         box, corner = window_of(support[k], 1)
-        part = image[tuple(slice(side * at.start, side * at.stop) for at in box)]
+        part = seen.image[tuple(slice(side * at.start, side * at.stop) for at in box)]
+        width = FAINT_SMOOTHING_SQUARES * side
         blurred = cv2.GaussianBlur(part, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
-        faint = _outlined(np.asarray(blurred, np.float32), 0.5 * float(plateau[k]), 0.5 * WIDE_PX2)
-        found += [(height, disks + side * corner, whole) for height, disks, whole in faint]
-    return found, np.append(shown, False)[where], width
+        own = 0.5 * float(plateau[k])
+        found += _outlined(np.asarray(blurred, np.float32), side * corner, own, 0.5 * WIDE_PX2)
+    return found, np.append(shown, False)[where]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import lengthened, njit
 from contactimg.imaging.pixels.masks import Mask, for_kernel
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 
 NONE, EIGHT = np.uint64(0), np.uint64(0x0101010101010101)
 """Eight bytes of a mask at once: no pixel set, and all set."""
@@ -102,6 +103,17 @@ def sides_cut(components: NDArray[np.void] | np.void, shape: tuple[int, ...]) ->
     """Whether components touch the top, bottom, left and right of an image of this shape."""
     last = {"top": 0, "bottom": shape[0] - 1, "left": 0, "right": shape[1] - 1}
     return tuple(components[side] == place for side, place in last.items())
+
+
+def half_axes(components: NDArray[np.void] | np.void) -> tuple[NDArray[np.float64], ...]:
+    """Major and minor half-axis and angle of the ellipses with the second moments of the pixels (squares)."""
+    area = np.maximum(components["area"], 1)
+    xx, xy = components["xx"] / area + PIXEL_VARIANCE, components["xy"] / area
+    yy = (components["moment"] - components["xx"]) / area + PIXEL_VARIANCE
+    middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    # the second moment of an ellipse along an axis is a quarter of the square of its half
+    minor = 2.0 * np.sqrt(np.maximum(middle - root, PIXEL_VARIANCE))
+    return 2.0 * np.sqrt(middle + root), minor, 0.5 * np.arctan2(2.0 * xy, xx - yy)
 
 
 def mask_of_component(

@@ -117,7 +117,7 @@ def as_one_contact(
 
 def share_of_hull(mask: NDArray[np.uint8], area: float) -> float:
     """An area over the number of pixels in the convex hull of a region."""
-    outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
     hull = np.zeros_like(mask)
     cv2.fillConvexPoly(hull, cv2.convexHull(np.vstack(outlines)), 1)
     return float(area / np.count_nonzero(hull))

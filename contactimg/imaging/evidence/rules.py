@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe
 
-from contactimg.imaging.detect.components import component_of_pixels, label_runs, mask_of_component, window_of
+from contactimg.compiled import njit
+from contactimg.imaging.detect.components import (
+    component_of_pixels,
+    half_axes,
+    label_runs,
+    mask_of_component,
+    window_of,
+)
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.inscribed_disks import (
     CONVEX_SHARE,
@@ -28,10 +35,9 @@ from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
 from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, erase_disks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
-from contactimg.imaging.fit.shapes import made_round
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import count_touching
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import clear_disks, for_kernel
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
@@ -235,9 +241,12 @@ def _unexplained_share(foreground: Foreground, result: FrameFit, found: NDArray[
     """
     problem, fit, bright = result.problem, result.fit, foreground.bright
     erase_disks(problem, fit, ~np.isin(np.arange(len(fit.disks)), found))
-    model = made_round(replace(problem, image=fit.model), fit, result.ellipses, -1.0)[0].image
-    dark = model[::BRIGHT_STEP, ::BRIGHT_STEP] < 0.2 * foreground.image[::BRIGHT_STEP, ::BRIGHT_STEP]
-    return float(np.count_nonzero(bright & dark) / max(int(np.count_nonzero(bright)), 1))
+    model, image = (part[::BRIGHT_STEP, ::BRIGHT_STEP] for part in (fit.model, foreground.image))
+    dark = (bright & (model < 0.2 * image)).astype(np.uint8)
+    # the disks drawn in the place of ellipses do not reach their ends
+    ends = [[*one.parameters[[X, Y]], one.half_axes[0]] for one in result.ellipses.fitted]
+    clear_disks(dark, np.array(ends).reshape(-1, 3) / BRIGHT_STEP)
+    return float(np.count_nonzero(dark) / max(int(np.count_nonzero(bright)), 1))
 
 
 def _join_parts(
@@ -296,16 +305,14 @@ def _count_region(
 ) -> None:
     """Put a region of an area in the place of a contact, with the uncertainties and flags of its parts."""
     radius, std = np.sqrt(area / np.pi), float(np.linalg.norm(table["area_std_px2"][parts]))
-    middle, xx, xy = (region[name] / region["area"] for name in ("moment", "xx", "xy"))
-    middle, apart = 0.5 * middle + 1 / 12, xx - 0.5 * middle  # a pixel is a square: its moment is 1/12
-    root = np.hypot(apart, xy)
-    ratio = ((middle + root) / max(middle - root, 1 / 12)) ** 0.25
+    major, minor, angle = half_axes(region)
+    ratio = np.sqrt(major / minor)
     flags = np.bitwise_or.reduce(table["flags"][parts]) | int(Flag.POOR_FIT | Flag.COUNTED)
     values = {
         "x_px": region["x"], "y_px": region["y"], "radius_px": radius, "perimeter_px": 2.0 * np.pi * radius,
         "radius_std_px": std / (2.0 * np.pi * radius), "area_px2": area, "area_std_px2": std,
         "visible_area_px2": area, "semi_major_px": radius * ratio, "semi_minor_px": radius / ratio,
-        "angle_rad": 0.5 * np.arctan2(xy, apart), "shape": "free", "flags": flags,
+        "angle_rad": angle, "shape": "free", "flags": flags,
     }  # fmt: skip
     for name, value in values.items():
         table[name][row] = value
@@ -356,7 +363,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "signal": radius / (2.0 * std),
         "light": radius / (2.0 * std * np.sqrt(np.clip(known, 1e-6, 1.0))),
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring)) / height,
-        "own_rise": own_rise(foreground, places[:, :2], places[:, 2], blur),
+        "own_rise": own_rise(foreground, places, blur),
         "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau) / height,
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
@@ -383,22 +390,22 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     }
 
 
-def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: float) -> NDArray[np.float64]:
+def own_rise(foreground: Foreground, places: NDArray[np.float64], blur: float) -> NDArray[np.float64]:
     """Rise in the frame alone over that in frame and reference together; 1 without a reference or dust.
 
-    Dust that darkened the reference and has gone looks like a bright contact in the difference.
+    Dust that darkened the reference and has gone looks like a bright contact in the difference. ``places``
+    holds x, y, radius (px).
     """
     pair, share = foreground.frame_pair, np.ones(len(places))
     if pair.reference is None or not len(places) or not foreground.dust:
         return share
     # most contacts lie where the reference shows nothing: a few pixels of it tell
-    distance = radius + 4.0 * blur
+    distance = places[:, 2] + 4.0 * blur
     dip = -foreground.sign * _rise_of_pixels(pair.reference, places, distance)
     rise = _rise_of_pixels(foreground.image, places, distance)
     rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > AGREEMENT_SIGMA * foreground.noise))
-    disks = np.column_stack([places, radius])[rows]
     own, other = (
-        foreground.sign * measure_rise(np.ascontiguousarray(image), disks, blur)
+        foreground.sign * measure_rise(np.ascontiguousarray(image), places[rows], blur)
         for image in (pair.frame, pair.reference)
     )
     both = own - other
@@ -406,18 +413,22 @@ def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: flo
     return share
 
 
-def _rise_of_pixels(image: NDArray, places: NDArray, distance: NDArray) -> NDArray[np.float64]:
+@njit(cache=True)
+def _rise_of_pixels(image, places, distance):
     """Mean of five pixels at each place minus the median of eight around it."""
     rows, columns = image.shape
-
-    def at(x: NDArray, y: NDArray) -> NDArray[np.float64]:
-        i, j = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((y, rows), (x, columns)))
-        return np.asarray(image[i, j], float)
-
-    (x, y), angles = places.T[:, :, None], np.arange(8) * np.pi / 4
-    near = at(x + np.array([0, 1, -1, 0, 0]), y + np.array([0, 0, 0, 1, -1])).mean(axis=1)
-    around = at(x + distance[:, None] * np.cos(angles), y + distance[:, None] * np.sin(angles))
-    return near - np.median(around, axis=1)
+    out, around = np.empty(len(places)), np.empty(8)
+    for k in range(len(places)):
+        x, y, near = places[k, 0], places[k, 1], 0.0
+        for dx, dy in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
+            i, j = int(np.rint(y + dy)), int(np.rint(x + dx))
+            near += 0.2 * image[min(max(i, 0), rows - 1), min(max(j, 0), columns - 1)]
+        for m in range(8):
+            i = int(np.rint(y + distance[k] * np.sin(m * np.pi / 4)))
+            j = int(np.rint(x + distance[k] * np.cos(m * np.pi / 4)))
+            around[m] = image[min(max(i, 0), rows - 1), min(max(j, 0), columns - 1)]
+        out[k] = near - np.median(around)
+    return out
 
 
 def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
@@ -499,9 +510,8 @@ def excess_of_counts(e: Columns) -> tuple[NDArray[np.bool_], float, float]:
     return used, float(np.sum(apart)), float(np.sqrt(np.sum(std**2)))
 
 
-def measure_fall(
-    image: NDArray[np.float32], valid: Mask, disks: NDArray[np.float64], blur: float
-) -> NDArray[np.float64]:
+@njit(cache=True)
+def measure_fall(image, valid, disks, blur):
     """Fall of the brightness across the rim of each disk, in the units of the image.
 
     Infinite for small disks, and where too little of the rim is seen.
@@ -510,7 +520,8 @@ def measure_fall(
     ----------
     image : ndarray, shape (rows, columns)
         Contacts positive.
-    valid : Mask
+    valid : ndarray
+        As `contactimg.imaging.pixels.masks.for_kernel` gives it.
     disks : ndarray, shape (n, >= 3)
         x, y, radius (px).
     blur : float, px
@@ -518,30 +529,31 @@ def measure_fall(
     Examples
     --------
     >>> y, x = np.mgrid[0:100, 0:100]
-    >>> far = np.hypot(x - 50, y - 50)
-    >>> measure_fall(1.0 * (far < 30), None, np.array([[50.0, 50.0, 30.0], [50.0, 50.0, 3.0]]), 1.5).tolist()
+    >>> far, everything = np.hypot(x - 50, y - 50), for_kernel(None)
+    >>> disks = np.array([[50.0, 50.0, 30.0], [50.0, 50.0, 3.0]])
+    >>> measure_fall(1.0 * (far < 30), everything, disks, 1.5).tolist()
     [1.0, inf]
-    >>> measure_fall(np.exp(-(far**2) / 1800), None, np.array([[50.0, 50.0, 35.0]]), 1.5).round(2).tolist()
+    >>> measure_fall(np.exp(-(far**2) / 1800), everything, disks[:1], 1.5).round(2).tolist()
     [0.12]
     """
-    out = np.full(len(disks), np.inf)
-    wide = np.flatnonzero(disks[:, 2] > WIDE_BLUR_WIDTHS * blur)
-    if not len(wide):
-        return out
-    directions = np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
-    centres = disks[wide, 0] + 1j * disks[wide, 1]
-    radius = disks[wide, 2] + NEAR_BLUR_WIDTHS * blur * np.array([[-1.0], [1.0]])
-    points = centres[:, None] + radius[..., None] * directions
-    x, y = np.rint(points.real).astype(int), np.rint(points.imag).astype(int)
-    seen = (x >= 0) & (x < image.shape[1]) & (y >= 0) & (y < image.shape[0])
-    x, y = np.where(seen, x, 0), np.where(seen, y, 0)
-    if valid is not None:
-        seen &= valid[y, x] > 0
-    fall = np.subtract(*np.where(seen, image[y, x], np.nan))  # inside, outside
-    count = np.isfinite(fall).sum(axis=1)
-    rank = np.rint(PERCENTILE / 100.0 * np.maximum(count - 1, 0)).astype(int)
-    steep = np.take_along_axis(np.sort(fall, axis=1), rank[:, None], axis=1)[:, 0]  # NaN sorts last
-    out[wide] = np.where(count >= LEAST_SEEN, steep, np.inf)
+    rows, columns = image.shape
+    out, falls, level = np.full(len(disks), np.inf), np.empty(DIRECTIONS), np.empty(2)
+    angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    along_x, along_y = np.cos(angles), np.sin(angles)
+    for k in np.flatnonzero(disks[:, 2] > WIDE_BLUR_WIDTHS * blur):
+        count = 0
+        for m in range(DIRECTIONS):
+            seen = True
+            for side in range(2):  # inside, outside
+                r = disks[k, 2] + (2 * side - 1) * NEAR_BLUR_WIDTHS * blur
+                i, j = int(np.rint(disks[k, 1] + r * along_y[m])), int(np.rint(disks[k, 0] + r * along_x[m]))
+                seen &= 0 <= i < rows and 0 <= j < columns and (valid.shape != image.shape or valid[i, j] > 0)
+                level[side] = image[i, j] if seen else 0.0
+            if seen:
+                falls[count] = level[0] - level[1]
+                count += 1
+        if count >= LEAST_SEEN:
+            out[k] = np.sort(falls[:count])[int(np.rint(PERCENTILE / 100.0 * (count - 1)))]
     return out
 
 
@@ -551,7 +563,7 @@ def _fall_of_rims(
     """`measure_fall`, across the outlines at half of their plateaus for regions that are no disks."""
     image, valid = foreground.image, foreground.frame_pair.valid
     blur = min(max(blur, SHARPEST_BLUR_PX), WIDEST_BLUR_PX)
-    fall = measure_fall(image, valid, disks, blur)
+    fall = np.asarray(measure_fall(image, for_kernel(valid), disks, blur))
     for row in np.flatnonzero(fall < RIM_FALL * plateau):
         x, y, reach = disks[row, 0], disks[row, 1], OUTLINE_REACH * disks[row, 2] + 4.0 * blur
         box = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 1, 0)) for at in (y, x))

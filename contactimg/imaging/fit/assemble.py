@@ -140,11 +140,12 @@ class Assembly:
     def add_wide_residuals(self) -> None:
         """Add candidates from what the disks leave of the image: contacts that others hid or outshone."""
         problem, fit = self.problem, self.fit
-        rest, least = problem.image - fit.model, LEAST_RIM_PEAK * problem.contrast
+        least = LEAST_RIM_PEAK * problem.contrast
         # half of a square lies in any wide disk, and little of it in others
-        beside = block_means(fit.model, side=4) < 0.5 * problem.contrast
-        if float(np.max(block_means(rest, side=4)[beside], initial=0.0)) < 0.5 * least:
+        light, model = (block_means(part, side=4) for part in (problem.image, fit.model))
+        if float(np.max((light - model)[model < 0.5 * problem.contrast], initial=0.0)) < 0.5 * least:
             return
+        rest = problem.image - fit.model
         seen = SignedImage(rest, problem.pixel_noise, problem.valid, rounding=problem.rounding)
         found = find_candidates(seen, problem.contrast, blur=fit.blur)
         wide = (found.places[:, RADIUS] > 2.0 * fit.blur) & (found.plateau > least)

@@ -49,7 +49,6 @@ from contactimg.imaging.profile.limits import (
     ITERATIONS,
     LEAST_NOISE_FRACTION,
     NEAR_BLUR_WIDTHS,
-    POOR_CHI_SQUARE,
     ROUNDS,
     SUSPICIOUS_CHI_SQUARE,
     USUAL_CHI_SQUARE,
@@ -400,14 +399,11 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     first = chi_square = window.chi_square(disks)
     allowed = expected + EXCESS_LEFT_FRACTION * (first - expected) + slack
     best = disks
-    unsettled = first < POOR_CHI_SQUARE * expected
-    for number in range(-1 if unsettled else 0, ROUNDS):
+    for number in range(ROUNDS):
         if chi_square < expected + slack:
             break
         count, before = len(best), chi_square
-        # at first the same disks again
-        again = number < 0
-        covers = [window.fit(best, np.full(count, np.inf))] if again else list(_larger_covers(window, best))
+        covers = list(_larger_covers(window, best))
         costs = [value + DISK_PRICE * (len(cover) - count) for cover, value in covers]
         gain = chi_square - min(costs)
         if gain > 0.0:
@@ -415,7 +411,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
         same = len(best) == count and gain < LEAST_GAIN
         # rounds that gain as much as this one are not enough
         hopeless = chi_square - (before - chi_square) * (ROUNDS - 1 - number) > allowed
-        if not again and (same or hopeless):
+        if same or hopeless:
             break
     return disks if chi_square > allowed else best
 

@@ -1,5 +1,7 @@
 """Means of an image over blocks of pixels, and which pixels lie in background blocks."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -179,6 +181,7 @@ class SignedImage:
     def __init__(self, image: Values, noise: float, valid: Mask = None, *, rounding: float = 0.0) -> None:
         self.image, self.noise, self.valid, self.rounding = image, noise, valid, rounding
         self._squares: dict[int, tuple[Values, float]] = {}
+        self.outlined: dict[int, Any] = {}  # what was outlined in the squares of each side
 
     def squares(self, side: int) -> tuple[Values, float]:
         """Means over squares of that side, 0 where no pixel is seen, and their noise.

@@ -13,11 +13,6 @@ Flags = NDArray[np.bool_]
 Mask = NDArray[np.uint8] | None
 """One value for each pixel, 0 or 1; None where no pixel is masked."""
 
-POINTS = 64  # in a disk: a visible fraction is known to about 1/64; chosen by hand
-GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-UNIT_DISK = np.sqrt((np.arange(POINTS) + 0.5) / POINTS) * np.exp(1j * GOLDEN_ANGLE * np.arange(POINTS))
-"""Points that fill the unit disk evenly, x + iy (Vogel, doi:10.1016/0025-5564(79)90080-4)."""
-
 
 def for_kernel(mask: Mask, saturated: Mask = None) -> NDArray[np.uint8]:
     """The mask as compiled functions take it: an array of another shape than the image masks nothing.
@@ -77,34 +72,3 @@ def clear_disks(mask: NDArray[np.uint8], disks: NDArray[np.float64]) -> None:
     places = np.column_stack([np.rint(disks[:, :2]), np.ceil(disks[:, 2])]).astype(int)
     for x, y, radius in places.tolist():
         cv2.circle(mask, (x, y), radius, 0, cv2.FILLED)
-
-
-def visible_fraction(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDArray[np.float64]:
-    """Fraction of the area of each disk that lies in the image and not in a hole.
-
-    Parameters
-    ----------
-    disks : ndarray, shape (n, >= 3)
-        x, y, radius (px).
-    shape : (int, int)
-        Rows and columns of the image.
-    valid : Mask
-        0 at holes.
-
-    Examples
-    --------
-    >>> visible_fraction(np.array([[-0.5, 10.0, 5.0], [10.0, 10.0, 5.0]]), (30, 30), None).tolist()
-    [0.5, 1.0]
-    """
-    x, y, reach = disks[:, 0], disks[:, 1], disks[:, 2] + 1.0
-    # without holes only the border can hide part of a disk
-    cut = (x < reach) | (y < reach) | (x > shape[1] - reach) | (y > shape[0] - reach) | (valid is not None)
-    fraction, some = np.ones(len(disks)), disks[cut]
-    x = np.rint(some[:, :1] + some[:, 2:3] * UNIT_DISK.real)
-    y = np.rint(some[:, 1:2] + some[:, 2:3] * UNIT_DISK.imag)
-    visible = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
-    if valid is not None:
-        rows, columns = (np.where(visible, place, 0).astype(int) for place in (y, x))
-        visible &= valid[rows, columns] > 0
-    fraction[cut] = visible.mean(axis=1)
-    return fraction

@@ -65,5 +65,4 @@ NOISY_RATIO = 12.0
 """Contrast over noise below which noise notches outlines, and an image is smoothed before it is outlined.
 Theory: twice six sigma."""
 LEAST_VISIBLE = 0.2
-"""Share of a disk outside holes below which it is no candidate, and least share of a rim that is taken as
-seen. By hand."""
+"""Least share of a rim that is taken as seen. By hand."""

@@ -14,7 +14,6 @@ from contactimg.imaging.background.find_illumination import (
 from contactimg.imaging.background.illumination import fit_illumination
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
-from contactimg.imaging.pixels.masks import visible_fraction
 from contactimg.imaging.profile.limits import SQUARE_PX
 
 SHAPE = (480, 640)
@@ -95,14 +94,6 @@ def test_block_means_do_not_outlive_their_images():
     means(BLOCK)
     del image, means
     assert kept() is None
-
-
-def test_without_holes_only_the_border_hides(rng):
-    disks = np.column_stack([rng.uniform(-10, 90, 300), rng.uniform(-10, 70, 300), rng.uniform(0.5, 12, 300)])
-    everything = np.ones((60, 80), np.uint8)
-    np.testing.assert_array_equal(
-        visible_fraction(disks, everything.shape, None), visible_fraction(disks, everything.shape, everything)
-    )
 
 
 @pytest.mark.parametrize("sign", [1, -1])
