@@ -97,7 +97,7 @@ def _rounding_step(image: NDArray) -> float:
     same = (squares == squares[:, :, :1]).all(axis=2).reshape(top.shape) & (top == top[..., :1])
     even = same.view(np.uint32)[..., 0] == ALL_FOUR
     levels = np.where(even, top[..., 0], np.nan)
-    if even.mean() > ROUNDED_SHARE:
+    if np.count_nonzero(even) > ROUNDED_SHARE * even.size:
         steps = np.abs(np.append(levels[:, :, 2:] - levels[:, :, :-2], levels[1] - levels[0]))
         steps = steps[steps > 0.0]  # not NaN either
         step = float(np.median(steps)) if steps.size else 0.0
