@@ -65,6 +65,7 @@ def divide_by_reference(
     level : float
         Grey level of the background of the reference.
     """
+    frame, reference = np.ascontiguousarray(frame), np.ascontiguousarray(reference)
     shift = (residual.x_px, residual.y_px)
     finite = np.isfinite(half)
     quarter = block_means(half, None if finite.all() else finite.astype(np.uint8), side=2)
