@@ -41,7 +41,7 @@ from contactimg.imaging.pixels.blocks import block_means, to_pixels
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.pixels.masks import Flags, Values, mean_of_seen, nearest_pixels
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, robust_std
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, finite_values, robust_std
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
 from contactimg.timings import stage
 
@@ -362,7 +362,7 @@ def compare_views(squares: Sequence[Values], *, sign: int) -> Agreement:
     light = np.stack([_slow(view) for view in views - np.nanmedian(views, axis=0)])
     flat = views - light
     deviation = flat - np.nanmedian(flat, axis=0)
-    shown = [part[np.isfinite(part)] for part in deviation]
+    shown = [finite_values(part) for part in deviation]
     scatter = np.array([robust_std(part, centre=0.0) if part.size else np.inf for part in shown])
     usual = float(np.median(scatter[np.isfinite(scatter)])) if np.isfinite(scatter).any() else 0.0
     good = (scatter <= WORST_SCATTER * usual)[:, None, None]

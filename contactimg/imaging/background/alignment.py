@@ -9,6 +9,10 @@ from scipy import special
 
 from contactimg.imaging.pixels.masks import Mask
 
+# Uncertainty up to which an alignment is accepted: what it leaves of the texture is the noise times
+# `register.CORRELATED_PX` over the number of pixels, whatever the texture.
+GOOD_STD_PX = 0.05
+
 
 @dataclass(frozen=True)
 class Alignment:
@@ -38,6 +42,11 @@ class Alignment:
     def known(self) -> bool:
         """Whether the images determine the shift."""
         return bool(np.isfinite(self.std_px))
+
+    @property
+    def good(self) -> bool:
+        """Whether the shift is known so well, all over the image, that no other one is looked for."""
+        return self.std_px < GOOD_STD_PX and self.consistent
 
     @property
     def is_shift(self) -> bool:

@@ -54,7 +54,7 @@ def divide_by_reference(
     Parameters
     ----------
     frame, reference : ndarray, shape (rows, columns)
-        Grey levels of any type.
+        Grey levels, of 8 bits or in single precision.
     half : ndarray, shape (rows / 2, columns / 2)
         Means of the reference over 2 x 2 pixels, see `contactimg.imaging.pixels.blocks.block_means`; NaN in
         holes.
@@ -65,7 +65,7 @@ def divide_by_reference(
     level : float
         Grey level of the background of the reference.
     """
-    frame, reference = (np.ascontiguousarray(image, np.float32) for image in (frame, reference))
+    frame, reference = np.ascontiguousarray(frame), np.ascontiguousarray(reference)
     shift = (residual.x_px, residual.y_px)
     finite = np.isfinite(half)
     quarter = block_means(half, None if finite.all() else finite.astype(np.uint8), side=2)
@@ -84,57 +84,39 @@ def divide_by_reference(
 @njit(cache=True)
 def _divide(out, frame, source, sinc_x, sinc_y, light, places, numbers):
     """Relative excess of the frame over the weighted bands of the reference, times the level."""
-    bands, column, low = _rows_for(source)
-    background = np.empty(out.shape[1], np.float32)
-    for y in range(len(out)):
-        _bands_of_row(bands, y, source, column, low)
-        if _weight_bands(background, bands[0], bands[1], bands[2], numbers) > 0:
+    rows, background = np.arange(len(out)), np.empty(out.shape[1], np.float32)
+    for y in rows:
+        bands = _bands_at_rows(rows[y : y + 1], source)
+        if _weight_bands(background, bands[0, 0], bands[1, 0], bands[2, 0], numbers) > 0:
             _restore_dirt(background, y, source[0], sinc_x, sinc_y, bands, numbers)
         _divide_row(out[y], frame[y], background, light[y], places, numbers)
 
 
 @njit(cache=True)
 def _bands_at_rows(rows, source):
-    """The reference as each of the three Gaussians leaves it, at some rows."""
-    bands, column, low = _rows_for(source)
-    out = np.empty((3, len(rows), bands.shape[1]), np.float32)
-    for k in range(len(rows)):
-        _bands_of_row(bands, rows[k], source, column, low)
-        for part in range(len(bands)):
-            for x in range(bands.shape[1]):
-                out[part, k, x] = bands[part, x]
-    return out
+    """The reference as each of the three Gaussians leaves it, at some rows.
 
-
-@njit(cache=True)
-def _rows_for(source):
-    """Memory for a row: its three bands, and what they are made from."""
-    reference, half, across = source[0], source[1], source[3]
-    columns = reference.shape[1]
-    return (
-        np.empty((3, columns), np.float32),
-        np.empty(columns + len(across) - 1, np.float32),
-        np.empty(half.shape[1] + 2, np.float32),
-    )
-
-
-@njit(cache=True, forceinline=True)
-def _bands_of_row(bands, y, source, column, low):
-    """The three bands of the reference at a row: a filter of five by five pixels, and interpolation."""
+    A filter of five by five pixels, and interpolation.
+    """
     reference, half, quarter, across, down = source
     last, columns = len(reference) - 1, reference.shape[1]
+    out = np.empty((3, len(rows), columns), np.float32)
+    column, low = np.empty(columns + 4, np.float32), np.empty(half.shape[1] + 2, np.float32)
     inner = column[2 : 2 + columns]
-    _add_five(
-        inner, reference[max(y - 2, 0)], reference[max(y - 1, 0)], reference[y],
-        reference[min(y + 1, last)], reference[min(y + 2, last)], down,
-    )  # fmt: skip
-    column[:2], column[2 + columns :] = inner[0], inner[columns - 1]
-    _add_five(
-        bands[0], column[:columns], column[1 : columns + 1],
-        inner, column[3 : columns + 3], column[4:], across,
-    )  # fmt: skip
-    _interpolate_row(bands[1], y, half, low)
-    _interpolate_row(bands[2], y, quarter, low)
+    for k in range(len(rows)):
+        y = rows[k]
+        _add_five(
+            inner, reference[max(y - 2, 0)], reference[max(y - 1, 0)], reference[y],
+            reference[min(y + 1, last)], reference[min(y + 2, last)], down,
+        )  # fmt: skip
+        column[:2], column[2 + columns :] = inner[0], inner[columns - 1]
+        _add_five(
+            out[0, k], column[:columns], column[1 : columns + 1],
+            inner, column[3 : columns + 3], column[4:], across,
+        )  # fmt: skip
+        _interpolate_row(out[1, k], y, half, low)
+        _interpolate_row(out[2, k], y, quarter, low)
+    return out
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
@@ -185,7 +167,7 @@ def _restore_dirt(out, y, reference, taps_x, taps_y, bands, numbers):
     """Replace the sum by the unfiltered reference, merely moved, in the pixels where a band shows dirt."""
     (rows, columns), reach = reference.shape, len(taps_x) // 2
     for x in range(columns):
-        fine, coarse = bands[0, x] - bands[1, x], bands[1, x] - bands[2, x]
+        fine, coarse = bands[0, 0, x] - bands[1, 0, x], bands[1, 0, x] - bands[2, 0, x]
         worst = max(abs(fine) / numbers[2], abs(coarse) / numbers[3])
         if worst > DIRT_SIGMA:
             moved = 0.0

@@ -216,24 +216,19 @@ def _subtract_left(image: Values, left: Values, level: float) -> Values:
     return np.asarray((image - left) / np.maximum(1.0 + left / np.float32(level), np.float32(0.1)))
 
 
-def _half_lines(image: NDArray, used: Flags) -> tuple[NDArray, NDArray]:
-    """Mean and number of what is used in the left and in the right half of each row."""
-    middle, kept = image.shape[1] // 2, np.where(used, image, 0.0)
-    number, total = (
-        np.stack([part[:, :middle].sum(axis=1), part[:, middle:].sum(axis=1)], axis=1).astype(float)
-        for part in (used, kept)
-    )
-    return total / np.maximum(number, 1.0), number
-
-
-def _in_common(means: NDArray, number: NDArray, fewest: int = 0) -> float:
-    """Variance that both halves of lines with enough pixels share; 0 where it is chance."""
-    halves = means[(number > fewest).all(axis=1)]
+def _in_common(image: NDArray, used: Flags, fewest: int = 0) -> tuple[float, NDArray, NDArray]:
+    """Variance that both halves of rows share, 0 where it is chance; mean and number of used values."""
+    columns = [0, image.shape[1] // 2]
+    total = np.add.reduceat(np.where(used, image, 0.0), columns, axis=1).astype(float)
+    number = np.add.reduceat(used, columns, axis=1, dtype=np.int64)
+    halves = (total / np.maximum(number, 1))[(number > fewest).all(axis=1)]
+    count = number.sum(axis=1, keepdims=True)
+    mean = total.sum(axis=1, keepdims=True) / np.maximum(count, 1)
     if len(halves) < 2:
-        return 0.0
+        return 0.0, mean, count
     shared = np.prod(halves - halves.mean(axis=0), axis=1)
     significant = shared.mean() > SIGNIFICANT_SIGMA * shared.std() / np.sqrt(shared.size)
-    return float(shared.mean()) if significant else 0.0
+    return float(shared.mean()) if significant else 0.0, mean, count
 
 
 def _without_flicker(difference: DifferenceImage, blocks: Values, axis: int, level: float) -> DifferenceImage:
@@ -244,19 +239,17 @@ def _without_flicker(difference: DifferenceImage, blocks: Values, axis: int, lev
     near, hides = _near_the_median_of_lines(blocks, background)
     if hides:
         background = near
-    elif _in_common(*_half_lines(blocks, background)) > 0.0:
+    elif _in_common(blocks, background)[0] > 0.0:
         share = background.mean(axis=1, keepdims=True)
         background = np.where(share < 0.5 * np.median(share), near, background)  # flicker took a line out
     else:
         return difference
     noise = estimate_noise(image, background)
-    means, number = _half_lines(image, to_pixels(background.astype(np.uint8), image.shape) > 0)
-    shared = _in_common(means, number, BLOCK)
+    used = to_pixels(background.astype(np.uint8), image.shape) > 0
+    shared, offset, count = _in_common(image, used, BLOCK)
     # of less, the 2 a lines of a contact of radius a = 10 px add a fifth to the variance of the noise
     if not shared > 0.01 * noise**2:
         return difference
-    count = number.sum(axis=1, keepdims=True)
-    offset = (means * number).sum(axis=1, keepdims=True) / np.maximum(count, 1.0)
     left = (offset * shared / (shared + noise**2 / np.maximum(count, 1e-3))).astype(np.float32)
     return replace(difference, image=_subtract_left(difference.image, left if axis else left.T, level))
 
@@ -269,7 +262,8 @@ def _near_the_median_of_lines(blocks: Values, known: Flags) -> tuple[Flags, bool
     """
     finite = np.isfinite(blocks)
     filled = blocks if finite.all() else np.where(finite, blocks, np.float32(0.0))
-    middle = np.median(filled, axis=1, keepdims=True)
+    ordered, count = np.sort(filled, axis=1), filled.shape[1]
+    middle = 0.5 * (ordered[:, (count - 1) // 2, None] + ordered[:, count // 2, None])
     rest, limit = filled - middle, BACKGROUND_CLIP_SIGMA * neighbour_scatter(blocks)
     near = finite & (np.abs(rest) < limit)
     if len(middle) < FEWEST or near.mean() < known.mean() + NOTABLE_SHARE:

@@ -20,7 +20,7 @@ from contactimg.imaging.background.illumination import (
 )
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Flags
-from contactimg.imaging.pixels.robust import MANY, quantile, robust_std
+from contactimg.imaging.pixels.robust import MANY, finite_values, quantile, robust_std
 from contactimg.imaging.profile.limits import SQUARE_PX
 
 BackgroundLevel = Literal["lowest", "highest", "nearest_one", "most_common"]
@@ -97,10 +97,10 @@ def scatter_of_extreme(squares: NDArray, background_is: BackgroundLevel) -> floa
     """
     means = 0.5 * (squares[:, 1:] + squares[:, :-1])
     covered = {"highest": -means, "nearest_one": np.abs(means - 1.0)}.get(background_is, means)
-    known = np.isfinite(covered)
-    if not known.any():
+    known = finite_values(covered)
+    if not known.size:
         return 0.0
-    like = covered <= np.float32(quantile(covered[known], POPULATED_FRACTION))
+    like = covered <= np.float32(quantile(known, POPULATED_FRACTION))
     differences = np.diff(squares, axis=1)[like]
     return robust_std(differences, centre=0.0) / np.sqrt(2) if len(differences) else 0.0
 
@@ -133,7 +133,7 @@ def find_background_level(
     -------
     level, scatter : float
     """
-    values = blocks[np.isfinite(blocks)]
+    values = finite_values(blocks)
     if not len(values):
         return 1.0, NEGLIGIBLE
     low, high = float(values.min()), float(values.max())
@@ -162,8 +162,7 @@ def find_background_level(
 def neighbour_scatter(blocks: NDArray) -> float:
     """Scatter of a block from the differences of neighbours, some of which lie across rims."""
     rows = jittered_grid((1, len(blocks)), max(blocks.size // FIT_BLOCKS, 1))[1][0]
-    difference = np.diff(blocks[rows], axis=1).ravel()
-    difference = difference[np.isfinite(difference)]
+    difference = finite_values(np.diff(blocks[rows], axis=1))
     if not len(difference):
         return 0.0
     return quantile(np.abs(difference), 0.25) / QUARTILE_SIGMA / np.sqrt(2)

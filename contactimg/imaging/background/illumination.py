@@ -22,6 +22,7 @@ Places = NDArray[np.int64] | slice
 POLYNOMIAL_ORDER = 3  # total degree: vignetting is a quadratic, uneven lamps need a cubic
 # Powers of u and v in each term of the polynomial.
 TERMS = [(i, j) for j in range(POLYNOMIAL_ORDER + 1) for i in range(POLYNOMIAL_ORDER + 1 - j)]
+ORDERS = np.sum(TERMS, axis=1)
 # Robust standard deviations from the polynomial within which blocks are background, and neighbours flat.
 BACKGROUND_CLIP_SIGMA = 3.5
 # Robust standard deviations from the polynomial within which blocks are fitted: those at the rims of contacts
@@ -84,9 +85,12 @@ class Illumination:
         v, u = _block_centres(blocks, shape)
         return np.asarray(_powers(v) @ self.coefficients @ _powers(u).T)
 
-    def subtract_from(self, image: Values) -> Values:
-        """The image minus the polynomial."""
-        return image - self.at_rows(np.arange(len(image)), (image.shape[0], image.shape[1]))
+    def subtract_from(self, image: NDArray, level: float = 0.0) -> Values:
+        """The image minus the polynomial, and relative to it, in grey levels at a ``level`` that is not 0."""
+        out, (rows, columns) = np.empty(image.shape, np.float32), image.shape
+        light, across = self.row_polynomials(np.arange(rows), (rows, columns))
+        _subtract(out, np.ascontiguousarray(image), light, across, np.float32(level))
+        return out
 
 
 def _powers(places: NDArray) -> NDArray:
@@ -179,13 +183,14 @@ def jittered_grid(shape: tuple[int, int], every: int) -> tuple[NDArray[np.int64]
 
 def _solve(basis: NDArray, data: NDArray, keep: Flags) -> NDArray[np.float64]:
     """Regularised least squares over the kept blocks with the terms that so many determine."""
-    count, order = int(np.count_nonzero(keep)), np.sum(TERMS, axis=1)
-    used = (order == 0) | (count >= BLOCKS_PER_COEFFICIENT * (order + 1) * (order + 2) / 2)
+    count = int(np.count_nonzero(keep))
+    used = (ORDERS == 0) | (count >= BLOCKS_PER_COEFFICIENT * (ORDERS + 1) * (ORDERS + 2) / 2)
     terms = basis if used.all() else basis[used]
     kept = terms * keep
-    ridge = NEGLIGIBLE * count * np.diag([0.0] + [1.0] * (len(terms) - 1))
+    normal = kept @ terms.T
+    normal.flat[len(terms) + 1 :: len(terms) + 1] += NEGLIGIBLE * count
     coefficients = np.zeros(len(TERMS))
-    coefficients[used] = np.linalg.solve(kept @ terms.T + ridge, kept @ data)
+    coefficients[used] = np.linalg.solve(normal, kept @ data)
     return coefficients
 
 
@@ -193,6 +198,19 @@ def _solve(basis: NDArray, data: NDArray, keep: Flags) -> NDArray[np.float64]:
 def cubic(c0, c1, c2, c3, u):
     """Cubic polynomial by Horner's rule, for compiled loops over a row."""
     return c0 + u * (c1 + u * (c2 + u * c3))
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _subtract(out, image, light, places, level):
+    """Excess of an image over a polynomial, relative to it at a ``level`` that is not 0."""
+    lowest, one = np.float32(DARKEST_FRACTION) * level, np.float32(1.0)
+    for y in range(len(out)):
+        c0, c1, c2, c3 = light[y]
+        row, result = image[y], out[y]
+        for x in range(len(row)):
+            background = cubic(c0, c1, c2, c3, places[x])
+            factor = level / max(background, lowest) if level else one
+            result[x] = (np.float32(row[x]) - background) * factor
 
 
 @dataclass(frozen=True, eq=False)

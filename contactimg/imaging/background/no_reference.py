@@ -42,7 +42,7 @@ from contactimg.imaging.pixels.blocks import (
     to_pixels,
 )
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
-from contactimg.imaging.pixels.robust import robust_std
+from contactimg.imaging.pixels.robust import finite_values, median, robust_std
 from contactimg.imaging.profile.limits import SQUARE_PX
 
 # Share of the blocks without a rim in them below which the others say nothing of the scatter. By hand: disks
@@ -94,7 +94,7 @@ def estimate_background(
     >>> [bool(abs(image[row, column]) < 1) for row, column in ((20, 200), (150, 10), (70, 80))], sign
     ([True, True, False], 1)
     """
-    frame, signs = np.asarray(frame, np.float32), {"bright": (1,), "dark": (-1,)}.get(polarity, (1, -1))
+    signs = {"bright": (1,), "dark": (-1,)}.get(polarity, (1, -1))
     rounding, shown = rounding_of_blocks(frame), exclude(valid, find_clipped(frame))
     flat = _flat_background(frame, shown, rounding, sum(signs))
     if flat is None:
@@ -211,8 +211,8 @@ def _scatter(blocks: NDArray, rounding: float) -> float:
 
     Blocks most of which are exactly equal differ by less than a grey level from what they would be.
     """
-    finite = blocks[np.isfinite(blocks)]
-    level = float(np.median(np.abs(finite))) if len(finite) else 0.0
+    finite = finite_values(blocks)
+    level = median(np.abs(finite)) if len(finite) else 0.0
     scatter = neighbour_scatter(blocks)
     least = ROUGHEST_STEP_FRACTION if scatter < NEGLIGIBLE * level else NEGLIGIBLE
     return max(scatter, least * level, rounding, 1e-9)
@@ -226,8 +226,7 @@ def _scatter_of_squares(squares: NDArray, frame: NDArray, rounding: float) -> fl
     usual = _scatter(squares, rounding)
     if find_clipped(frame) is not None:
         return usual
-    flattest = min(scatter_of_extreme(squares, "lowest"), scatter_of_extreme(squares, "highest"))
-    flattest = max(flattest, rounding)
+    flattest = max(min(scatter_of_extreme(squares, side) for side in ("lowest", "highest")), rounding)
     return flattest if neighbour_scatter(squares) > RIMS_EVERYWHERE * flattest > 0.0 else usual
 
 
@@ -241,14 +240,10 @@ def _divide_by_illumination(
     sign: int,
 ) -> DifferenceImage:
     """Frame minus background, relative to it: contacts transmit a fraction of the light."""
-    background = light.at_rows(np.arange(len(frame)), frame.shape)
-    image = frame - background
     # else subtracted before, or hardly lit
     relative = bool(at_blocks.min() >= 2.0 * DARKEST_FRACTION * level > 0)
-    brightness = np.ones(at_blocks.shape, np.float32)
-    if relative:
-        image *= np.float32(level) / np.maximum(background, np.float32(DARKEST_FRACTION * level))
-        brightness = (at_blocks / level).astype(np.float32)
+    image = light.subtract_from(frame, level if relative else 0.0)
+    brightness = (at_blocks / level if relative else np.ones(at_blocks.shape)).astype(np.float32)
     difference = DifferenceImage(image, level, brightness, light, None, valid=valid, rounding=rounding)
     return even_out(difference, sign=sign, relative=relative)
 

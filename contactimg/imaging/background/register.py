@@ -35,9 +35,6 @@ MARGIN_PX = 6  # pixels not used at the edges of a strip, of the image and of ho
 # Side of the tiles of the image whose shifts show a rotation, or width of those of a strip. By hand.
 TILE_PX = 256
 LARGEST_STD_PX = 0.25  # an alignment that is more uncertain is taken as unknown: there is no texture. By hand
-# Uncertainty up to which an alignment from strips is accepted: what it leaves of the texture is the noise
-# times `CORRELATED_PX` over the number of pixels, whatever the texture.
-GOOD_STD_PX = 0.05
 # Step after which the next one does not matter, being ten times smaller; and least shift of the corners that
 # counts as a rotation. Accuracy.
 NEGLIGIBLE_PX = 0.02

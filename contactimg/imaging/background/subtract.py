@@ -26,11 +26,11 @@ from contactimg.imaging.background.illumination import (
     DifferenceImage,
     Illumination,
 )
-from contactimg.imaging.background.register import GOOD_STD_PX, align, search_alignment
+from contactimg.imaging.background.register import align, search_alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, find_clipped, rounding_of_blocks, side_of
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
-from contactimg.imaging.pixels.robust import median, quantile
+from contactimg.imaging.pixels.robust import finite_values, median, quantile
 from contactimg.timings import stage
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
@@ -145,7 +145,7 @@ class _PlacedReference:
         moved, valid = move_reference(images.reference, images.valid, alignment)
         half, blocks = _bin_reference(moved, valid)
         frame_blocks = block_means(images.frame, valid)
-        finite = blocks if valid is None else blocks[np.isfinite(blocks)]
+        finite = finite_values(blocks)
         if not finite.size:
             return None
         brightest = float(np.nanmax(np.abs(frame_blocks)) + np.abs(finite).max())
@@ -214,27 +214,28 @@ def _noise_of_two(reference: NDArray) -> float:
 def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReference, Alignment, bool]:
     """The reference moved to within a pixel, the alignment that is left, and whether there is texture.
 
-    From strips of the image; if that is too uncertain, from all rows; if that is as well, by a far search.
+    Where neither strips nor all rows of the image tell it well, by a far search first.
     """
-    for everywhere in (True,) if whole else (False, True):
-        residual = placed.align(everywhere=everywhere)
-        if residual.std_px < GOOD_STD_PX and residual.consistent:
-            return *_approach(placed, residual, everywhere=everywhere), True
-        if not residual.known:
-            break
+    residual, everywhere = placed.align(everywhere=whole), whole
+    if residual.known and not residual.good and not whole:
+        residual, everywhere = placed.align(everywhere=True), True
+    if residual.good:
+        return *_approach(placed, residual, everywhere=everywhere), True
     frame = placed.images.frame
     search = search_alignment(frame, placed.reference, placed.illumination, placed.valid, residual)
     if search is None:
         return placed, residual, False
     shift, textured = search
-    if not everywhere:
-        residual = placed.align(everywhere=True)
     if shift is not None and not (residual.known and shift.is_shift):
         candidate = placed.moved_by(shift)
-        left = candidate.align(everywhere=True)
+        left, everywhere = candidate.align(everywhere=whole), whole
+        if not (left.good and left.is_shift and shift.is_shift):  # of a rotation, all rows tell more
+            left, everywhere = candidate.align(everywhere=True), True
         if left.std_px < residual.std_px:
             placed, residual = candidate, left
-    return *_approach(placed, residual, everywhere=True), textured
+    if not residual.known:
+        residual, everywhere = placed.align(everywhere=True), True
+    return *_approach(placed, residual, everywhere=everywhere), textured
 
 
 def _approach(

@@ -19,6 +19,7 @@ half a grey level leaves none."""
 BETWEEN_STEPS = 0.1
 """Neighbouring blocks that differ by between a quarter and three quarters of the step at which compression
 rounds their means, over those that differ by more. By hand: 0.03 in JPEG files, 0.2 and more elsewhere."""
+ALL_FOUR = np.ones(BLOCK // 2, np.bool_).view(np.uint32)[0]  # flags of the pixels of a square in one number
 LARGEST_ROUNDING = 0.25  # of the range of these blocks: what they differ by more is a contrast. By hand
 SOME_CLIPPED, MOST_CLIPPED = 0.1, 0.8
 """Share of clipped blocks of an image that matters, and of clipped pixels of such a block. By hand: half of
@@ -32,19 +33,12 @@ def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> Val
 
     Invalid pixels do not count; a block without a valid pixel is NaN.
     """
-    rows, columns = image.shape
-    size = (-(-columns // side), -(-rows // side))
-    means = np.full(size[::-1], np.nan, np.float32)
+    means = np.full([-(-size // side) for size in image.shape], np.nan, np.float32)
     if valid is None:
         _mean_blocks(means, np.ascontiguousarray(image), side)
         return means
-    pad = (0, size[1] * side - rows, 0, size[0] * side - columns)
-    seen = np.asarray(valid, np.float32)
-    lit = np.where(seen > 0, np.asarray(image, np.float32), np.float32(0.0))
-    weight, total = (
-        cv2.resize(cv2.copyMakeBorder(part, *pad, cv2.BORDER_REPLICATE), size, interpolation=cv2.INTER_AREA)
-        for part in (seen, lit)
-    )
+    lit = cv2.bitwise_and(image, image, mask=valid)
+    total, weight = (block_means(part, side=side) for part in (lit, valid))
     return np.divide(total, weight, out=means, where=weight > 0)
 
 
@@ -100,12 +94,12 @@ def _rounding_step(image: NDArray) -> float:
     side = BLOCK // 2
     last, across = image.shape[0] // side - 2, image.shape[1] // side
     first = np.arange(0, last, max(8 * last * across // SAMPLE, 1))  # a quarter of it tells a step
-    rows = np.stack([first, first + 2])[..., None] * side + np.arange(side)
-    squares = image[rows, : across * side].reshape(*rows.shape, across, side)
-    same = (squares == squares[:, :, :1, :, :1]).all(axis=(2, 4))
-    levels = np.where(same, squares[:, :, 0, :, 0], np.nan)
-    known = levels[np.isfinite(levels)]
-    if known.size > ROUNDED_SHARE * levels.size:
+    squares = image[np.stack([first, first + 2])[..., None] * side + np.arange(side), : across * side]
+    top = squares[:, :, 0].reshape(*squares.shape[:2], across, side)
+    same = (squares == squares[:, :, :1]).all(axis=2).reshape(top.shape) & (top == top[..., :1])
+    even = same.view(np.uint32)[..., 0] == ALL_FOUR
+    levels = np.where(even, top[..., 0], np.nan)
+    if np.count_nonzero(even) > ROUNDED_SHARE * even.size:
         steps = np.abs(np.append(levels[:, :, 2:] - levels[:, :, :-2], levels[1] - levels[0]))
         steps = steps[steps > 0.0]  # not NaN either
         step = float(np.median(steps)) if steps.size else 0.0

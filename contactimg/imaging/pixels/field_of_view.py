@@ -50,7 +50,7 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     means = block_means(image, valid)
     means = np.where(np.isfinite(means), means, 0.0)
     lit_level = quantile(means, LIT_SHARE)
-    if not lit_level > 0 or quantile(means, 0.0) > UNLIT_FRACTION * lit_level:
+    if not lit_level > 0 or means.min() > UNLIT_FRACTION * lit_level:
         return None
     unlit = _at_border(means < UNLIT_FRACTION * median(means[means > 0.5 * lit_level]))
     if not unlit.any():
@@ -119,13 +119,16 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
         return image, None
     middle = cv2.medianBlur(image, 3)
     rest = cv2.absdiff(image, middle)
-    every, largest = max(int(np.sqrt(image.size / SAMPLE)), 1), float(rest.max())
+    worst = rest.max(axis=1)
+    every, largest = max(int(np.sqrt(image.size / SAMPLE)), 1), float(worst.max())
     limit = DEFECT_SIGMA * noise_std(rest[::every, ::every].astype(np.float32))
     limit = min(max(limit, DEFECT_SHARE * largest), largest)
-    far = np.flatnonzero(rest > rest.dtype.type(limit))
+    some = np.flatnonzero(worst > rest.dtype.type(limit))
+    places, columns = np.nonzero(rest[some] > rest.dtype.type(limit))
+    rows = some[places]
     if valid is not None:
-        far = far[valid.ravel()[far] > 0]
-    rows, columns = np.divmod(far, image.shape[1])
+        seen = valid[rows, columns] > 0
+        rows, columns = rows[seen], columns[seen]
     if not 0 < len(rows) < DEFECT_SHARE * image.size:
         return image, None
     (height, width), step = image.shape, np.arange(-1, 2)

@@ -35,6 +35,18 @@ DEGENERATE_RATIO = 6.0
 that leave no block free of their light, 10 or more where values are clipped."""
 
 
+def finite_values(values: NDArray) -> NDArray:
+    """The values that are finite, in one row.
+
+    Examples
+    --------
+    >>> finite_values(np.array([[3.0, np.nan], [2.0, 5.0]])).tolist()
+    [3.0, 2.0, 5.0]
+    """
+    finite = np.isfinite(values)
+    return values.ravel() if finite.all() else values[finite]
+
+
 def quantile(values: NDArray, share: float) -> float:
     """The value below which a fraction ``share`` of the others lie; not interpolated.
 
