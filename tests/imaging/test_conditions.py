@@ -40,17 +40,22 @@ def test_light_scattered_far_makes_no_contacts(rng):
 
 
 @pytest.mark.slow
-def test_two_thousand_contacts(rng):
-    optics = Optics(shape=(760, 1012))
-    truth = scatter(2000, optics, rng, radii=(1.5, 5.0))
-    assert len(truth) == 2000
+@pytest.mark.parametrize(("shape", "count", "bias"), [((760, 1012), 2000, 0.005), ((540, 720), 1000, 0.01)])
+def test_thousands_of_contacts(rng, shape, count, bias):
+    """The medians of the rows of the smaller, denser frame change by chance nearly as by flicker.
+
+    Taken for flicker, they bias the radii by 0.06 px.
+    """
+    optics = Optics(shape=shape)
+    truth = scatter(count, optics, rng, radii=(1.5, 5.0))
+    assert len(truth) == count
     frame, reference = render(truth, optics, rng)
     found = measure_image(frame, reference, polarity="bright", full_scale=255.0).disks
     pairs = match(truth, found)
     assert len(pairs) >= 0.999 * max(len(found), len(truth))
     assert np.isfinite(found[list(FINITE)].to_numpy(float)).all()
     error = found["radius_px"].to_numpy()[pairs[:, 1]] - truth["radius_px"].to_numpy()[pairs[:, 0]]
-    assert abs(error.mean()) < 0.005
+    assert abs(error.mean()) < bias
     assert np.sqrt(np.mean(error**2)) < 0.03
 
 
