@@ -200,7 +200,7 @@ def cubic(c0, c1, c2, c3, u):
     return c0 + u * (c1 + u * (c2 + u * c3))
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _subtract(out, image, light, places, level):
     """Excess of an image over a polynomial, relative to it at a ``level`` that is not 0."""
     lowest, one = np.float32(DARKEST_FRACTION) * level, np.float32(1.0)
