@@ -49,6 +49,7 @@ from contactimg.imaging.profile.limits import (
     ITERATIONS,
     LEAST_NOISE_FRACTION,
     NEAR_BLUR_WIDTHS,
+    POOR_CHI_SQUARE,
     ROUNDS,
     SUSPICIOUS_CHI_SQUARE,
     USUAL_CHI_SQUARE,
@@ -399,11 +400,14 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     first = chi_square = window.chi_square(disks)
     allowed = expected + EXCESS_LEFT_FRACTION * (first - expected) + slack
     best = disks
-    for number in range(ROUNDS):
+    unsettled = first < POOR_CHI_SQUARE * expected
+    for number in range(-1 if unsettled else 0, ROUNDS):
         if chi_square < expected + slack:
             break
         count, before = len(best), chi_square
-        covers = list(_larger_covers(window, best))
+        # at first the same disks again
+        again = number < 0
+        covers = [window.fit(best, np.full(count, np.inf))] if again else list(_larger_covers(window, best))
         costs = [value + DISK_PRICE * (len(cover) - count) for cover, value in covers]
         gain = chi_square - min(costs)
         if gain > 0.0:
@@ -411,7 +415,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
         same = len(best) == count and gain < LEAST_GAIN
         # rounds that gain as much as this one are not enough
         hopeless = chi_square - (before - chi_square) * (ROUNDS - 1 - number) > allowed
-        if same or hopeless:
+        if not again and (same or hopeless):
             break
     return disks if chi_square > allowed else best
 
