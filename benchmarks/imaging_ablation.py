@@ -52,7 +52,7 @@ def mechanisms():
         "falls along outlines": [("evidence.rules", "_fall_of_rims", fall_of_disks)],
         "wide residuals": [("fit.assemble", "Assembly.add_wide_residuals", lambda _self: None)],
         "faint regions": [
-            ("detect.candidates", "_faint_regions", lambda *a: ([], np.zeros(len(a[2]), np.bool_)))
+            ("detect.candidates", "_faint_regions", lambda *a: ([], np.zeros(len(a[2]), np.bool_), 0.0))
         ],
         "outlines at a lower level": [("detect.candidates", "_whole_at_lower_level", lambda *_a: None)],
         "contrasts that no contact shows": [("fit.shared_optics", "_is_unseen", lambda *_a: False)],

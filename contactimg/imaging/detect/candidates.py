@@ -44,6 +44,11 @@ DARK_FRACTION = 0.2
 ODD_RATIO = 1.3
 """Plateau over the common contrast, or its inverse, from which a region is outlined at its own half.
 Theory: the edge at the wrong level is then off by a quarter of a blur width."""
+WIDER_RATIO = 1.15
+"""Radius of a faint region over that of a contact of the common contrast behind the blur, as high as the
+region, from which it has a brightness of its own. By hand: pixels and noise make 1.1."""
+HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
+"""Radius at half height of a Gaussian over its standard deviation (theory)."""
 FAINT_SMOOTHING_SQUARES = 0.5
 """Standard deviation of the filter behind which faint regions are outlined, over the side of the squares that
 show them. By hand."""
@@ -166,7 +171,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         smooth_noise = noise / (2.0 * np.sqrt(np.pi) * blur)
     level = max(0.5 * contrast, SIGNIFICANT_SIGMA * smooth_noise)
     regions, runs, plateau, half_area = _with_plateaus(smooth, level)
-    faint, ragged = _faint_regions(seen, level, regions)
+    faint, ragged, width = _faint_regions(seen, level, regions)
     bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2) & ~ragged
     shown = ~bright & ~ragged & (regions["area"] > SMALL_AREA_PX2)
     one = is_round(regions, smooth.shape) & shown
@@ -179,7 +184,16 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         found.append((plateau[k], disks, whole) if lower is None else (plateau[k], lower, True))
     for k in np.flatnonzero(bright):
         found += _at_own_half(regions[k], smooth, level, float(plateau[k]))
-    found += faint
+    for height, disks, whole in faint:
+        # the disk that the blur reduces to this fraction of its height
+        share = np.minimum(height / contrast, 0.99)
+        small = float(blur * np.sqrt(-2.0 * np.log1p(-share))) if contrast > height else 0.0
+        spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + width**2)
+        if len(disks) == 1 and disks[0, 2] < WIDER_RATIO * spot:
+            disks[0, 2] = small
+            found.append((contrast, disks, False))
+        else:
+            found.append((height, disks, whole))
     disks = np.vstack([part for _, part, _ in found])
     heights = np.concatenate([np.broadcast_to(height, len(part)) for height, part, _ in found])
     wholes = np.concatenate([np.full(len(part), whole) for _, part, whole in found])
@@ -318,11 +332,12 @@ def _shown_by(seen: SignedImage, side: int) -> tuple[float, Regions]:
 
 def _faint_regions(
     seen: SignedImage, level: float, regions: NDArray[np.void]
-) -> tuple[list[Outlined], NDArray[np.bool_]]:
+) -> tuple[list[Outlined], NDArray[np.bool_], float]:
     """Regions that stand out of the noise and contain none found before, each in a window of its own.
 
     Those found before are pieces of a region whose own plateau lies about at the level at which they were
-    outlined, where they are ragged: which of them is returned too.
+    outlined, where they are ragged: which of them is returned too, and the width (px) of the
+    filter behind which the faint ones are outlined.
     """
     side, noise = 2, seen.squares(2)[1]
     # coarser squares where noise hides faint regions, as long as it falls: with white noise by half
@@ -332,7 +347,7 @@ def _faint_regions(
             break
         side, noise = 2 * side, wider_noise
     if not SIGNIFICANT_SIGMA * noise < level:
-        return [], np.zeros(len(regions), np.bool_)
+        return [], np.zeros(len(regions), np.bool_), 0.0
     support, runs, plateau, half_area = _shown_by(seen, side)[1]
     half_area = half_area * side**2
     # a few pixels of noise on a faint plateau reach the level as well
@@ -343,12 +358,11 @@ def _faint_regions(
     taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * half_area))
     light = support["flux"] > LIGHT_SIGMA * noise * np.sqrt(support["area"])
     shown = light & ~taken & (half_area > WIDE_PX2)
-    found: list[Outlined] = []
+    found, width = list[Outlined](), FAINT_SMOOTHING_SQUARES * side
     for k in np.flatnonzero(shown):
         box, corner = window_of(support[k], 1)
         part = seen.image[tuple(slice(side * at.start, side * at.stop) for at in box)]
-        width = FAINT_SMOOTHING_SQUARES * side
         blurred = cv2.GaussianBlur(part, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
         own = 0.5 * float(plateau[k])
         found += _outlined(np.asarray(blurred, np.float32), side * corner, own, 0.5 * WIDE_PX2)
-    return found, np.append(shown, False)[where]
+    return found, np.append(shown, False)[where], width
