@@ -49,6 +49,7 @@ from contactimg.imaging.profile.limits import (
     NEGLIGIBLE_FRACTION,
     POOR_CHI_SQUARE,
     RESOLVED,
+    ROUGH_STD,
     ROUNDS,
     SETTLED_SIGMA,
     SHOWN_BLUR_WIDTHS,
@@ -264,7 +265,10 @@ def _newton(
         contrast, blur = contrast * float(np.exp(step[0])), fit.blur + float(step[1])
         prior = prior.at(contrast)
         if abs(step[0]) < LINEAR_STEP and abs(step[1]) < LINEAR_STEP * blur:
-            fit = replace(fit, disks=fit.disks + scores.response @ step, blur=blur)
+            change = scores.response @ step
+            # a disk of which the pixels say next to nothing would go anywhere
+            far = np.abs(change[:, RADIUS:]) > ROUGH_STD * np.abs(fit.disks[:, RADIUS:])
+            fit = replace(fit, disks=fit.disks + np.where(far.any(axis=1)[:, None], 0.0, change), blur=blur)
             break
         stepped = replace(problem, noise=replace(problem.noise, slope=noise_slope * contrast), prior=prior)
         disks, radius = fit.disks.copy(), fit.disks[:, RADIUS]

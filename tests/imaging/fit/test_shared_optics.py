@@ -9,9 +9,12 @@ from contactimg.errors import InputError
 from contactimg.files import read_frames, read_scene
 from contactimg.forces import total_area, total_force
 from contactimg.frame import Frame
+from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit import shared_optics
-from contactimg.imaging.fit.disks import render_disks
+from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.pooling import pool_optics
+from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.shared_optics import OpticsPrior, settle_optics
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
@@ -342,3 +345,24 @@ def test_scores_without_information_do_not_disagree():
     score, total = scores.total(1.0, float("nan"))
     assert score == pytest.approx(0.0)
     assert total == pytest.approx(np.diag([0.0, count]))
+
+
+def test_a_disk_without_information_does_not_fly_off():
+    """Its derivatives by contrast and blur are quotients of next to nothing."""
+    count, blur, contrast = 12, 1.5, 80.0
+    disks = np.column_stack([np.arange(count) * 30.0, np.full(count, 20.0), np.full(count, 10.0)])
+    disks = np.column_stack([disks, np.full(count, contrast)])
+    information = np.tile(np.diag([100.0, 100.0, 100.0, 1.0, 400.0]), (count, 1, 1))
+    information[-1, :4, :4] = 1e-12 * np.eye(4)
+    information[-1, RADIUS, 4] = information[-1, 4, RADIUS] = 1e-3
+    problem = FitProblem(
+        np.zeros((40, 40), np.float32), Noise(4.0), ContrastPrior(contrast, 1.0, 1.0), largest_contrast=200.0
+    )
+    fit = FittedDisks(
+        disks, np.full((count, 4), 0.01), np.ones(count), np.full(count, 100), blur, problem.image,
+        information, np.full(count, 1.6), np.ones(count),
+    )  # fmt: skip
+    prior = OpticsPrior(np.array([np.log(contrast), blur]), np.diag([1e4, 1.0]))
+    joint = settle_optics(problem, fit, prior, inflation=np.ones(count), wide_contrast=contrast)
+    assert joint.fit.blur != blur
+    assert np.abs(joint.fit.disks[:, RADIUS] / disks[:, RADIUS] - 1.0).max() < 0.1
