@@ -82,7 +82,8 @@ class Status(enum.StrEnum):
     SOFT = "soft edges", "focus; calibrate the edge on contacts of known load (`contactimg calibrate`)"
     """The width of the edges, or the light just outside, grows with the contacts, or the blur is about as
     wide as counted contacts. Where in it a contact ends cannot be seen in one image; the uncertainties,
-    common to all contacts, include that."""
+    common to all contacts, include that. Or a known shift of the edge takes more than half of the radius of
+    some contacts."""
 
     NO_POSE = "no pose", "check asperities and pixel_size_m; know rotation_deg to 3 degrees of a quarter turn"
     """Fewer than half of the contacts fall on an asperity of the table, wherever the camera may look:

@@ -321,7 +321,7 @@ def _at_own_half(region: np.void, image: NDArray[np.float32], level: float, plat
 
 
 def _shown_by(seen: SignedImage, side: int) -> tuple[float, Regions]:
-    """Level from which squares of a side stand out of their noise, and `_with_plateaus` of it."""
+    """Level from which squares of a side stand out of their noise, and the regions above, outlined once."""
     if side not in seen.outlined:
         squares, noise = seen.squares(side)
         floor = max(SIGNIFICANT_SIGMA * noise, 1e-6)

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactimg.imaging.detect.candidates import ODD_RATIO, dark_spots, measure_contrast
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
@@ -11,7 +12,6 @@ from contactimg.imaging.evidence.background_left import inspect_background
 from contactimg.imaging.evidence.rules import PLACE, Columns, Judged, excess_of_counts
 from contactimg.imaging.fit.edge_profile import describe_edge
 from contactimg.imaging.fit.method import FrameFit
-from contactimg.imaging.fit.problem import RADIUS
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
 from contactimg.imaging.pixels.blocks import SignedImage
@@ -182,7 +182,7 @@ def _grey_levels(foreground: Foreground) -> Iterator[tuple[str, str]]:
 def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
     """Defects of the contacts, gravest first."""
     if seen.fit is not None:
-        yield from _edges(seen.fit)
+        yield from _edges(seen.fit, seen.contacts["radius_px"])
         if seen.fit.limited:
             yield Status.UNRESOLVED, "more spots stand out than are fitted in a frame of this size"
     yield from _false_candidates(seen)
@@ -295,8 +295,8 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
         yield Status.UNRESOLVED, text
 
 
-def _edges(fit: FrameFit) -> Iterator[tuple[str, str]]:
-    """The statuses and remarks that the edges give."""
+def _edges(fit: FrameFit, radius: NDArray[np.float64]) -> Iterator[tuple[str, str]]:
+    """The statuses and remarks that the edges of contacts of some radii (px) give."""
     if fit.film is not None:
         verdict = fit.film.verdict
         yield Status.FILM if verdict.contradicted else "", verdict.remark()
@@ -307,10 +307,10 @@ def _edges(fit: FrameFit) -> Iterator[tuple[str, str]]:
         status = Status.NONLINEAR if "response" in families else Status.SOFT if soft else ""
         yield status, describe_edge(fit.edge, binning=fit.problem.binning)
     if fit.known_edge is not None:
-        shift, radius = fit.known_edge.shift_px, fit.fit.disks[:, RADIUS] * fit.problem.binning
+        shift, count = fit.known_edge.shift_px, len(radius)
         if n := int(np.count_nonzero(shift > 0.5 * radius)):
-            text = f"the shift of the edge, {shift:.3g} px, is more than half of the radius of {n} contacts"
-            yield Status.SOFT if n > DOUBTED_SHARE * len(radius) else "", text
+            text = f"the shift of the edge, {shift:.3g} px, is more than half of the radius of {n} of {count}"
+            yield Status.SOFT if n > DOUBTED_SHARE * count else "", f"{text} contacts"
 
 
 def _remarks(seen: Judged) -> Iterator[str]:
