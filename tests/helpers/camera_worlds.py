@@ -522,6 +522,10 @@ def gradient(u, v, shape):
     return 1 + 0.12 * u + 0.05 * v**2
 
 
+def moved_lamp(u, v, shape):
+    return 0.7 + 0.3 * u - 0.1 * v**2
+
+
 def patch(u, v, shape):
     return np.where((np.abs(u + 0.3) < 0.35) & (np.abs(v - 0.2) < 0.4), 1.15, 1.0)
 
@@ -826,6 +830,7 @@ WORLDS: dict[str, Callable] = {
     "patch": World(own_light=patch),
     "gradient": World(own_light=gradient),
     "gradient, no ref": World(own_light=gradient, reference=False),
+    "moved lamp": World(own_light=moved_lamp),
     "moved dust": World(specks=moved_dust),
     "sample moved 12 px": World(moves=12.0),
     "other surface": World(same_surface=False),

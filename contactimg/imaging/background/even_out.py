@@ -12,12 +12,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.find_illumination import neighbour_scatter
+from contactimg.imaging.background.find_illumination import (
+    FEWEST_BLOCKS,
+    NOTABLE_SHARE,
+    find_flat_blocks,
+    fit_region,
+    flat_regions,
+    neighbour_scatter,
+)
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
     NEGLIGIBLE,
     DifferenceImage,
-    fit_illumination,
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
@@ -33,11 +39,6 @@ Regions = NDArray[np.int32]
 FEWEST_BEYOND = 2
 CONTACT_SIGMA = 7.0  # how far they stand out, scatters of a block. By hand: texture makes 6
 BRIGHTEST_RATIO = 2.2  # of a contact over another one beside it, more than which a region is none. By hand
-FEWEST_BLOCKS = 60  # of a region. By hand: a contact that fills so many has a radius of 35 px
-MOST_REGIONS = 8  # regions that are followed, the largest; a bound of the work
-# Share of the blocks above which flat ones that are no background are too many for contacts. By hand:
-# contacts up to 24 px make 0.02.
-NOTABLE_SHARE = 0.05
 MESH_BLOCKS = 2.0  # standard deviation of the Gaussian that smooths the mesh, blocks: about 4 blocks wide
 # Root mean square of what is left, in scatters of a block, that is worth a correction. By hand.
 LEAST_UNEVEN = 0.5
@@ -69,7 +70,7 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
         difference = replace(difference, illumination=replace(difference.illumination, background=background))
         used = background & np.isfinite(blocks)
     uneven = np.mean(_mesh(blocks, used)[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2
-    if not uneven and np.mean(_flat_blocks(blocks, scatter) & ~background) < NOTABLE_SHARE:
+    if not uneven and np.mean(find_flat_blocks(blocks, scatter) & ~background) < NOTABLE_SHARE:
         return difference
     sign = sign or (-1 if find_polarity(blocks, background) == "dark" else 1)
     regions = _find_background_regions(np.float32(sign) * blocks, scatter, background, sign * light_level)
@@ -89,24 +90,6 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
         brightness=np.asarray(difference.brightness * np.maximum(light, 0.1), np.float32),
         illumination=replace(difference.illumination, background=background),
     )
-
-
-def _flat_blocks(blocks: Values, scatter: float) -> Flags:
-    """Blocks whose surroundings differ by no more than noise, single blocks that stand out apart."""
-    finite = np.isfinite(blocks)
-    filled = blocks if finite.all() else np.where(finite, blocks, np.float32(np.nanmedian(blocks)))
-    middle, square = cv2.medianBlur(np.ascontiguousarray(filled, np.float32), 3), np.ones((3, 3), np.uint8)
-    range_around = cv2.dilate(middle, square) - cv2.erode(middle, square)
-    return np.asarray((range_around < BACKGROUND_CLIP_SIGMA * scatter) & finite)
-
-
-def flat_regions(blocks: Values, scatter: float) -> tuple[NDArray[np.int32], list[int]]:
-    """Number of the flat region of each block, and the numbers of large regions, the largest first."""
-    flat = _flat_blocks(blocks, scatter).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(flat, connectivity=4)
-    area = stats[:, cv2.CC_STAT_AREA]
-    largest = [int(k) for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= FEWEST_BLOCKS]
-    return np.asarray(labels, np.int32), largest
 
 
 def _find_background_regions(blocks: Values, scatter: float, known: Flags, light_level: float) -> Regions:
@@ -149,8 +132,7 @@ def _has_contacts(blocks: Values, inside: Flags, contact: float, level: float) -
 
 def follow_region(blocks: Values, members: Flags, shape: tuple[int, int], scatter: float) -> NDArray:
     """Level of a region at each block: a polynomial, and a mesh where it is less even than that."""
-    inside, middle = np.where(members, blocks, np.float32(np.nan)), float(np.median(blocks[members]))
-    smooth = fit_illumination(inside, shape, level=middle, scatter=2.0 * scatter, least_scatter=scatter)
+    smooth = fit_region(blocks, members, shape, scatter=2.0 * scatter, least=scatter)
     level = smooth.at_blocks(blocks.shape, shape)
     used = smooth.background & members
     left = _mesh(blocks - level, used)

@@ -5,12 +5,15 @@ is too bright and scatters more than the blocks of the reference. Squares of 2 p
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.illumination import (
+    BACKGROUND_CLIP_SIGMA,
     FIT_BLOCKS,
     NEGLIGIBLE,
     Illumination,
@@ -19,7 +22,7 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
-from contactimg.imaging.pixels.masks import Flags
+from contactimg.imaging.pixels.masks import Flags, Values
 from contactimg.imaging.pixels.robust import MANY, finite_values, quantile, robust_std
 from contactimg.imaging.profile.limits import SQUARE_PX
 
@@ -38,6 +41,11 @@ RIM_SCATTER = 3.0
 # reference, where flat regions of blocks show the background. By hand: dots of 4 px every 18 px leave 0.29 of
 # the blocks alone, 500 contacts of 1.5-30 px on 1600 x 1200 pixels leave 0.7, real pins in a lattice 0.61.
 QUIET_SHARE = 0.7
+FEWEST_BLOCKS = 60  # of a region. By hand: a contact that fills so many has a radius of 35 px
+MOST_REGIONS = 8  # regions that are followed, the largest; a bound of the work
+# Share of the blocks above which flat ones that are no background are too many for contacts. By hand:
+# contacts up to 24 px make 0.02.
+NOTABLE_SHARE = 0.05
 POPULATED_FRACTION = 0.05  # of the highest bin of a histogram: lower peaks are no level; and of the squares
 # Standard deviations within which a quarter of normal deviates lie: Phi^-1(5/8) (theory).
 QUARTILE_SIGMA = 0.3186
@@ -72,6 +80,7 @@ def find_illumination(
     blocks, expected = means(BLOCK, ALL_ROWS)
     level, scatter = find_background_level(blocks, background_is=background_is, least=rounding)
     coarse = fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=rounding)
+    coarse = _on_flat_region(coarse, blocks, shape, rounding)
     even = coarse.scatter <= CROWD_SCATTER * max(expected, rounding)
     white = expected * BLOCK / SQUARE_PX  # for squares whose scatter whole grey levels hide
     # where the blocks are even, only a lattice can hide the background from them, which some rows show; where
@@ -166,3 +175,56 @@ def neighbour_scatter(blocks: NDArray) -> float:
     if not len(difference):
         return 0.0
     return quantile(np.abs(difference), 0.25) / QUARTILE_SIGMA / np.sqrt(2)
+
+
+def find_flat_blocks(blocks: Values, scatter: float) -> Flags:
+    """Blocks whose surroundings differ by no more than noise, single blocks that stand out apart."""
+    finite = np.isfinite(blocks)
+    filled = blocks if finite.all() else np.where(finite, blocks, np.float32(np.nanmedian(blocks)))
+    middle, square = cv2.medianBlur(np.ascontiguousarray(filled, np.float32), 3), np.ones((3, 3), np.uint8)
+    range_around = cv2.dilate(middle, square) - cv2.erode(middle, square)
+    return np.asarray((range_around < BACKGROUND_CLIP_SIGMA * scatter) & finite)
+
+
+def flat_regions(blocks: Values, scatter: float) -> tuple[NDArray[np.int32], list[int]]:
+    """Number of the flat region of each block, and the numbers of large regions, the largest first."""
+    flat = find_flat_blocks(blocks, scatter).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(flat, connectivity=4)
+    area = stats[:, cv2.CC_STAT_AREA]
+    largest = [int(k) for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= FEWEST_BLOCKS]
+    return np.asarray(labels, np.int32), largest
+
+
+def fit_region(
+    blocks: Values, members: Flags, shape: tuple[int, int], *, scatter: float, least: float
+) -> Illumination:
+    """Fit the illumination of a flat region of blocks; its background are all blocks of that level.
+
+    ``scatter`` is that of its blocks about their median to start from, ``least`` about the illumination.
+    """
+    inside, middle = np.where(members, blocks, np.float32(np.nan)), float(np.median(blocks[members]))
+    light = fit_illumination(inside, shape, level=middle, scatter=scatter, least_scatter=least)
+    near = np.abs(blocks - light.at_blocks(blocks.shape, shape)) < BACKGROUND_CLIP_SIGMA * light.scatter
+    return replace(light, background=near)
+
+
+def _on_flat_region(
+    found: Illumination, blocks: Values, shape: tuple[int, int], least: float
+) -> Illumination:
+    """The illumination of the flat region that holds the background found, where it describes more blocks.
+
+    Light that falls to half across the image has no single level to start from, but its blocks differ from
+    their neighbours by little. Those of light that flickers scatter more about their polynomial.
+    """
+    if not found.background.any():
+        return found
+    scatter = max(neighbour_scatter(blocks), neighbour_scatter(blocks.T), least, 1e-9)
+    labels, regions = flat_regions(blocks, scatter)
+    known = np.bincount(labels[found.background], minlength=int(labels.max()) + 1)
+    held = max(regions, key=known.__getitem__, default=0)
+    if not held or 2 * known[held] < known[1:].sum():
+        return found
+    wider = fit_region(blocks, labels == held, shape, scatter=np.inf, least=least)
+    near = np.abs(blocks - wider.at_blocks(blocks.shape, shape)) < BACKGROUND_CLIP_SIGMA * found.scatter
+    more = near.mean() > found.background.mean() + NOTABLE_SHARE
+    return wider if more and wider.scatter <= found.scatter else found

@@ -110,8 +110,8 @@ def fit_illumination(
     shape : (int, int)
         Shape of the image in pixels.
     level, scatter : float
-        Level of the background and scatter of its blocks to start from; the polynomial and the scatter are
-        then refined in turn.
+        Level of the background and scatter of its blocks to start from, infinite where it is not known; the
+        polynomial and the scatter are then refined in turn.
     least_scatter : float
         Scatter below which blocks are equal: an image without noise has none of its own.
 
@@ -122,7 +122,8 @@ def fit_illumination(
     """
     part, basis = _basis(blocks.shape, shape)
     data = blocks.ravel()[part].astype(float)
-    keep = finite = np.isfinite(data)
+    finite = np.isfinite(data)
+    keep = finite & np.isfinite(scatter)  # where no scatter is known, a fit to all blocks tells it first
     deviation = data = np.where(finite, data - level, 0.0)
     coefficients = np.zeros(len(TERMS))
     least = max(NEGLIGIBLE * abs(level), least_scatter, 1e-9)

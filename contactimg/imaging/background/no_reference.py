@@ -12,11 +12,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.even_out import NOTABLE_SHARE, even_out, flat_regions
+from contactimg.imaging.background.even_out import even_out
 from contactimg.imaging.background.find_illumination import (
+    NOTABLE_SHARE,
     QUIET_SHARE,
     find_background_level,
     find_rims,
+    fit_region,
+    flat_regions,
     neighbour_scatter,
     scatter_of_extreme,
 )
@@ -139,11 +142,8 @@ def _flat_background(frame: Values, valid: Mask, rounding: float, sign: int) -> 
         members = labels > 0  # uneven light, or the rounding of a file, has cut the background into pieces
         if quiet < QUIET_SHARE or np.mean(members) < FLAT_SHARE * np.mean(finite):
             return None
-    inside, middle = np.where(members, blocks, np.float32(np.nan)), float(np.median(blocks[largest]))
-    light = fit_illumination(inside, frame.shape, level=middle, scatter=2.0 * scatter, least_scatter=scatter)
-    at_blocks = light.at_blocks(blocks.shape, frame.shape)
-    near = np.abs(blocks - at_blocks) < BACKGROUND_CLIP_SIGMA * light.scatter
-    light, level = replace(light, background=near), float(np.median(np.abs(blocks[largest])))
+    light = fit_region(blocks, members, frame.shape, scatter=2.0 * scatter, least=scatter)
+    at_blocks, level = light.at_blocks(blocks.shape, frame.shape), float(np.median(np.abs(blocks[largest])))
     return _divide_by_illumination(frame, light, at_blocks, level, valid, rounding, sign)
 
 

@@ -109,3 +109,17 @@ def test_light_that_changed_by_a_fifth_is_followed(rng, sign):
     left = np.where(contacts == 0, found.image, 0.0)
     assert np.abs(cv2.blur(left, (63, 63))).max() < 0.01 * found.level
     assert found.illumination.background.mean() > 0.6
+
+
+@pytest.mark.parametrize("fall", [0.5, 0.8])
+@pytest.mark.parametrize("along", ["x", "y"])
+def test_light_that_falls_across_the_image_is_followed_with_a_reference(rng, fall, along):
+    """No single level is that of the background: it is what differs from its neighbours by little."""
+    place = X / SHAPE[1] if along == "x" else Y / SHAPE[0]
+    contacts = crowd(64, 14)
+    frame = 80.0 * LEVEL * (1 - fall * place) * (1 + 0.6 * contacts) + rng.normal(0, 0.8, SHAPE)
+    reference = 80.0 * LEVEL + rng.normal(0, 0.8, SHAPE)
+    found = subtract_reference(frame.astype(np.float32), reference.astype(np.float32))
+    left = np.where(contacts == 0, found.image, 0.0)
+    assert np.abs(cv2.blur(left, (63, 63))).max() < 0.01 * found.level
+    assert found.illumination.background.mean() > 0.6
