@@ -57,8 +57,8 @@ class Status(enum.StrEnum):
     """The areas of many contacts, or of all together, differ from those measured without a model of the edge,
     by more than the errors. The uncertainties cover both."""
     FALSE_CANDIDATES = "false candidates", "exclude what is no contact by hand in `contactimg review`"
-    """Much of what was measured proved to be no contact that can be seen, or a piece of a scratch; others may
-    be left among the contacts."""
+    """Much of what was measured proved to be no contact that can be seen, a piece of a scratch, or letters in
+    the frame; others may be left among the contacts."""
     UNRESOLVED = "unresolved", "split or add contacts in `contactimg review`, mask dirt, store without loss"
     """Part of the light belongs to no contact that was found: groups of contacts were not resolved,
     something that is no contact stands out, compression hides small contacts, or the fit was cut off because

@@ -1,5 +1,6 @@
 """Crowds, thousands of contacts, scattered light and soft slopes; hard frames are in `test_measure.py`."""
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -193,3 +194,18 @@ def test_a_crowd_without_gaps_is_not_said_to_be_fine(rng):
     found = measure_image(frame, reference, polarity="bright", full_scale=255.0)
     assert found.status == "light changed"
     assert "fill" in found.message
+
+
+def test_letters_that_a_program_has_drawn_into_a_frame_are_said(rng):
+    """At the full scale of the sensor, and of no shape that contacts have."""
+    optics = Optics(shape=(400, 540), contrast=0.75, dust=0)
+    truth = scatter(35, optics, rng, radii=(4.0, 12.0), pairs=0, touching=0)
+    truth = truth[truth["y_px"] > 60.0]
+    frame, reference = render(truth, optics, rng)
+    assert measure_image(frame, reference).status == "ok"
+    drawn = cv2.putText(frame, "2025-03-14 12:03:27", (12, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, 255, 2)
+    found = measure_image(drawn, reference)
+    assert len(match(truth, found.disks)) == len(truth)
+    assert len(found.disks) > 1.1 * len(truth)
+    assert found.status != "ok"
+    assert "at the full scale of the sensor and no disks" in found.message

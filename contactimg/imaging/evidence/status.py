@@ -271,6 +271,13 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
                 "reflections and dirt look like that"
             )
             yield Status.FALSE_CANDIDATES, text
+    drawn = seen.flagged(Flag.SATURATED | Flag.COUNTED) if seen.fit is not None else 0
+    if drawn >= FEWEST_CONTACTS and drawn > DOUBTED_SHARE * seen.count:
+        text = (
+            f"{drawn} of {seen.count} contacts are at the full scale of the sensor and no disks: letters and "
+            "marks that a program draws into a frame look like that"
+        )
+        yield Status.FALSE_CANDIDATES, text
     small = seen.flagged(Flag.TOO_SMALL)
     if foreground.frame_pair.reference is None and FEWEST_CONTACTS <= small > DOUBTED_SHARE * seen.count:
         text = (
