@@ -1,8 +1,8 @@
 """Measure the contacts of one frame.
 
 The steps: check the input, pair frame and reference, take out what the sensor adds, subtract the
-background, find
-and measure the contacts by one of the two methods, decide on each and on the frame, tabulate.
+background, find and measure the contacts by one of the two methods, decide on each and on the frame,
+tabulate.
 """
 
 from collections.abc import Collection, Sequence

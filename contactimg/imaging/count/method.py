@@ -3,9 +3,8 @@
 A contact is a connected component of the pixels above ``background + fraction (plateau - background)``; its
 radius is ``sqrt(area/pi)``. Components that consist of several contacts are split. The uncertainty of a
 radius has five parts (`rim_errors`): counting, noise, the scatter of the contrasts, the uncertainty of the
-contrast, and
-the distance of the threshold from the rim of the contact behind the blur; the last two are shared by all
-contacts.
+contrast, and the distance of the threshold from the rim of the contact behind the blur; the last two are
+shared by all contacts.
 """
 
 from collections.abc import Sequence

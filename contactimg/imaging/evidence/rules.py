@@ -1,9 +1,8 @@
 """The table of evidence of a frame, and the rules that reject, flag or measure each candidate in another way.
 
 Every rule is a predicate on the columns of the table. A candidate is rejected for the first reason that
-holds;
-flags are independent. Unusual brightness is a flag, never a reason. Where no model describes a contact, its
-counted area is reported: a contact that is seen does not disappear.
+holds; flags are independent. Unusual brightness is a flag, never a reason. Where no model describes a
+contact, its counted area is reported: a contact that is seen does not disappear.
 """
 
 from collections.abc import Callable, Sequence
