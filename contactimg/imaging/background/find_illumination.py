@@ -2,6 +2,8 @@
 
 Among many small contacts hardly a block of 8 px is free of light from one of them: what passes for background
 is too bright and scatters more than the blocks of the reference. Squares of 2 px fit between such contacts.
+Light that falls far across the image has no single level; there the background is a flat region, in which
+blocks differ from their neighbours by no more than noise.
 """
 
 from collections.abc import Callable
@@ -41,8 +43,8 @@ RIM_SCATTER = 3.0
 # reference, where flat regions of blocks show the background. By hand: dots of 4 px every 18 px leave 0.29 of
 # the blocks alone, 500 contacts of 1.5-30 px on 1600 x 1200 pixels leave 0.7, real pins in a lattice 0.61.
 QUIET_SHARE = 0.7
-FEWEST_BLOCKS = 60  # of a region. By hand: a contact that fills so many has a radius of 35 px
-MOST_REGIONS = 8  # regions that are followed, the largest; a bound of the work
+FEWEST_BLOCKS = 60  # of a flat region. By hand: a contact that fills so many has a radius of 35 px
+MOST_REGIONS = 8  # flat regions that are followed, the largest; a bound of the work
 # Share of the blocks above which flat ones that are no background are too many for contacts. By hand:
 # contacts up to 24 px make 0.02.
 NOTABLE_SHARE = 0.05
@@ -211,10 +213,9 @@ def fit_region(
 def _on_flat_region(
     found: Illumination, blocks: Values, shape: tuple[int, int], least: float
 ) -> Illumination:
-    """The illumination of the flat region that holds the background found, where it describes more blocks.
+    """The illumination of the flat region that holds the background found, if it describes more blocks.
 
-    Light that falls to half across the image has no single level to start from, but its blocks differ from
-    their neighbours by little. Those of light that flickers scatter more about their polynomial.
+    It must scatter no more than the one found: the blocks of light that flickers scatter more.
     """
     if not found.background.any():
         return found
