@@ -2,8 +2,8 @@
 
 Among many small contacts hardly a block of 8 px is free of light from one of them: what passes for background
 is too bright and scatters more than the blocks of the reference. Squares of 2 px fit between such contacts.
-Light that falls far across the image has no single level; there the background is a flat region, in which
-blocks differ from their neighbours by no more than noise.
+Light that falls far across the image has no single level; there the background is flat: its blocks
+differ from their neighbours by no more than noise.
 """
 
 from collections.abc import Callable
@@ -48,6 +48,9 @@ MOST_REGIONS = 8  # flat regions that are followed, the largest; a bound of the 
 # Share of the blocks above which flat ones that are no background are too many for contacts. By hand:
 # contacts up to 24 px make 0.02.
 NOTABLE_SHARE = 0.05
+# Scatter of the blocks about the light of flat ones over that before, above which it is not taken. By hand:
+# flicker makes 2.0 and more, a shadow over half of the frame 1.3.
+MOST_SCATTER = 1.5
 POPULATED_FRACTION = 0.05  # of the highest bin of a histogram: lower peaks are no level; and of the squares
 # Standard deviations within which a quarter of normal deviates lie: Phi^-1(5/8) (theory).
 QUARTILE_SIGMA = 0.3186
@@ -82,7 +85,7 @@ def find_illumination(
     blocks, expected = means(BLOCK, ALL_ROWS)
     level, scatter = find_background_level(blocks, background_is=background_is, least=rounding)
     coarse = fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=rounding)
-    coarse = _on_flat_region(coarse, blocks, shape, rounding)
+    coarse = _on_flat_blocks(coarse, blocks, shape, rounding)
     even = coarse.scatter <= CROWD_SCATTER * max(expected, rounding)
     white = expected * BLOCK / SQUARE_PX  # for squares whose scatter whole grey levels hide
     # where the blocks are even, only a lattice can hide the background from them, which some rows show; where
@@ -210,22 +213,30 @@ def fit_region(
     return replace(light, background=near)
 
 
-def _on_flat_region(
+def _on_flat_blocks(
     found: Illumination, blocks: Values, shape: tuple[int, int], least: float
 ) -> Illumination:
-    """The illumination of the flat region that holds the background found, if it describes more blocks.
+    """The illumination of flat blocks, if it describes more blocks; else the one found.
 
-    It must scatter no more than the one found: the blocks of light that flickers scatter more.
+    What was found must lie within the outline of the new background, as a part of that or as contacts on it,
+    and blocks may scatter little more than before: those of light that flickers scatter far more.
     """
     if not found.background.any():
         return found
-    scatter = max(neighbour_scatter(blocks), neighbour_scatter(blocks.T), least, 1e-9)
-    labels, regions = flat_regions(blocks, scatter)
-    known = np.bincount(labels[found.background], minlength=int(labels.max()) + 1)
-    held = max(regions, key=known.__getitem__, default=0)
-    if not held or 2 * known[held] < known[1:].sum():
+    flat = find_flat_blocks(blocks, max(neighbour_scatter(blocks), neighbour_scatter(blocks.T), least, 1e-9))
+    if not flat.any():
         return found
-    wider = fit_region(blocks, labels == held, shape, scatter=np.inf, least=least)
-    near = np.abs(blocks - wider.at_blocks(blocks.shape, shape)) < BACKGROUND_CLIP_SIGMA * found.scatter
-    more = near.mean() > found.background.mean() + NOTABLE_SHARE
-    return wider if more and wider.scatter <= found.scatter else found
+    light = fit_region(blocks, flat, shape, scatter=np.inf, least=least)
+    limit = BACKGROUND_CLIP_SIGMA * min(found.scatter, light.scatter)
+    more, usual = (
+        np.mean(np.abs(blocks - one.at_blocks(blocks.shape, shape)) < limit) for one in (light, found)
+    )
+    better = more > usual + NOTABLE_SHARE and light.scatter < MOST_SCATTER * found.scatter
+    return light if better and _encloses(light.background, found.background) else found
+
+
+def _encloses(outer: Flags, inner: Flags) -> bool:
+    """Whether most of some blocks lie within the outlines of others."""
+    outlines, _ = cv2.findContours(outer.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    whole = cv2.drawContours(np.zeros(outer.shape, np.uint8), outlines, -1, 1, cv2.FILLED) > 0
+    return bool(2 * np.count_nonzero(whole & inner) > np.count_nonzero(inner))

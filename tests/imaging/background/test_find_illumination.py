@@ -123,3 +123,27 @@ def test_light_that_falls_across_the_image_is_followed_with_a_reference(rng, fal
     left = np.where(contacts == 0, found.image, 0.0)
     assert np.abs(cv2.blur(left, (63, 63))).max() < 0.01 * found.level
     assert found.illumination.background.mean() > 0.6
+
+
+@pytest.mark.parametrize("fall", [0.0, 0.3])
+def test_light_halved_under_wide_contacts_is_that_between_them(rng, fall):
+    """The contacts have the level nearest to the reference; the background encloses them."""
+    light = LEVEL * 0.5 * (1 - fall * X / SHAPE[1])
+    contacts = crowd(90, 30)
+    frame = 80.0 * light * (1 + 0.3 * contacts) + rng.normal(0, 0.4, SHAPE)
+    reference = 80.0 * LEVEL + rng.normal(0, 0.4, SHAPE)
+    found = subtract_reference(frame.astype(np.float32), reference.astype(np.float32))
+    expected = 0.3 * found.level
+    inside = cv2.erode(contacts.astype(np.float32), np.ones((9, 9))) > 0.99
+    assert found.image[inside].mean() == pytest.approx(expected, rel=0.03)
+    assert abs(found.image[contacts < 1e-3].mean()) < 0.01 * found.level
+
+
+def test_wide_contacts_that_fill_the_image_are_no_background(rng):
+    """They are flat and fill more of it than the gaps between them, which are as bright as the reference."""
+    contacts = crowd(126, 60)
+    frame = 80.0 * LEVEL * (1 + 0.5 * contacts) + rng.normal(0, 0.8, SHAPE)
+    reference = 80.0 * LEVEL + rng.normal(0, 0.8, SHAPE)
+    found = subtract_reference(frame.astype(np.float32), reference.astype(np.float32))
+    assert contacts.mean() > 0.6
+    assert abs(np.median(found.image[contacts < 1e-3])) < 0.01 * found.level
