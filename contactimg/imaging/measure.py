@@ -8,12 +8,13 @@ tabulate.
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from numbers import Real
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.errors import FrameError, InputError
+from contactimg.errors import FrameError, InputError, finite_number
 from contactimg.imaging.background.find_illumination import BackgroundLevel
 from contactimg.imaging.background.illumination import DifferenceImage, plain_difference
 from contactimg.imaging.background.no_reference import estimate_background
@@ -234,7 +235,7 @@ def measure_image(
     """
     image, reference = _grey_levels(image), None if reference is None else _grey_levels(reference)
     _check(image, reference, absent, method=method, polarity=polarity, shape=shape, registration=registration)
-    if not 0 <= linearity < 1:
+    if not (isinstance(linearity, Real) and 0 <= linearity < 1):
         raise InputError(
             f"linearity must be a fraction of the contrast, 0 <= linearity < 1, got {linearity!r}"
         )
@@ -372,6 +373,7 @@ def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedO
     """Prior knowledge of contrast and blur, checked; a given blur is exact."""
     prior = SharedOptics() if optics is None else optics
     if blur_px is not None:
+        blur_px = finite_number(blur_px, "blur_px", "px")
         prior = replace(prior, blur_px=blur_px, blur_std_px=0.0, correlation=0.0)
     for name, value in (("contrast", prior.contrast), ("blur_px", prior.blur_px)):
         if not np.isnan(value) and not 0 < value < np.inf:

@@ -369,7 +369,11 @@ def test_what_cannot_be_measured_is_refused(usual):
     for wrong, said in (("a.tif", "'a.tif'"), (frame + 0j, "complex128"), (np.array([[None]]), "object")):
         with pytest.raises(FrameError, match=f"an array of grey levels, got .*{said}"):
             measure_image(frame, wrong)
-    for wrong in (0.0, 1.0, -0.2, "otsu"):
+    with pytest.raises(InputError, match="blur_px must be a number of px, got 'sharp'"):
+        measure_image(frame, reference, blur_px="sharp")
+    with pytest.raises(InputError, match="linearity must be a fraction of the contrast"):
+        measure_image(frame, reference, linearity=None)
+    for wrong in (0.0, 1.0, -0.2, "otsu", [0.5], np.full(2, 0.5)):
         with pytest.raises(InputError, match="threshold must be a fraction"):
             measure_image(frame, reference, threshold=wrong)
 

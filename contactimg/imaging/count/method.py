@@ -9,6 +9,7 @@ shared by all contacts.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Real
 
 import cv2
 import numpy as np
@@ -257,12 +258,13 @@ def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: 
     InputError
         If it is not a fraction between 0 and 1.
     """
-    if threshold is None or (threshold == "auto" and contrast.plateau <= 0):
+    auto = isinstance(threshold, str) and threshold == "auto"
+    if threshold is None or (auto and contrast.plateau <= 0):
         return DEFAULT_FRACTION
-    if threshold == "auto":
+    if auto:
         scaled = np.clip(image * (SPAN_LEVELS / contrast.plateau), 0, 255).astype(np.uint8)
         level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
         return float(np.clip((level + 0.5) / SPAN_LEVELS, *OTSU_RANGE))
-    if isinstance(threshold, str) or not 0 < threshold < 1:
+    if not (isinstance(threshold, Real) and 0 < threshold < 1):
         raise InputError(f'threshold must be a fraction between 0 and 1 or "auto", got {threshold!r}')
     return float(threshold)
