@@ -58,6 +58,14 @@ def test_flicker_of_the_light_hides_no_background(period, depth):
         assert disks.visible_area_px2.sum() == pytest.approx(area, rel=0.01)
 
 
+@pytest.mark.parametrize(("world", "count"), [("flicker", 25), ("step", 140)])
+def test_flat_blocks_that_scatter_far_more_are_not_the_light(world, count):
+    """The light of all flat blocks describes more of a frame with bands or a step, but none of it well."""
+    scene = make_scene(world, count, 31)
+    disks = measure_image(scene.frame, scene.reference, polarity=scene.polarity).disks
+    assert shares(scene.truth, disks) == (1.0, 1.0)
+
+
 def test_a_slow_fall_of_the_light_is_no_field_stop():
     y, x = np.mgrid[:480, :640]
     distance = np.hypot(x - 320, y - 240)
