@@ -45,6 +45,9 @@ GROWTH_RATIO = 1.3
 """Largest fitted radius over that of the candidate, besides one blur width. By hand."""
 LEAST_RIM_PEAK = 0.12
 """Height of a residual peak near a rim that becomes a disk, of the contrast. By hand: for imperfect rims."""
+OVER_SURROUNDINGS = 0.8
+"""Height of a peak over the mean residual around it, of the least height over zero. By hand: light that is
+less even than a polynomial leaves ridges; a faint contact stands on noise of its surroundings."""
 ROUGH_RATIO = 1.5
 """Scatter of the residuals around a peak over the noise from which the peak must stand out of that scatter.
 By hand: compression and sharpening ring beside contacts."""
@@ -173,11 +176,12 @@ class Assembly:
             self.smallest = float(of_lowest[0, RADIUS])
         at_rim = _near_rims(peaks, fit.disks, REACH_BLUR_WIDTHS * fit.blur)
         peaks = peaks[peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0))]
-        scatter = _scatter_around(problem.image, fit.model, peaks, fit.blur)
+        mean, scatter = _residuals_around(problem.image, fit.model, peaks, fit.blur).T
+        stands_out = peaks[:, 2] - mean > OVER_SURROUNDINGS * lowest
         # behind the filter white noise is smaller by this; rests of compression are less so
         behind = 2.0 / (2.0 * np.sqrt(np.pi) * fit.blur)
         rough = scatter > ROUGH_RATIO * problem.pixel_noise
-        peaks = peaks[~rough | (peaks[:, 2] > FALSE_ALARM_SIGMA * behind * scatter)]
+        peaks = peaks[stands_out & (~rough | (peaks[:, 2] > FALSE_ALARM_SIGMA * behind * scatter))]
         room = max(most - len(fit.disks), 0)
         if len(peaks[:room]):
             self.add(_disks_of_peaks(peaks[:room], fit.blur, contrast))
@@ -266,22 +270,23 @@ class Assembly:
 
 
 @njit(cache=True)
-def _scatter_around(image, model, peaks, blur):
-    """Root mean square residual around each peak, the peak itself left out."""
+def _residuals_around(image, model, peaks, blur):
+    """Mean and root mean square residual around each peak, the peak itself left out."""
     rows, columns = image.shape
     inner, outer = 2.0 * blur + 1.0, 4.0 * blur + 6.0
-    out = np.zeros(len(peaks))
+    out = np.zeros((len(peaks), 2))
     for i in range(len(peaks)):
         x, y = peaks[i, 0], peaks[i, 1]
-        total, count = 0.0, 0
+        total, square, count = 0.0, 0.0, 0
         for row in range(max(int(y - outer), 0), min(int(y + outer) + 1, rows)):
             for column in range(max(int(x - outer), 0), min(int(x + outer) + 1, columns)):
                 r = np.hypot(column - x, row - y)
                 if inner < r < outer:
                     rest = image[row, column] - model[row, column]
-                    total += rest * rest
+                    total += rest
+                    square += rest * rest
                     count += 1
-        out[i] = np.sqrt(total / max(count, 1))
+        out[i, 0], out[i, 1] = total / max(count, 1), np.sqrt(square / max(count, 1))
     return out
 
 
