@@ -15,11 +15,9 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import FrameError, InputError, finite_number
-from contactimg.imaging.background.find_illumination import BackgroundLevel
 from contactimg.imaging.background.illumination import DifferenceImage, plain_difference
 from contactimg.imaging.background.no_reference import estimate_background
-from contactimg.imaging.background.subtract import subtract_reference
-from contactimg.imaging.contrast.polarity import find_polarity
+from contactimg.imaging.background.subtract import remove_background
 from contactimg.imaging.count.method import choose_threshold, measure_by_count
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
@@ -28,7 +26,6 @@ from contactimg.imaging.evidence.status import LIGHT_CHANGE, judge_frame
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.foreground import Foreground, find_foreground
-from contactimg.imaging.pixels.blocks import block_means, side_of
 from contactimg.imaging.pixels.field_of_view import (
     divide_by_mosaic,
     find_margin,
@@ -55,8 +52,6 @@ CORRECTIONS = ("position_drift", "dust", "film")
 LINEARITY = 0.01
 """Error of a camera's response at mid-level, of the contrast, where nothing is known of it. By hand: usual
 for CCD cameras."""
-BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}
-"""Level of the background among those of a frame, by the polarity of the contacts."""
 OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
 """Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes
 shorter."""
@@ -418,15 +413,7 @@ def _subtract_background(
         plain = np.subtract(frame, frame if reference is None else reference, dtype=np.float32)
         return plain_difference(plain), -1 if polarity == "dark" else 1
     if reference is not None:
-        difference = subtract_reference(
-            frame, reference, valid=frame_pair.valid, background_is=BACKGROUND_IS[polarity], **registration
-        )
-        if polarity == "auto":
-            valid = frame_pair.valid if difference.valid is None else difference.valid
-            background = difference.illumination.background
-            side = side_of(background.shape, frame.shape)
-            polarity = find_polarity(block_means(difference.image, valid, side=side), background)
-        return difference, -1 if polarity == "dark" else 1
+        return remove_background(frame, reference, valid=frame_pair.valid, polarity=polarity, **registration)
     return estimate_background(frame, valid=frame_pair.valid, polarity=polarity)
 
 

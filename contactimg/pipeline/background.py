@@ -19,7 +19,7 @@ from contactimg.errors import FrameError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
 from contactimg.imaging import pooled
-from contactimg.imaging.measure import BACKGROUND_IS
+from contactimg.imaging.background.subtract import BACKGROUND_IS
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame

@@ -66,6 +66,40 @@ def test_flat_blocks_that_scatter_far_more_are_not_the_light(world, count):
     assert shares(scene.truth, disks) == (1.0, 1.0)
 
 
+CHANGED_LIGHT = {
+    "shadow on half of the frame": lambda u, v, shape: 1.0 - 0.4 / (1.0 + np.exp(-u * shape[1] / 40.0)),
+    "broad shadow": lambda u, v, shape: 1.0 - 0.5 * np.exp(-((u - 0.4) ** 2 + (v + 0.4) ** 2) / 0.3),
+    "waves": lambda u, v, shape: 1.0 + 0.1 * np.sin(2.0 * np.pi * u) * np.cos(1.5 * np.pi * v),
+}
+
+
+@pytest.mark.parametrize(
+    ("light", "count", "seed"),
+    [
+        ("shadow on half of the frame", 140, 1),
+        ("shadow on half of the frame", 25, 3),
+        ("broad shadow", 25, 2),
+        ("broad shadow", 300, 3),
+        ("waves", 300, 3),
+    ],
+)
+def test_light_that_changed_strongly_is_estimated_from_the_difference(light, count, seed):
+    """Else the most common level is taken for the background, and darker light for no contact."""
+    scene = World(own_light=CHANGED_LIGHT[light])(count, np.random.default_rng([77, count, seed]))
+    found = measure_image(scene.frame, scene.reference)
+    assert min(shares(scene.truth, found.disks)) >= 0.97
+    assert found.status == Status.OK
+
+
+def test_dark_contacts_nearest_to_the_level_of_the_reference_are_no_background():
+    """The light is 1.4 times the reference, and the contacts let through half of it."""
+    world = World(own_light=lambda u, v, shape: 1.4 + 0.0 * u, contrast=-35.0, layout=Layout(radii=(6, 40)))
+    scene = world(60, np.random.default_rng([77, 1]))
+    found = measure_image(scene.frame, scene.reference)
+    assert found.polarity == "dark"
+    assert min(shares(scene.truth, found.disks)) >= 0.95
+
+
 def test_a_slow_fall_of_the_light_is_no_field_stop():
     y, x = np.mgrid[:480, :640]
     distance = np.hypot(x - 320, y - 240)

@@ -11,4 +11,5 @@ Read in this order:
   ``Alignment`` as the result), by which the reference is moved; the frame divided by it (``divide``).
 - ``no_reference``: the background of a frame without reference, from the frame itself.
 - ``even_out``: the last step of both. Flicker, steps, patches and slow waves that no polynomial describes.
+  Where it leaves much with a reference, ``no_reference`` estimates the light from the difference image.
 """

@@ -232,10 +232,10 @@ def _on_flat_blocks(
         np.mean(np.abs(blocks - one.at_blocks(blocks.shape, shape)) < limit) for one in (light, found)
     )
     better = more > usual + NOTABLE_SHARE and light.scatter < MOST_SCATTER * found.scatter
-    return light if better and _encloses(light.background, found.background) else found
+    return light if better and encloses(light.background, found.background) else found
 
 
-def _encloses(outer: Flags, inner: Flags) -> bool:
+def encloses(outer: Flags, inner: Flags) -> bool:
     """Whether most of some blocks lie within the outlines of others."""
     outlines, _ = cv2.findContours(outer.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     whole = cv2.drawContours(np.zeros(outer.shape, np.uint8), outlines, -1, 1, cv2.FILLED) > 0

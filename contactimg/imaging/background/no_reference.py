@@ -132,7 +132,7 @@ def _flat_background(frame: Values, valid: Mask, rounding: float, sign: int) -> 
     # among many contacts most blocks differ from their neighbours, and only those without rims are flat
     flat = np.where(rims & (quiet < FEW_QUIET), np.float32(np.nan), blocks)
     # the light may differ more from row to row than along a row, and rounded means by two steps
-    scatter = max(_scatter(flat, rounding), _scatter(flat.T, rounding), 2.0 * rounding)
+    scatter = max(scatter_of_blocks(flat, rounding), scatter_of_blocks(flat.T, rounding), 2.0 * rounding)
     labels, regions = flat_regions(flat, scatter)
     if not regions:
         return None
@@ -206,7 +206,7 @@ def _envelope(blocks: Values) -> Values:
     return np.asarray(opened, np.float32)
 
 
-def _scatter(blocks: NDArray, rounding: float) -> float:
+def scatter_of_blocks(blocks: NDArray, rounding: float) -> float:
     """Scatter of blocks from the differences of neighbours, at least what accuracy and compression leave.
 
     Blocks most of which are exactly equal differ by less than a grey level from what they would be.
@@ -223,7 +223,7 @@ def _scatter_of_squares(squares: NDArray, frame: NDArray, rounding: float) -> fl
 
     Where the camera has cut off a part of the levels, the darkest scatter less than others.
     """
-    usual = _scatter(squares, rounding)
+    usual = scatter_of_blocks(squares, rounding)
     if find_clipped(frame) is not None:
         return usual
     flattest = max(min(scatter_of_extreme(squares, side) for side in ("lowest", "highest")), rounding)

@@ -2,7 +2,8 @@
 
 Contacts transmit a fraction of the light that falls on them, so the frame is divided by the background: the
 reference, aligned with the frame, times the slowly varying ratio of the two illuminations. The result is
-scaled to grey levels at the median level of the reference.
+scaled to grey levels at the median level of the reference. What is left of light that changed strongly is
+taken out of that as out of a frame without a reference.
 """
 
 from dataclasses import dataclass, replace
@@ -15,18 +16,23 @@ from contactimg.imaging.background.alignment import UNKNOWN, Alignment, move_ref
 from contactimg.imaging.background.divide import divide_by_reference
 from contactimg.imaging.background.even_out import even_out
 from contactimg.imaging.background.find_illumination import (
+    NOTABLE_SHARE,
     BackgroundLevel,
     Rows,
+    encloses,
     find_illumination,
     neighbour_scatter,
 )
 from contactimg.imaging.background.illumination import (
+    BACKGROUND_CLIP_SIGMA,
     DARKEST_FRACTION,
     ITERATIONS,
     DifferenceImage,
     Illumination,
 )
+from contactimg.imaging.background.no_reference import estimate_background, scatter_of_blocks
 from contactimg.imaging.background.register import align, search_alignment
+from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, find_clipped, rounding_of_blocks, side_of
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
@@ -36,8 +42,13 @@ from contactimg.timings import stage
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
 SMOOTH_RATIO = 0.1  # noise of a reference over the scatter of the frame below which it was smoothed. By hand
 SUBPIXEL_PX = 0.75  # a larger shift is first taken out in whole pixels
-SIGNS: dict[BackgroundLevel, int] = {"lowest": 1, "highest": -1}
-"""Sign of contacts by the level of the background; any for others."""
+# Share of the blocks, or squares, that are background below which the light may be another one. By hand:
+# light that changed strongly leaves 0.1 to 0.3, a crowd that covers half of the image more.
+LEAST_BACKGROUND = 1.0 / 3.0
+BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}
+"""Level of the background among those of a frame, by the polarity of the contacts."""
+SIGNS = {"bright": 1, "dark": -1, "auto": 0}
+"""Sign that makes contacts positive, by their polarity; 0 where the frame shows it."""
 NO_ALIGNMENT = Alignment(np.nan, np.nan, np.inf)
 REGISTERED = Alignment(0.0, 0.0, 0.0)
 
@@ -57,6 +68,54 @@ class _Images:
 
 
 @stage("light")
+def remove_background(
+    frame: NDArray, reference: NDArray, *, valid: Mask = None, polarity: str = "auto", **registration: bool
+) -> tuple[DifferenceImage, int]:
+    """`subtract_reference`, and what is left of the background taken out.
+
+    Where much is left on the side on which no contact is, or little of the image is background, the light
+    has changed strongly. It is then estimated from the difference as well, in which texture and dirt are
+    divided out, and taken where more blocks agree with it.
+
+    Parameters
+    ----------
+    frame, reference, valid, **registration
+        See `subtract_reference`.
+    polarity : {"bright", "dark", "auto"}
+        Whether contacts are brighter or darker than the background.
+
+    Returns
+    -------
+    difference : DifferenceImage
+    sign : int
+        That makes contacts positive.
+    """
+    level_is = BACKGROUND_IS[polarity]
+    plain = subtract_reference(frame, reference, valid=valid, background_is=level_is, **registration)
+    best = even_out(plain, sign=SIGNS[polarity]) if plain.ratio else plain
+    valid, light, level, sign = plain.valid, best.illumination, plain.level, SIGNS[polarity]
+    if not sign:
+        seen = block_means(best.image, valid, side=side_of(light.background.shape, frame.shape))
+        sign = -1 if find_polarity(seen, light.background) == "dark" else 1
+    blocks = block_means(best.image, valid)
+    scatter = max(scatter_of_blocks(part, plain.rounding) for part in (blocks, blocks.T))
+    limit = BACKGROUND_CLIP_SIGMA * scatter
+    changed = np.mean(light.background) < LEAST_BACKGROUND or np.mean(sign * blocks < -limit) > NOTABLE_SHARE
+    if not (changed and plain.ratio and np.isfinite(blocks).any()):
+        return _without_clipped(best, frame), sign
+    found = np.abs(blocks) < limit
+    least = np.mean(found) + NOTABLE_SHARE
+    for start in dict.fromkeys((plain, best)):
+        other, new_sign = estimate_background(start.image + np.float32(level), valid=valid, polarity=polarity)
+        near = np.abs(block_means(other.image, other.valid)) < limit
+        if np.mean(near) > least and encloses(near, found):
+            least, sign, new = np.mean(near), new_sign, other.illumination
+            light = replace(light, background=new.background, scatter=new.scatter / level)
+            brightness = start.brightness * other.brightness
+            best = replace(plain, image=other.image, brightness=brightness, illumination=light)
+    return _without_clipped(best, frame), sign
+
+
 def subtract_reference(
     frame: NDArray,
     reference: NDArray,
@@ -88,7 +147,7 @@ def subtract_reference(
     images = _Images(frame, reference, valid, background_is, rounding_of_blocks(frame, reference))
     placed = _PlacedReference.of(images, UNKNOWN)
     if placed is None:
-        return _without_clipped(_subtract_plainly(images), frame)
+        return _subtract_plainly(images)
     residual, textured = REGISTERED, False
     if not registered:
         placed, residual, textured = _register(placed, whole=whole)
@@ -96,7 +155,7 @@ def subtract_reference(
     image = divide_by_reference(frame, placed.reference, placed.half, light, residual=residual, level=level)
     if placed.valid is not None:
         image[placed.valid == 0] = 0.0
-    difference = DifferenceImage(
+    return DifferenceImage(
         image,
         level,
         placed.brightness,
@@ -107,7 +166,6 @@ def subtract_reference(
         registration_failed=textured and not residual.known,
         rounding=images.rounding,
     )
-    return _without_clipped(even_out(difference, sign=SIGNS.get(background_is, 0)), frame)
 
 
 def _without_clipped(difference: DifferenceImage, frame: NDArray) -> DifferenceImage:
@@ -269,4 +327,6 @@ def _subtract_plainly(images: _Images) -> DifferenceImage:
     )
     image = illumination.subtract_from(np.subtract(frame, reference, dtype=np.float32))
     brightness = np.ones([-(-size // BLOCK) for size in frame.shape], np.float32)
-    return DifferenceImage(image, 0.0, brightness, illumination, NO_ALIGNMENT, rounding=images.rounding)
+    return DifferenceImage(
+        image, 0.0, brightness, illumination, NO_ALIGNMENT, valid=valid, rounding=images.rounding
+    )

@@ -12,7 +12,7 @@ from contactimg.imaging.background.find_illumination import (
     find_illumination,
 )
 from contactimg.imaging.background.illumination import fit_illumination
-from contactimg.imaging.background.subtract import subtract_reference
+from contactimg.imaging.background.subtract import remove_background, subtract_reference
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.profile.limits import SQUARE_PX
 
@@ -146,4 +146,15 @@ def test_wide_contacts_that_fill_the_image_are_no_background(rng):
     reference = 80.0 * LEVEL + rng.normal(0, 0.8, SHAPE)
     found = subtract_reference(frame.astype(np.float32), reference.astype(np.float32))
     assert contacts.mean() > 0.6
+    assert abs(np.median(found.image[contacts < 1e-3])) < 0.01 * found.level
+
+
+@pytest.mark.parametrize("contrast", [0.5, -0.5])
+def test_wide_contacts_in_a_packing_are_no_other_light(rng, contrast):
+    """Little is background, and more blocks agree with the level of the contacts; they enclose nothing."""
+    contacts = crowd(124, 60)
+    frame = 80.0 * LEVEL * (1 + contrast * contacts) + rng.normal(0, 0.8, SHAPE)
+    reference = 80.0 * LEVEL + rng.normal(0, 0.8, SHAPE)
+    found, sign = remove_background(frame.astype(np.float32), reference.astype(np.float32))
+    assert sign == np.sign(contrast)
     assert abs(np.median(found.image[contacts < 1e-3])) < 0.01 * found.level
