@@ -2,8 +2,8 @@
 
 Contacts transmit a fraction of the light that falls on them, so the frame is divided by the background: the
 reference, aligned with the frame, times the slowly varying ratio of the two illuminations. The result is
-scaled to grey levels at the median level of the reference. What is left of light that changed strongly is
-taken out of that as out of a frame without a reference.
+scaled to grey levels at the median level of the reference. Where the light has changed strongly, what is left
+of it in the difference image is estimated as in a frame without a reference, and taken out.
 """
 
 from dataclasses import dataclass, replace
@@ -71,11 +71,11 @@ class _Images:
 def remove_background(
     frame: NDArray, reference: NDArray, *, valid: Mask = None, polarity: str = "auto", **registration: bool
 ) -> tuple[DifferenceImage, int]:
-    """`subtract_reference`, and what is left of the background taken out.
+    """Frame minus background by `subtract_reference`, with what is left of the light taken out.
 
     Where much is left on the side on which no contact is, or little of the image is background, the light
     has changed strongly. It is then estimated from the difference as well, in which texture and dirt are
-    divided out, and taken where more blocks agree with it.
+    divided out. This estimate is taken if more blocks agree with it and if they enclose those found before.
 
     Parameters
     ----------

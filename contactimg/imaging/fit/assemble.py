@@ -46,8 +46,8 @@ GROWTH_RATIO = 1.3
 LEAST_RIM_PEAK = 0.12
 """Height of a residual peak near a rim that becomes a disk, of the contrast. By hand: for imperfect rims."""
 OVER_SURROUNDINGS = 0.8
-"""Height of a peak over the mean residual around it, of the least height over zero. By hand: light that is
-less even than a polynomial leaves ridges; a faint contact stands on noise of its surroundings."""
+"""Least height of a peak over the mean residual around it, of its least height over zero. By hand: light that
+no polynomial describes leaves ridges, on which 0.5 takes specks for contacts; 1 loses faint contacts."""
 ROUGH_RATIO = 1.5
 """Scatter of the residuals around a peak over the noise from which the peak must stand out of that scatter.
 By hand: compression and sharpening ring beside contacts."""
