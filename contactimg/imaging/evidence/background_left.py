@@ -9,7 +9,7 @@ from contactimg.imaging.detect.candidates import DARK_FRACTION
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask, clear_disks
-from contactimg.imaging.pixels.robust import robust_std
+from contactimg.imaging.pixels.robust import SAMPLE, robust_std
 from contactimg.imaging.profile.limits import SQUARE_PX
 
 PATCH_PX = 32
@@ -19,7 +19,6 @@ LEAST_FREE_BLOCKS = 0.1
 FOLLOWED_FRACTION = 0.02
 """Distance of a block from the background, of the contrast, up to which its light was followed. Chosen, as
 for the unevenness: compression makes most blocks equal, and the others stand out by a grey level."""
-SAMPLED_ROWS = 31  # one row in so many gives the noise of pixels; accuracy
 FEWEST_PATCHES = 6
 """Patches that give the unevenness: to 30 % (theory: 1/sqrt(2 n))."""
 
@@ -96,7 +95,7 @@ def inspect_background(
     if background.shape == free.shape:
         found = float(np.mean(background[free > 0] | (np.abs(left) < FOLLOWED_FRACTION * contrast)))
     # noise that neighbouring pixels do not share
-    steps = np.diff(image[::SAMPLED_ROWS], axis=1)
+    steps = np.diff(image[:: max(image.size // SAMPLE, 1)], axis=1)
     single = robust_std(steps) / np.sqrt(2.0) if steps.size else 0.0
     return BackgroundLeft(
         uneven=_unevenness(means, free, noise, PATCH_PX // side) / contrast,

@@ -19,7 +19,7 @@ from contactimg.compiled import njit
 from contactimg.imaging.background.illumination import Illumination, fit_illumination
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, find_insignificant, fit_disks
 from contactimg.imaging.fit.problem import CONTRAST, ContrastPrior, FitProblem
-from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
+from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of, to_pixels
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION, ROUNDS
 from contactimg.imaging.profile.optics import Halo, SharedOptics
@@ -41,6 +41,8 @@ SETTLED_FRACTION = 2e-3
 Accuracy."""
 BLOCK_PX = 2
 """Side of the block means on which halos, and the gaps of a crowd, are looked at, a power of 2. Accuracy."""
+WIDE_PX = 3.0
+"""Width of a Gaussian from which it is applied to means over 2 x 2 pixels. Accuracy: they widen it by 1.4 %."""
 GAP_SHARE = 0.05
 """Share of the blocks used there, those with the least light of contacts. By hand."""
 ILLUMINATION_ROUNDS = 8
@@ -210,14 +212,15 @@ def _best_halo(
 
 def subtract_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
     """The image as the core of the point spread function alone would show it."""
-    wide = _blurred(block_means(model, side=BLOCK_PX), halo.sigma_px / BLOCK_PX)
-    enlarged = cv2.resize(wide, None, fx=BLOCK_PX, fy=BLOCK_PX, interpolation=cv2.INTER_CUBIC)
-    wide = np.asarray(enlarged, np.float32)[: image.shape[0], : image.shape[1]]
-    return np.asarray((image - np.float32(halo.fraction) * wide) / np.float32(1.0 - halo.fraction))
+    wide = np.float32(halo.fraction) * _blurred(model, halo.sigma_px)
+    return np.asarray((image - wide) / np.float32(1.0 - halo.fraction))
 
 
 def _blurred(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
-    """Through a Gaussian of a width in pixels; the border repeats."""
+    """Through a Gaussian of a width in pixels, a wide one in blocks of pixels; the border repeats."""
+    if width >= WIDE_PX:
+        coarse = _blurred(block_means(core, side=2), 0.5 * width)
+        return to_pixels(coarse, core.shape, side=2, interpolation=cv2.INTER_CUBIC)
     return np.asarray(cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE), np.float32)
 
 
