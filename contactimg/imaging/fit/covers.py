@@ -218,8 +218,7 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
     coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
     for members in sorted(_groups_with(bad, fit.disks, NEAR_BLUR_WIDTHS * fit.blur), key=len):
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
-        usual_ones = whole[members] | (fit.chi_square[members] < limit[members] * median)
-        if len(members) == 1 and usual_ones[0]:
+        if len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median:
             continue
         window = GroupWindow.about(coarse, fit, members)
         if window is None:
@@ -260,14 +259,15 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     beside &= disks[:, RADIUS] < coarse[:, RADIUS].max()
     fewer = np.vstack([coarse, disks[beside]])
     moved = len(fewer) == len(disks) == 1 and np.abs(fewer - disks)[0, :3].max() > window.blur
-    if misfit < WELL_FITTED_CHI_SQUARE or len(coarse) > 1 or not (len(fewer) < len(disks) or moved):
-        if len(fewer) > len(disks) - 2:
-            return None
-        _, chi_square = window.fit(fewer, _bounds(window, fewer))
-        expected = usual * window.pixels
-        left = (window.chi_square(disks) - expected) * len(disks) / len(fewer)
-        if left < EXCESS_LEFT_FRACTION * (chi_square - expected):
-            return None
+    if len(fewer) > len(disks) - 2 and (misfit < WELL_FITTED_CHI_SQUARE or len(coarse) > 1):
+        return None
+    if len(fewer) > len(disks) - 1 and not moved:
+        return None
+    _, chi_square = window.fit(fewer, _bounds(window, fewer))
+    expected = usual * window.pixels
+    left = (window.chi_square(disks) - expected) * len(disks) / len(fewer)
+    if left < EXCESS_LEFT_FRACTION * (chi_square - expected):
+        return None
     return fewer, np.arange(len(fewer)) < len(coarse)
 
 
@@ -321,14 +321,11 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
         window = GroupWindow.about(common, fit, np.array([row]), margin=margin)
         if window is None or major < LEAST_ELONGATION * minor:
             continue
-        x, y = ellipse.parameters[:2] - window.offset[:2]
-        a = np.sqrt(major * minor / 2.0)
-        away = max(major - a, 0.5 * a) * np.array([np.cos(ellipse.angle), np.sin(ellipse.angle)])
-        start = np.array([[x + side * away[0], y + side * away[1], a, problem.contrast] for side in (-1, 1)])
-        two, chi_square = window.fit(start, np.full(2, 1.5 * major))
-        if len(two) == 2 and chi_square < _misfit(window, ellipse):
+        covers = list(_larger_covers(window, fit.disks[[row]] - window.offset))
+        several, chi_square = min(covers, key=lambda cover: cover[1] + DISK_PRICE * (len(cover[0]) - 2))
+        if len(several) > 1 and chi_square < _misfit(window, ellipse):
             replaced[row] = True
-            new.append(two + window.offset)
+            new.append(several + window.offset)
     return Replacement(replaced, np.vstack(new))
 
 
