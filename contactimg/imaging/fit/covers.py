@@ -192,7 +192,7 @@ class Replacement:
     whole: NDArray[np.bool_] | bool = False
 
 
-def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.bool_]) -> Replacement:
+def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
     """Better covers of the groups that fit badly.
 
     Parameters
@@ -201,8 +201,6 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
         With a loose prior of the contrasts.
     fit : FittedDisks
         With all its disks in the model image.
-    whole : ndarray of bool, shape (n,)
-        Disks that stand for one contact of another shape: alone, they are not cut up.
 
     Returns
     -------
@@ -245,8 +243,8 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     """The fewer disks that take the place of disks that do not describe a group; None if there are none.
 
     `_coarser_cover` proposes them. The more disks a group has, the more of the excess chi-square of the fewer
-    they must remove to stay; where they describe nothing, one contact of any shape replaces them. The second
-    array says which of the fewer disks are proposed, and which stood beside them before.
+    they must remove to stay. Where they describe nothing, one contact of any shape may take their place. The
+    second array says which of the fewer disks are proposed, and which stood beside them before.
     """
     lit = window.model(disks) > LIT_FRACTION * window.problem.contrast
     misfit = float(window.misfit(disks)[lit].mean()) / usual if lit.any() else 0.0
@@ -308,10 +306,10 @@ def _coarser_cover(window: GroupWindow, disks: NDArray) -> tuple[NDArray[np.floa
     return np.column_stack([places, np.full(len(places), plateau)]), region
 
 
-def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
-    """Two disks of the common contrast in the place of each ellipse that describes its pixels worse.
+def find_disks_instead(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
+    """Two or three disks of the common contrast in the place of each ellipse that describes its pixels worse.
 
-    Both have as many parameters that the pixels determine: the likelihood decides.
+    Two have as many parameters that the pixels determine as an ellipse: the likelihood decides.
     """
     replaced, new = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))]
     common = replace(_no_finer_than_shapes(problem), prior=ContrastPrior.loose(problem.contrast))
