@@ -17,7 +17,7 @@ from contactimg.imaging.fit.covers import (
     Replacement,
     are_parts,
     find_better_covers,
-    find_disks_instead,
+    find_pairs_of_disks,
     join_disks,
 )
 from contactimg.imaging.fit.disks import (
@@ -200,7 +200,7 @@ class Assembly:
     def find_ellipses(self, tried: NDArray[np.bool_]) -> None:
         """Replace the regions that are ellipses by disks of equal area in the image."""
         found = find_ellipses(self.problem, self.fit, self.problem.prior, EXACT_OPTICS, among=tried)
-        pairs = find_disks_instead(self.problem, self.fit, found)
+        pairs = find_pairs_of_disks(self.problem, self.fit, found)
         self._replace(pairs)
         self._make_round(found.kept(~pairs.replaced))
 
@@ -225,7 +225,7 @@ class Assembly:
 
     def improve_covers(self) -> bool:
         """Replace the disks of groups that fit badly by better covers; whether some are simpler ones."""
-        covers = find_better_covers(self.problem, self.fit)
+        covers = find_better_covers(self.problem, self.fit, self.ellipses)
         self._replace(covers)
         return bool(np.any(covers.whole))
 

@@ -99,11 +99,14 @@ class GroupWindow:
         Number of them.
     offset : ndarray, shape (4,)
         Parameters of a disk in the image minus those in the window.
+    corner : ndarray, shape (6,)
+        The same for an ellipse.
     """
 
     def __init__(self, problem: FitProblem, blur: float):
         self.problem, self.blur, self.pixels = problem, blur, problem.image.size
         self.offset = np.array([*problem.corner, 0.0, 0.0])
+        self.corner = np.array([*problem.corner, 0.0, 0.0, 0.0, 0.0])
         self._misfits: dict[bytes, NDArray[np.float32]] = {}
 
     @classmethod
@@ -192,7 +195,7 @@ class Replacement:
     whole: NDArray[np.bool_] | bool = False
 
 
-def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
+def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
     """Better covers of the groups that fit badly.
 
     Parameters
@@ -201,6 +204,8 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
         With a loose prior of the contrasts.
     fit : FittedDisks
         With all its disks in the model image.
+    ellipses : Ellipses
+        Disks that stand for ellipses: alone, they are not cut up.
 
     Returns
     -------
@@ -216,7 +221,8 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
     coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
     for members in sorted(_groups_with(bad, fit.disks, NEAR_BLUR_WIDTHS * fit.blur), key=len):
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
-        if len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median:
+        usual_ones = fit.chi_square[members] < limit[members] * median
+        if len(members) == 1 and (usual_ones[0] or members[0] in ellipses.rows):
             continue
         window = GroupWindow.about(coarse, fit, members)
         if window is None:
@@ -306,10 +312,10 @@ def _coarser_cover(window: GroupWindow, disks: NDArray) -> tuple[NDArray[np.floa
     return np.column_stack([places, np.full(len(places), plateau)]), region
 
 
-def find_disks_instead(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
-    """Two or three disks of the common contrast in the place of each ellipse that describes its pixels worse.
+def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
+    """Two disks of the common contrast in the place of each ellipse that describes its pixels worse.
 
-    Two have as many parameters that the pixels determine as an ellipse: the likelihood decides.
+    Both have as many parameters that the pixels determine: the likelihood decides.
     """
     replaced, new = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))]
     common = replace(_no_finer_than_shapes(problem), prior=ContrastPrior.loose(problem.contrast))
@@ -319,11 +325,15 @@ def find_disks_instead(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
         window = GroupWindow.about(common, fit, np.array([row]), margin=margin)
         if window is None or major < LEAST_ELONGATION * minor:
             continue
-        covers = list(_larger_covers(window, fit.disks[[row]] - window.offset))
-        several, chi_square = min(covers, key=lambda cover: cover[1] + DISK_PRICE * (len(cover[0]) - 2))
-        if len(several) > 1 and chi_square < _misfit(window, ellipse):
+        # neighbours may still be described badly
+        model = render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
+        near = model > LIT_FRACTION * problem.contrast
+        covers = (disks for disks, _ in _larger_covers(window, fit.disks[[row]] - window.offset))
+        costs = [(float(window.misfit(two)[near].sum()), two) for two in covers if len(two) == 2]
+        least, two = min(costs, key=lambda cost: cost[0], default=(np.inf, fit.disks))
+        if least < window.misfit_of(model)[near].sum():
             replaced[row] = True
-            new.append(several + window.offset)
+            new.append(two + window.offset)
     return Replacement(replaced, np.vstack(new))
 
 
@@ -361,8 +371,7 @@ def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Rep
 
 def _misfit(window: GroupWindow, ellipse: FittedEllipse) -> float:
     """Chi-square of an ellipse in a window."""
-    corner = np.append(window.offset[:2], np.zeros(4))
-    model = render_ellipse(ellipse.parameters - corner, window.blur, window.problem.image.shape)
+    model = render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
     return float(window.misfit_of(model).sum())
 
 
