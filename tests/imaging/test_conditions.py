@@ -101,6 +101,17 @@ CROWDS = {
 }
 
 
+def test_the_faint_light_about_many_contacts_is_no_background(rng):
+    """The blocks that the light is fitted to hold 0.3 % of the contrast of the contacts that are near."""
+    optics = Optics(shape=(900, 1200), sigma=1.9, camera="low")
+    truth = scatter(1300, optics, rng, radii=(1.5, 12.0))
+    frame, reference = render(truth, optics, rng)
+    disks = measure_image(frame, reference).disks
+    pairs = match(truth, disks)
+    error = disks.radius_px.to_numpy()[pairs[:, 1]] - truth.radius_px.to_numpy()[pairs[:, 0]]
+    assert abs(error.mean()) < 0.004
+
+
 @pytest.mark.parametrize("crowd", CROWDS)
 def test_contacts_may_cover_most_of_the_frame(crowd, rng):
     """Where no 8 x 8 pixels are free of contacts' light, the gaps between them tell the background."""

@@ -125,6 +125,18 @@ def test_groups_are_resolved(name):
     assert (found["flags"].to_numpy()[pairs[:, 1]][pairs[:, 0] < len(rows)] & int(Flag.MERGED)).all()
 
 
+@pytest.mark.parametrize("angle", [0.2, 1.0, 2.1])
+@pytest.mark.parametrize(("wide", "small", "gap"), [(5.3, 1.85, 0.0), (3.3, 1.6, 1.5)])
+def test_a_small_contact_beside_a_wider_one_is_no_bump_of_an_ellipse(wide, small, gap, angle):
+    """Behind a blur as wide as the small one, the two look like an ellipse that fits badly."""
+    away = wide + small + gap
+    pair = [(60, 70, wide), (60 + away * np.cos(angle), 70 + away * np.sin(angle), small)]
+    truth, frame, reference = frame_of(pair, sigma=1.9, camera="high")
+    disks = measure_image(frame, reference).disks
+    assert len(match(truth, disks)) == len(truth) == len(disks)
+    assert set(disks["shape"]) == {"disk"}
+
+
 @pytest.mark.parametrize("sigma", [1.4, 2.0])
 def test_small_close_contacts_are_two(sigma):
     # at gaps below the blur the two have one maximum
