@@ -1,5 +1,6 @@
 """What every command leaves in its folder: tables, figures with their captions, and a calibration."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,8 @@ from contactimg.tables import Schema, Status
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes  # takes half a second, and `process` draws no axes
+
+NUMBER = re.compile(r"[-+]?\d[\d.e+-]*")
 
 
 def write_results(
@@ -94,22 +97,19 @@ def alike_remarks(
     >>> alike_remarks(table)[0]
     (('a.tif', 'c.tif'), 'the lamp is 1.1 of the reference (numbers of the first)')
     """
-    remarks = frames.assign(exact=exact, said=frames["message"].str.split("; ")).explode("said")
-    remarks = remarks[remarks["said"].fillna("") != ""]
-    pairs = zip(remarks["frame"], remarks["said"], strict=True)
-    bare = [said.removeprefix(frame).lstrip(": ") for frame, said in pairs]
-    remarks["said"] = pd.array(bare, dtype="str")  # also where there is none
-    kinds = (
-        remarks["said"]
-        .str.replace(r"[-+]?\d[\d.e+-]*", "#", regex=True)
-        .mask(remarks["exact"], remarks["said"])
-    )
-    alike = remarks.groupby(kinds, sort=False).agg(
-        frames=("frame", tuple), said=("said", "first"), forms=("said", "nunique")
-    )
-    differ = alike["forms"] > 1
-    texts = alike["said"].mask(differ, alike["said"] + " (numbers of the first)")
-    return [(those, "; ".join(part)) for those, part in texts.groupby(alike["frames"], sort=False)]
+    alike: dict[str, list[tuple[str, str]]] = {}
+    whole = frames.assign(exact=exact)[["frame", "message", "exact"]].fillna({"message": ""})
+    for frame, message, by_numbers in whole.itertuples(index=False):
+        for remark in filter(None, message.split("; ")):
+            said = remark.removeprefix(frame).lstrip(": ")
+            kind = said if by_numbers else NUMBER.sub("#", said)
+            alike.setdefault(kind, []).append((frame, said))
+    joined: dict[tuple[str, ...], list[str]] = {}
+    for remarks in alike.values():
+        names, texts = zip(*remarks, strict=True)
+        differ = " (numbers of the first)" if len(set(texts)) > 1 else ""
+        joined.setdefault(names, []).append(texts[0] + differ)
+    return [(names, "; ".join(texts)) for names, texts in joined.items()]
 
 
 def frame_notes(frames: pd.DataFrame) -> list[str]:
