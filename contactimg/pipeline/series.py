@@ -118,7 +118,7 @@ def _measure_frames(
     frames, edits, method = experiment.frames, edits_by_frame(experiment), options.scene.measure.method
     numbers, alone = range(len(frames)), partial(measure_scene_frame, options=options)
     parts: dict[int, MeasuredFrame] = {}
-    failed: dict[int, FailedFrame] = {}
+    failed: dict[int, MeasuredFrame] = {}
 
     def measured(call: Measure, optics: Mapping[int, SharedOptics | None]) -> dict[int, MeasuredFrame]:
         """The frames of these numbers, measured with optics of others; those that fail go to ``failed``."""
@@ -126,13 +126,11 @@ def _measure_frames(
         jobs = [(frames[k], own, edits.get(frames[k].name, ())) for k, own in optics.items()]
         shown = "" if again else "measuring frames"
         results = for_each_frame(experiment, call, jobs, workers=workers, store=store, shown=shown)
-        found = {}
+        found: dict[int, MeasuredFrame] = {}
         for k, result in zip(optics, results, strict=True):
-            if isinstance(result, FailedFrame):
-                failed[k] = result
-            else:
-                found[k] = result
-            MeasuredFrame.of(result).log(again)
+            part = MeasuredFrame.of(result)
+            (failed if isinstance(result, FailedFrame) else found)[k] = part
+            part.log(again)
         return found
 
     counts_pixels = method == "threshold" and options.scene.images.background != "pooled"
@@ -219,7 +217,7 @@ def _of_usual_shape(parts: Mapping[int, MeasuredFrame]) -> dict[int, MeasuredFra
 
 
 def _in_order(
-    parts: Mapping[int, MeasuredFrame], failed: dict[int, FailedFrame], frames: Sequence[files.FrameSource]
+    parts: Mapping[int, MeasuredFrame], failed: dict[int, MeasuredFrame], frames: Sequence[files.FrameSource]
 ) -> tuple[list[MeasuredFrame], tuple[int, int]]:
     """All frames and their usual shape; those of another shape are failures."""
     usual = _of_usual_shape(parts)
@@ -227,6 +225,6 @@ def _in_order(
     for k in parts.keys() - usual.keys():
         size = "{1} x {0}".format(*parts[k].shape or (0, 0))
         odd = f"has {size} pixels, the other frames {columns} x {rows}"
-        failed[k] = FailedFrame.of(frames[k].name, FrameError(odd))
-    ordered = [usual[k] if k in usual else MeasuredFrame.of(failed[k]) for k in range(len(frames))]
-    return ordered, (rows, columns)
+        failed[k] = MeasuredFrame.of(FailedFrame.of(frames[k].name, FrameError(odd)))
+    whole = usual | failed
+    return [whole[k] for k in range(len(frames))], (rows, columns)
