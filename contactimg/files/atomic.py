@@ -130,8 +130,6 @@ _PLAIN: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
     (bytes, bytes.hex),
     (PurePath, PurePath.as_posix),
     (set | frozenset, lambda value: sorted(value, key=repr)),
-    (Mapping, dict),
-    (pd.DataFrame, lambda value: value.to_dict("list")),
     (type(pd.NA), lambda _: None),
 )
 """Kind of value that JSON does not have -> the same made of values that it has; the first that fits."""
