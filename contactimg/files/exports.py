@@ -23,7 +23,7 @@ from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi, roiread
 from contactimg.errors import InputError
 from contactimg.files.atomic import read_bytes, replacing, write_text
 from contactimg.tables import Schema, flag_names
-from contactimg.tables.outlines import Outline, contact_outlines
+from contactimg.tables.outlines import Outline
 
 CORNER_TO_CENTRE_PX = 0.5
 """Position in ImageJ minus position here, px."""
@@ -199,25 +199,23 @@ def write_overlay_tiff(
 
 
 def label_image(
-    contacts: pd.DataFrame, shape: tuple[int, ...], outlines: pd.DataFrame | None = None
+    outlines: Sequence[Outline], shape: tuple[int, ...]
 ) -> NDArray[np.uint16] | NDArray[np.uint32]:
     """The label of the contact in which the centre of each pixel lies, 0 in none.
 
     Where contacts overlap, the smaller one has the pixel. A contact without the centre of a pixel gets the
-    nearest pixel. ``outlines``: those of the contacts of free shape.
+    nearest pixel.
 
     Examples
     --------
-    >>> contacts = pd.DataFrame({"label": [7], "x_px": [2.0], "y_px": [1.0], "radius_px": [1.1]})
-    >>> label_image(contacts, (3, 4)).tolist()
+    >>> label_image([Outline(7, 2.0, 1.0, 1.1, 1.1)], (3, 4)).tolist()
     [[0, 0, 7, 0], [0, 7, 7, 7], [0, 0, 7, 0]]
     """
     from skimage.draw import polygon  # noqa: PLC0415 - slow to import, seldom needed
 
-    highest = int(contacts["label"].max()) if len(contacts) else 0
+    highest = max((outline.label for outline in outlines), default=0)
     labels = np.zeros(shape, np.uint16 if highest < 2**16 else np.uint32)
-    shapes = contact_outlines(contacts, outlines)
-    for outline in sorted(shapes, key=lambda one: -one.semi_major * one.semi_minor):
+    for outline in sorted(outlines, key=lambda one: -one.semi_major * one.semi_minor):
         x, y = outline.polygon.T.copy()  # the columns of a table cannot be written to, as `polygon` wants
         rows, columns = polygon(y, x, shape)
         if not len(rows):
@@ -227,19 +225,19 @@ def label_image(
     return labels
 
 
-def write_labels(contacts: pd.DataFrame, shape: tuple[int, ...], outlines: pd.DataFrame, path: Path) -> None:
+def write_labels(outlines: Sequence[Outline], shape: tuple[int, ...], path: Path) -> None:
     """Write the label image of one frame as a TIFF, whole or not at all."""
-    labels = label_image(contacts, shape, outlines)
+    labels = label_image(outlines, shape)
     with replacing(path) as part:
         tifffile.imwrite(part, labels, compression="zlib", metadata=None, software=False)
 
 
-def write_napari_shapes(contacts: pd.DataFrame, outlines: pd.DataFrame, path: Path) -> None:
+def write_napari_shapes(outlines: Sequence[Outline], path: Path) -> None:
     """Write the outlines of the contacts of one frame as a shapes layer.
 
     An ellipse is given by the four corners around it; a free shape is a polygon, each of its holes a path.
     """
-    shapes = [shape for outline in contact_outlines(contacts, outlines) for shape in napari_shapes(outline)]
+    shapes = [shape for outline in outlines for shape in napari_shapes(outline)]
     rows = [
         (index, kind, vertex, y, x)
         for index, (kind, points) in enumerate(shapes)

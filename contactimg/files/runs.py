@@ -23,6 +23,7 @@ from contactimg.pose.apex import FOUND, STATED, Apex
 from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
+from contactimg.tables.outlines import Outline, contact_outlines
 
 logger = logging.getLogger(__name__)
 
@@ -98,6 +99,11 @@ class FrameTables:
     contacts: pd.DataFrame = field(default_factory=CONTACTS.empty)
     rejected: pd.DataFrame = field(default_factory=REJECTED.empty)
     outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
+
+    @property
+    def shapes(self) -> list[Outline]:
+        """The outline of each contact, whatever its shape."""
+        return contact_outlines(self.contacts, self.outlines)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,13 +1,11 @@
 """A run folder as layers of napari: frames, contacts, holes and rejected candidates."""
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from dask import delayed
 from dask.array import from_delayed
 from dask.array import stack as stack_of
@@ -18,7 +16,7 @@ from contactimg.files import FrameSource, Run, main_tables, read_run
 from contactimg.files.exports import napari_shapes
 from contactimg.pipeline.export import frame_sources
 from contactimg.tables import CONTACTS, flag_names
-from contactimg.tables.outlines import REJECTED_COLOUR, contact_outlines, kind_of
+from contactimg.tables.outlines import REJECTED_COLOUR, kind_of
 
 Layer = tuple[Any, dict[str, Any], str]
 """Data, properties and kind of a layer, as napari takes them."""
@@ -81,44 +79,18 @@ def read_run_layers(path: str) -> list[Layer]:
     return [(data, common | properties, kind) for data, properties, kind in layers]
 
 
-@dataclass(frozen=True, eq=False)
-class FrameContacts:
-    """The contacts of one frame as napari draws them.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns of `contactimg.tables.CONTACTS`.
-    shapes : list of list of (str, ndarray)
-        For each contact its shapes, type and points (x, y) in px: the contact, then its holes.
-    """
-
-    table: pd.DataFrame
-    shapes: list[list[tuple[str, NDArray[np.float64]]]]
-
-
-def contacts_by_frame(run: Run, names: Iterable[str]) -> list[FrameContacts]:
-    """The contacts of the named frames."""
-    contacts, lines = dict(list(run.contacts.groupby("frame"))), dict(list(run.outlines.groupby("frame")))
-    return [
-        FrameContacts(table, [napari_shapes(outline) for outline in contact_outlines(table, lines.get(name))])
-        for name in names
-        for table in [contacts.get(name, CONTACTS.empty())]
-    ]
-
-
 def _contact_layers(run: Run, number: dict[str, int]) -> tuple[Layer, Layer]:
     """The contacts, and the holes in them."""
     data: list[NDArray[np.float64]] = []
     kinds: list[str] = []
     holes: list[NDArray[np.float64]] = []
-    frames = contacts_by_frame(run, number)
-    for k, frame in enumerate(frames):
-        for (kind, points), *inner in frame.shapes:
+    frames = dict(run.by_frame())
+    for name, k in number.items():
+        for (kind, points), *inner in map(napari_shapes, frames[name].shapes):
             data.append(_in_stack(points, k))
             kinds.append(kind)
             holes += [_in_stack(hole, k) for _, hole in inner]
-    table = pd.concat([frame.table for frame in frames]) if frames else CONTACTS.empty()
+    table = CONTACTS.joined(frames[name].contacts for name in number)
     features = table[FEATURES].reset_index(drop=True).assign(flags=flag_names(table["flags"]))
     style = {"face_color": "transparent", "edge_width": 0.5}
     colours = [kind_of(int(flags)).colour for flags in table["flags"]]

@@ -10,10 +10,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files import read_run
+from contactimg.files import FrameTables, read_run
 from contactimg.files.corrections import EditsFile
-from contactimg.files.exports import Region, polygon_region
-from contactimg.napari_plugin.reader import FRAMES_KEY, RUN_KEY, FrameContacts, contacts_by_frame
+from contactimg.files.exports import Region, napari_shapes, polygon_region
+from contactimg.napari_plugin.reader import FRAMES_KEY, RUN_KEY
 from contactimg.pipeline.export import edits_between, region_name
 from contactimg.tables import EDITS
 
@@ -47,11 +47,11 @@ def write_corrections(path: str, data: Sequence[Any], properties: dict[str, Any]
             "this layer does not hold the contacts of a run; open a run folder and correct those"
         )
     run = read_run(metadata[RUN_KEY])
-    names = metadata[FRAMES_KEY]
+    names, shown = metadata[FRAMES_KEY], dict(run.by_frame())
     drawn = _regions_by_frame(data, properties, len(names))
     edits = [
-        _edits(frame, regions).assign(frame=name, author="", time="")
-        for name, frame, regions in zip(names, contacts_by_frame(run, names), drawn, strict=True)
+        _edits(shown.get(name, FrameTables()), regions).assign(frame=name, author="", time="")
+        for name, regions in zip(names, drawn, strict=True)
     ]
     rows = EDITS.joined(edits)
     target = EditsFile(Path(path))
@@ -61,13 +61,10 @@ def write_corrections(path: str, data: Sequence[Any], properties: dict[str, Any]
     return [path] if len(rows) else []
 
 
-def _edits(frame: FrameContacts, corrected: list[Region]) -> pd.DataFrame:
-    exported = [
-        region
-        for label, (outer, *_) in zip(frame.table["label"], frame.shapes, strict=True)
-        if (region := _region(region_name(int(label)), *outer)) is not None
-    ]
-    return edits_between(frame.table, exported, corrected, program="napari")
+def _edits(shown: FrameTables, corrected: list[Region]) -> pd.DataFrame:
+    drawn = ((region_name(outline.label), napari_shapes(outline)[0]) for outline in shown.shapes)
+    exported = [region for name, outer in drawn if (region := _region(name, *outer)) is not None]
+    return edits_between(shown.contacts, exported, corrected, program="napari")
 
 
 def _regions_by_frame(data: Sequence[Any], properties: dict[str, Any], count: int) -> list[list[Region]]:

@@ -9,10 +9,10 @@ import pandas as pd
 
 from contactimg.engine.progress import counted
 from contactimg.errors import InputError
-from contactimg.files import FrameSource, Run, exports, open_experiment
+from contactimg.files import FrameSource, FrameTables, Run, exports, open_experiment
 from contactimg.pipeline.pictures import file_stem
 from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED
-from contactimg.tables.outlines import REJECTED_COLOUR, contact_outlines, kind_of
+from contactimg.tables.outlines import REJECTED_COLOUR, kind_of
 
 
 def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) -> None:
@@ -39,28 +39,27 @@ def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) 
         (folder / name).mkdir()
     sources = frame_sources(run) if {"fiji", "labels"} & set(formats) else {}
     for frame, shown in counted(run.by_frame(), "exporting frames", len(run.frames)):
-        contacts, outlines, stem = shown.contacts, shown.outlines, file_stem(frame)
+        shapes, stem = shown.shapes, file_stem(frame)
         image = sources[frame].read().image if frame in sources else None
         if "napari" in formats:
-            exports.write_napari_shapes(contacts, outlines, folder / "napari" / f"{stem}_shapes.csv")
-            exports.write_napari_points(contacts, folder / "napari" / f"{stem}_points.csv")
+            exports.write_napari_shapes(shapes, folder / "napari" / f"{stem}_shapes.csv")
+            exports.write_napari_points(shown.contacts, folder / "napari" / f"{stem}_points.csv")
         if "fiji" in formats:
-            regions = contact_regions(contacts, outlines) + rejected_regions(shown.rejected)
+            regions = contact_regions(shown) + rejected_regions(shown.rejected)
             exports.write_regions(regions, folder / "fiji" / f"{stem}.zip")
             if image is not None:
                 file, camera = folder / "fiji" / f"{stem}_overlay.tif", run.scene.camera
                 pixel_size = None if camera is None else camera.pixel_size
                 exports.write_overlay_tiff(image, regions, file, pixel_size=pixel_size)
         if "labels" in formats and image is not None:
-            exports.write_labels(contacts, image.shape, outlines, folder / "labels" / f"{stem}_labels.tif")
+            exports.write_labels(shapes, image.shape, folder / "labels" / f"{stem}_labels.tif")
 
 
-def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[exports.Region]:
+def contact_regions(shown: FrameTables) -> list[exports.Region]:
     """Contacts of one frame as regions, named and coloured by what they are."""
-    shapes = contact_outlines(contacts, outlines)
     return [
         exports.region_of(outline, name=region_name(outline.label), colour=kind_of(int(flags)).colour)
-        for outline, flags in zip(shapes, contacts["flags"], strict=True)
+        for outline, flags in zip(shown.shapes, shown.contacts["flags"], strict=True)
     ]
 
 
@@ -143,8 +142,8 @@ def edits_from_regions(
     if frame not in set(run.frames["frame"]):
         raise InputError(f"{run.folder}: has no frame {frame!r}")
     shown = dict(run.by_frame())[frame]
-    exported = contact_regions(shown.contacts, shown.outlines)
-    edits = edits_between(shown.contacts, exported, exports.read_regions(path), program="ImageJ")
+    corrected = exports.read_regions(path)
+    edits = edits_between(shown.contacts, contact_regions(shown), corrected, program="ImageJ")
     return edits.assign(frame=frame, author=author, time=time)
 
 

@@ -30,7 +30,7 @@ from contactimg.plots.overlay import (
     join_pictures,
 )
 from contactimg.tables import Status
-from contactimg.tables.outlines import KINDS_OF_CONTACTS, REJECTED_COLOUR, Outline, contact_outlines, kind_of
+from contactimg.tables.outlines import KINDS_OF_CONTACTS, REJECTED_COLOUR, Outline, kind_of
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -150,8 +150,8 @@ def draw_measured(image: NDArray, shown: FrameTables, view: View) -> Picture:
     shown : FrameTables
     view : View
     """
-    outlines = contact_outlines(shown.contacts, shown.outlines)
-    kinds, layers = [kind_of(flags) for flags in shown.contacts["flags"]], []
+    kinds = [kind_of(flags) for flags in shown.contacts["flags"]]
+    outlines, layers = shown.shapes, []
     for kind in KINDS_OF_CONTACTS:
         part = [outline for outline, own in zip(outlines, kinds, strict=True) if own is kind]
         if part or not kind.flags:

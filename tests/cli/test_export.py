@@ -15,6 +15,7 @@ from contactimg.cli import main
 from contactimg.files import read_edits
 from contactimg.files.exports import label_image, read_regions, write_regions, write_workbook
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES
+from contactimg.tables.outlines import contact_outlines
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +93,7 @@ def test_labels_count_the_pixels_of_each_contact(folder):
 
 def test_a_contact_between_pixel_centres_has_one_pixel():
     contacts = CONTACTS.conform({"label": [3], "x_px": [1.4], "y_px": [1.4], "radius_px": [0.3]})
-    assert (label_image(contacts, (4, 4)) == 3).sum() == 1
+    assert (label_image(contact_outlines(contacts), (4, 4)) == 3).sum() == 1
 
 
 def test_labels_fill_ellipses_and_leave_out_holes():
@@ -109,12 +110,13 @@ def test_labels_fill_ellipses_and_leave_out_holes():
         {"label": [2] * 10, "outline": [0] * 5 + [1] * 5, "point": range(10), "x_px": lines[:, 0],
          "y_px": lines[:, 1]}
     )  # fmt: skip
-    labels = label_image(contacts, (50, 90), outlines)
+    labels = label_image(contact_outlines(contacts, outlines), (50, 90))
     assert (labels == 1).sum() == pytest.approx(np.pi * 64, rel=0.03)
     assert labels[30, 30] == 1  # down and to the right: a positive angle
     assert labels[10, 30] == 0
     assert (labels == 2).sum() == 21**2 - 9**2
-    without_hole = label_image(contacts, (50, 90), outlines[outlines["outline"] == 0])
+    outer = outlines[outlines["outline"] == 0]
+    without_hole = label_image(contact_outlines(contacts, outer), (50, 90))
     assert (without_hole == 2).sum() == 21**2
 
 
