@@ -345,9 +345,9 @@ def _place_views(
         return {k: one for k, one in shown.items() if first[one[0].digest] == k}
 
     reference, anchored = read_reference(experiment), None
-    if reference is not None and np.ptp(reference.image[np.isfinite(reference.image)]) > 0:
-        shown, count = place(contacts, reference.image), len(experiment.references)
-        anchored = _Anchored(reference.image, count, "", sign, shown)
+    if reference is not None and np.ptp(reference[np.isfinite(reference)]) > 0:
+        shown, count = place(contacts, reference), len(experiment.references)
+        anchored = _Anchored(reference, count, "", sign, shown)
     if anchored is None or len(contacts) > 2 * len(anchored.shown):
         least = min(contacts, key=lambda k: float(np.sum(parts[k].contacts["radius_px"] ** 2)))
         image = contacts[least].divided_out(frames[least].read().image)

@@ -5,11 +5,11 @@ from functools import lru_cache
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
 from contactimg.files.atomic import naming
-from contactimg.frame import Frame
 from contactimg.imaging.pooled import average_references
 from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
@@ -18,12 +18,12 @@ logger = logging.getLogger(__name__)
 
 
 @lru_cache(maxsize=1)
-def read_reference(experiment: Experiment) -> Frame | None:
-    """The reference of an experiment; several are registered and averaged.
+def read_reference(experiment: Experiment) -> NDArray | None:
+    """The pixels of the reference of an experiment; several are registered and averaged.
 
     Returns
     -------
-    Frame or None
+    ndarray, shape (rows, columns), or None
         None if the scene names no reference. One reference is returned as it was read; the mean of several
         has single precision and lies where the first of them does.
 
@@ -36,7 +36,7 @@ def read_reference(experiment: Experiment) -> Frame | None:
     """
     sources = experiment.references
     if len(sources) < 2:
-        return sources[0].read() if sources else None
+        return sources[0].read().image if sources else None
     frames = [source.read() for source in sources]
     shapes = {frame.shape for frame in frames}
     if len(shapes) > 1:
@@ -47,7 +47,7 @@ def read_reference(experiment: Experiment) -> Frame | None:
         logger.warning(
             "%s: left out of the mean of the references; it differs from the others", sources[number].name
         )
-    return Frame(mean, frames[0].name, frames[0].full_scale)
+    return mean
 
 
 def check_modulus(scene: Scene) -> None:

@@ -78,11 +78,10 @@ def for_each_frame(
     if not jobs:
         return
     reference = read_reference(experiment)
-    image = None if reference is None else reference.image
 
     def measured(source: FrameSource, *arguments: Any) -> Result | FailedFrame:
         try:
-            return measure(source.read(), image, *arguments)
+            return measure(source.read(), reference, *arguments)
         except Exception as error:  # whatever it is, the other frames are not concerned
             return FailedFrame.of(source.name, error)
 

@@ -8,12 +8,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.calibration.plateau import find_plateau
 from contactimg.errors import FrameError, InputError
-from contactimg.files import Experiment
+from contactimg.files import Experiment, FrameTables
 from contactimg.frame import Frame
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.fit.shapes import render_ellipse
@@ -23,7 +22,7 @@ from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.calibrate.thresholds import THRESHOLDS
 from contactimg.pipeline.frame import Edits, FrameOptions, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites, read_reference
-from contactimg.tables.outlines import Outline, contact_outlines
+from contactimg.tables.outlines import Outline
 
 Image = NDArray[np.float32]
 
@@ -62,8 +61,7 @@ class FrameView:
     @classmethod
     def of(cls, experiment: Experiment, number: int) -> "FrameView":
         """Measure the frame of this number, with the masks of its scene."""
-        found, frame = read_reference(experiment), experiment.frames[number].read()
-        reference = None if found is None else found.image
+        reference, frame = read_reference(experiment), experiment.frames[number].read()
         _, sites = asperities_and_sites(experiment)
         options = FrameOptions.of(experiment.scene, sites)
         measure = partial(measure_prepared, frame, reference, options.scene, film=options.film)
@@ -118,13 +116,13 @@ class FrameView:
             "plateau": plateau,
         }
 
-    def window(self, contacts: pd.DataFrame, outlines: pd.DataFrame, label: int) -> dict[str, Any]:
+    def window(self, shown: FrameTables, label: int) -> dict[str, Any]:
         """Pixels about the contact with a label, and the model that the table states.
 
         Parameters
         ----------
-        contacts, outlines : DataFrame
-            Tables of the frame, as the page shows them.
+        shown : FrameTables
+            Of the frame, as the page shows them.
         label : int
             Label of a contact in the table.
 
@@ -134,7 +132,7 @@ class FrameView:
             columns, rows; pixels and model (base64 of int16, thousandths of the contrast); noise over the
             contrast.
         """
-        shapes = contact_outlines(contacts, outlines)
+        shapes = shown.shapes
         one = next(shape for shape in shapes if shape.label == label)
         margin = max(MARGIN_BLUR_WIDTHS * self.blur, MARGIN_RADII * one.semi_major, LEAST_MARGIN_PX)
         half = min(one.semi_major + margin, LARGEST_SIDE_PX / 2)

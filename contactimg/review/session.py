@@ -205,7 +205,7 @@ class Session:
         tables = self.shown.tables.get(name, files.FrameTables())
         if label not in set(tables.contacts["label"]):
             raise InputError(f"{name}: has no contact {label}")
-        return self.view(number).window(tables.contacts, tables.outlines, label)
+        return self.view(number).window(tables, label)
 
     def view(self, number: int) -> FrameView:
         """A frame prepared for closer looks, with the masks as they are now."""

@@ -96,7 +96,7 @@ class OwnFrame:
     """A measured frame of the scene, whose true contacts are not known; its load (N) is NaN if not known."""
 
     frame: Frame
-    reference: Frame | None
+    reference: NDArray | None
     load: float
 
 
@@ -132,7 +132,7 @@ def image_settings(case: Case) -> Iterator[Setting]:
     @cache
     def shot() -> tuple[Frame, NDArray | None]:
         if own is not None:
-            return own.frame, None if own.reference is None else own.reference.image
+            return own.frame, own.reference
         rng = np.random.default_rng([case.scene.need("simulate", "rendering a frame").seed, 1])
         return rendered().frame, render_reference(case.scene, rng=rng).image
 

@@ -137,8 +137,8 @@ def test_several_references_are_one_with_less_noise(series, tmp_path):
         write_frame(Frame(np.clip(np.rint(noisy), 0, 255).astype(np.uint8)), folder / f"empty_{k}.tif")
     data = read_scene(folder).source | {"images": {"reference": "empty_*.tif", "frames": "frame_*.tif"}}
     mean = read_reference(open_experiment(scene_from_dict(data, folder=str(folder))))
-    assert mean.image.dtype == np.float32
-    error = (mean.image - image)[8:-8, 8:-8]
+    assert mean.dtype == np.float32
+    error = (mean - image)[8:-8, 8:-8]
     # rounding adds 1/12 to the variance of 4; the mean of three has a third of it
     assert np.std(error) == pytest.approx(np.sqrt((4 + 1 / 12) / 3), rel=0.1)
 
