@@ -168,7 +168,7 @@ def _covered(area: MaskedArea, number: int, frame: Frame) -> NDArray[np.bool_]:
         if isinstance(mask, Frame):
             _check_size(mask, frame)
             return np.asarray(mask.image != 0)
-        polygons = [region.outline for region in mask if region.image in (0, number)]
+        polygons = [region.polygon[:-1] for region in mask if region.image in (0, number)]
     from skimage.draw import polygon  # noqa: PLC0415 - most runs have no such mask
 
     out = np.zeros(frame.shape, np.bool_)

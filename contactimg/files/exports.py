@@ -29,44 +29,27 @@ CORNER_TO_CENTRE_PX = 0.5
 """Position in ImageJ minus position here, px."""
 
 
-@dataclass(frozen=True)
-class Region:
-    """One region of interest.
+@dataclass(frozen=True, eq=False)
+class Region(Outline):
+    """One region of interest: an oval, or a polygon, whose centre is its centroid.
 
     Parameters
     ----------
     name : str
-    x, y : float, px
-        Centre of an oval; centroid of a polygon. (0, 0) is the centre of the top-left pixel.
-    radius_x, radius_y : float, px
-        Half axes of an oval; both the radius of the disk of the same area for a polygon.
-    points : tuple of (float, float)
-        Corners of a polygon, px; empty for an oval.
     image : int
         Number of the image in a stack that it belongs to, from 1; 0 for all.
     colour : str
         Of its outline, ``#rrggbb``; empty for ImageJ's own.
     """
 
-    name: str
-    x: float
-    y: float
-    radius_x: float
-    radius_y: float
-    points: tuple[tuple[float, float], ...] = ()
+    name: str = ""
     image: int = 0
     colour: str = ""
 
     @property
     def radius(self) -> float:
         """Radius of the disk of the same area, px."""
-        return float(np.sqrt(self.radius_x * self.radius_y))
-
-    @property
-    def outline(self) -> NDArray[np.float64]:
-        """Corners of the polygon, or points on the oval, px."""
-        oval = Outline(0, self.x, self.y, self.radius_x, self.radius_y)
-        return np.array(self.points) if self.points else oval.polygon[:-1]
+        return float(np.sqrt(self.semi_major * self.semi_minor))
 
 
 def region_of(outline: Outline, *, name: str, colour: str = "") -> Region:
@@ -74,13 +57,12 @@ def region_of(outline: Outline, *, name: str, colour: str = "") -> Region:
 
     Examples
     --------
-    >>> region_of(Outline(3, 10.0, 20.0, 5.0, 4.0, 0.5), name="a").points[0]
-    (14.387912809451864, 22.397127693021016)
+    >>> region_of(Outline(3, 10.0, 20.0, 5.0, 4.0, 0.5), name="a").polygon[0].tolist()
+    [14.387912809451864, 22.397127693021016]
     """
     tilted = outline.semi_major != outline.semi_minor and outline.angle != 0.0
     polygon = polygon_region(name, outline.polygon[:-1]) if outline.lines or tilted else None
-    oval = Region(name, outline.x, outline.y, outline.semi_major, outline.semi_minor)
-    return replace(polygon or oval, colour=colour)
+    return replace(polygon or Region(**vars(outline), name=name), colour=colour)
 
 
 def read_regions(path: str | Path) -> list[Region]:
@@ -117,16 +99,16 @@ def write_regions(regions: Iterable[Region], path: str | Path) -> None:
 
 def imagej_roi(region: Region) -> ImagejRoi:
     """The region in ImageJ's own form, with sub-pixel coordinates."""
-    if region.points:
-        roi = ImagejRoi.frompoints(np.array(region.points) + CORNER_TO_CENTRE_PX, name=region.name)
+    if region.lines:
+        roi = ImagejRoi.frompoints(region.polygon[:-1] + CORNER_TO_CENTRE_PX, name=region.name)
         roi.roitype = ROI_TYPE.POLYGON
     else:
         roi = ImagejRoi()
         roi.version, roi.roitype, roi.name = 228, ROI_TYPE.OVAL, region.name
         roi.options = ROI_OPTIONS.SUB_PIXEL_RESOLUTION
-        roi.xd = region.x - region.radius_x + CORNER_TO_CENTRE_PX
-        roi.yd = region.y - region.radius_y + CORNER_TO_CENTRE_PX
-        roi.widthd, roi.heightd = 2 * region.radius_x, 2 * region.radius_y
+        roi.xd = region.x - region.semi_major + CORNER_TO_CENTRE_PX
+        roi.yd = region.y - region.semi_minor + CORNER_TO_CENTRE_PX
+        roi.widthd, roi.heightd = 2 * region.semi_major, 2 * region.semi_minor
         roi.left, roi.top = int(np.floor(roi.xd)), int(np.floor(roi.yd))
         roi.right = int(np.ceil(roi.xd + roi.widthd))
         roi.bottom = int(np.ceil(roi.yd + roi.heightd))
@@ -148,7 +130,7 @@ def _region(roi: ImagejRoi) -> Region | None:
             return None
         if roi.roitype == ROI_TYPE.OVAL:
             centre = x + width / 2 - CORNER_TO_CENTRE_PX, y + height / 2 - CORNER_TO_CENTRE_PX
-            return Region(roi.name, *centre, width / 2, height / 2, image=image)
+            return Region(0, *centre, width / 2, height / 2, name=roi.name, image=image)
         corners = np.array([(x, y), (x + width, y), (x + width, y + height), (x, y + height)])
     elif roi.roitype in (ROI_TYPE.POLYGON, ROI_TYPE.FREEHAND, ROI_TYPE.TRACED, ROI_TYPE.NOROI):
         corners = np.asarray(roi.coordinates(), float)
@@ -167,10 +149,9 @@ def polygon_region(name: str, corners: NDArray[np.float64], *, image: int = 0) -
     area = cross.sum() / 2
     if abs(area) < 1e-9:
         return None
-    centre_x, centre_y = ((x + next_x) @ cross / (6 * area), (y + next_y) @ cross / (6 * area))
-    radius = float(np.sqrt(abs(area) / np.pi))
-    points = tuple((float(a), float(b)) for a, b in corners)
-    return Region(name, float(centre_x), float(centre_y), radius, radius, points, image)
+    centre_x, centre_y = (float((a + b) @ cross / (6 * area)) for a, b in ((x, next_x), (y, next_y)))
+    radius, closed = float(np.sqrt(abs(area) / np.pi)), np.vstack([corners, corners[:1]])
+    return Region(0, centre_x, centre_y, radius, radius, lines=(closed,), name=name, image=image)
 
 
 def write_overlay_tiff(

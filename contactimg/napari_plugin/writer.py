@@ -91,7 +91,8 @@ def _region(name: str, kind: str, points: NDArray[np.float64]) -> Region | None:
     area = abs(along[0] * across[1] - along[1] * across[0]) / 4.0  # over pi
     centre = points.mean(axis=0)
     radius = float(np.sqrt(area))
-    return Region(name, float(centre[0]), float(centre[1]), radius, radius) if radius > 0 else None
+    x, y = centre.tolist()
+    return Region(0, x, y, radius, radius, name=name) if radius > 0 else None
 
 
 def _keys(edits: pd.DataFrame) -> pd.MultiIndex:

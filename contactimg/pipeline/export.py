@@ -67,9 +67,9 @@ def rejected_regions(rejected: pd.DataFrame) -> list[exports.Region]:
     """Rejected candidates of one frame as regions."""
     regions = []
     places = rejected[["x_px", "y_px", "radius_px"]].to_numpy(float).tolist()
-    for number, ((x, y, radius), reason) in enumerate(zip(places, rejected["reason"], strict=True), start=1):
+    for number, ((x, y, r), reason) in enumerate(zip(places, rejected["reason"], strict=True), start=1):
         name = f"rejected_{number:04d} {reason.partition(':')[0]}".replace("/", " ")
-        regions.append(exports.Region(name, x, y, max(radius, 1.0), max(radius, 1.0), colour=REJECTED_COLOUR))
+        regions.append(exports.Region(0, x, y, max(r, 1.0), max(r, 1.0), name=name, colour=REJECTED_COLOUR))
     return regions
 
 
@@ -178,7 +178,8 @@ def edits_between(
             continue
         place, why = places.pop(region.name, None), "drawn"  # only the first of its name is that contact
         if place is not None:
-            now, old = ((one.x, one.y, one.radius_x, one.radius_y) for one in (region, before[region.name]))
+            ours = (region, before[region.name])
+            now, old = ((one.x, one.y, one.semi_major, one.semi_minor) for one in ours)
             if np.abs(np.subtract(now, old)).max() < SAME_PX:
                 continue
             why = "moved"

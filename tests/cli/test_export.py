@@ -127,9 +127,7 @@ def test_changes_made_in_imagej_come_back_as_edits_that_process_applies(folder, 
     regions = read_regions(folder / "run" / "export" / "fiji" / f"{frame}.zip")
     largest, second = (f"contact_{label:04d}" for label in before["label"].iloc[:2])
     moved = [
-        type(region)(region.name, region.x + 1.0, region.y, region.radius_x, region.radius_y)
-        if region.name == second
-        else region
+        replace(region, x=region.x + 1.0) if region.name == second else region
         for region in regions
         if region.name != largest
     ]

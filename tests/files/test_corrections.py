@@ -114,7 +114,7 @@ def test_masks_by_image_region_and_polygon(tmp_path):
     image[3:6, 7:9] = 1
     frames_of(tmp_path, frame_1=image, frame_2=image, scratch=image)
     corners = np.array([(9.5, 4.5), (20.5, 4.5), (20.5, 14.5), (9.5, 14.5)])
-    oval = Region("oval", 25.0, 20.0, 5.0, 5.0, image=2)
+    oval = Region(0, 25.0, 20.0, 5.0, 5.0, name="oval", image=2)
     write_regions([polygon_region("box", corners), oval], tmp_path / "dirt.zip")
     square = [[0.5, 0.5], [2.5, 0.5], [2.5, 2.5], [0.5, 2.5]]
     masks = {"*": "dirt.zip", "frame_1.tif": "scratch.tif", "frame_2.tif": [square]}

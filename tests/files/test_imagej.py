@@ -29,7 +29,7 @@ def regions(rng):
         [rng.uniform(0, 4000, 500), rng.uniform(0, 3000, 500), rng.uniform(0.4, 80, 500)]
     )
     return [
-        Region(f"contact_{k:04d}", x, y, a, a, colour="#56b4e9")
+        Region(k, x, y, a, a, name=f"contact_{k:04d}", colour="#56b4e9")
         for k, (x, y, a) in enumerate(places.tolist())
     ]
 
@@ -57,7 +57,7 @@ def test_polygons_come_back(tmp_path):
     corners = np.array([(1.25, 2.5), (11.75, 2.5), (11.75, 7.0), (1.25, 7.0)])
     write_regions([polygon_region("box", corners)], tmp_path / "a.zip")
     (box,) = read_regions(tmp_path / "a.zip")
-    np.testing.assert_allclose(box.points, corners, atol=1e-4)
+    np.testing.assert_allclose(box.polygon[:-1], corners, atol=1e-4)
     assert math.pi * box.radius**2 == pytest.approx(10.5 * 4.5, rel=1e-6)
     assert (box.x, box.y) == pytest.approx((6.5, 4.75))
 
@@ -99,10 +99,10 @@ def test_ellipses_and_shapes_with_holes_are_polygons_of_their_area():
     ellipse = region_of(Outline(1, 20.0, 30.0, 9.0, 4.0, 0.7), name="a")
     assert (ellipse.x, ellipse.y) == pytest.approx((20.0, 30.0))
     assert math.pi * ellipse.radius**2 == pytest.approx(math.pi * 36.0, rel=3e-4)
-    far = np.array(ellipse.points)[0] - [20.0, 30.0]
+    far = ellipse.polygon[0] - [20.0, 30.0]
     assert far == pytest.approx([9 * math.cos(0.7), 9 * math.sin(0.7)])
     square = np.array([(0.0, 0.0), (8.0, 0.0), (8.0, 8.0), (0.0, 8.0), (0.0, 0.0)])
     hole = square[::-1] / 4 + 3.0
     pierced = region_of(Outline(2, 4.0, 4.0, 4.4, 4.4, lines=(square, hole)), name="b")
     assert math.pi * pierced.radius**2 == pytest.approx(64 - 4)
-    assert len(pierced.points) == 4 + 4 + 2
+    assert len(pierced.polygon) == 4 + 4 + 2 + 1
