@@ -17,7 +17,6 @@ from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import constants
 
 from contactimg.errors import InputError
@@ -115,24 +114,20 @@ def _converted(
     while block := list(islice(rows, 50_000)):
         values: dict[str, Any] = {}
         for name, (place, divisor) in places.items():
-            kind = "flags" if name == "flags" else schema.columns[name][0]
-            numbers = _plain_numbers([row[place] for _, row in block]) if kind == "float64" else None
-            if numbers is not None and not (name in required and np.isnan(numbers).any()):
-                values[name] = numbers / divisor
-                continue
-            values[name] = []
-            for line, row in block:
-                cell = row[place]
-                try:
-                    if name in required and not cell.strip():
+            kind, column = "flags" if name == "flags" else schema.columns[name][0], list[Any]()
+            commas, needed = decimal_comma and kind != "str", name in required
+            try:
+                for line, row in block:  # noqa: B007 - the line is told where a cell is not valid
+                    cell = row[place].replace(",", ".") if commas else row[place]
+                    if needed and not cell.strip():
                         raise ValueError("must have a value")
-                    text = cell.replace(",", ".") if decimal_comma and kind != "str" else cell
-                    value = _parsed(text, kind, infinite=infinite)
-                except ValueError as error:
-                    got = cell[:_SHOWN_CHARACTERS]
-                    raise InputError(f"{path}: line {line}, column {name} {error}, got {got!r}") from None
-                # 300 / 1e3 is 0.3, and 300 * 1e-3 need not be
-                values[name].append(value if divisor == 1 else value / divisor)
+                    value = _parsed(cell, kind, infinite=infinite)
+                    # 300 / 1e3 is 0.3, and 300 * 1e-3 need not be
+                    column.append(value if divisor == 1 else value / divisor)
+            except ValueError as error:
+                got = row[place][:_SHOWN_CHARACTERS]
+                raise InputError(f"{path}: line {line}, column {name} {error}, got {got!r}") from None
+            values[name] = column
         blocks.append(schema.conform(pd.DataFrame(values)))
     return pd.concat([block for block in blocks if len(block)] or blocks, ignore_index=True)
 
@@ -158,7 +153,7 @@ def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
         width = 0
         try:
             for row in lines:
-                if not any(cell.strip() for cell in row):
+                if not any(map(str.strip, row)):
                     continue
                 width = width or len(row)
                 if len(row) != width:
@@ -217,19 +212,6 @@ def _in_schema(name: str, schema: Schema) -> tuple[str, float]:
     return name, 1.0
 
 
-def _plain_numbers(cells: list[str]) -> NDArray[np.float64] | None:
-    """The cells as finite numbers, NaN where they are empty; None if one may be anything else.
-
-    `_parsed` then looks at them one by one, which takes several times as long.
-    """
-    try:
-        numbers = np.fromiter((float(cell) if cell else math.nan for cell in cells), float, len(cells))
-    except ValueError:
-        return None
-    plain = np.count_nonzero(~np.isfinite(numbers)) == cells.count("") and "_" not in "".join(cells)
-    return numbers if plain else None
-
-
 def _parsed(cell: str, kind: str, *, infinite: bool = False) -> Any:
     """The value of a cell; an empty one is the empty text, NaN, NA or no flag.
 
@@ -251,7 +233,7 @@ def _parsed(cell: str, kind: str, *, infinite: bool = False) -> Any:
         number = float(cell.replace("_", "?"))  # Python would take 1_000
     except ValueError:
         raise ValueError("must be a number") from None
-    if math.isnan(number) or (math.isinf(number) and not (infinite and kind == "float64")):
+    if not math.isfinite(number) and not (math.isinf(number) and infinite and kind == "float64"):
         raise ValueError("must be a finite number")
     if kind == "float64":
         return number
