@@ -109,7 +109,7 @@ def _converted(
     InputError
         With line and column of the first cell that is not valid.
     """
-    blocks, rows = [schema.empty()], iter(rows)
+    blocks, rows = list[pd.DataFrame](), iter(rows)
     # so many at once, chosen for memory: text takes about twenty times that of numbers
     while block := list(islice(rows, 50_000)):
         values: dict[str, Any] = {}
@@ -129,7 +129,7 @@ def _converted(
                 raise InputError(f"{path}: line {line}, column {name} {error}, got {got!r}") from None
             values[name] = column
         blocks.append(schema.conform(pd.DataFrame(values)))
-    return pd.concat([block for block in blocks if len(block)] or blocks, ignore_index=True)
+    return schema.joined(blocks)
 
 
 def _text(path: str | Path) -> str:
