@@ -146,24 +146,35 @@ class AdhesiveLaw:
     thickness: float = np.inf
     poisson_ratio: float = 0.5
 
-    def _factors(self, contact_radius: Values, derivative: int = 0) -> Values:
-        """``H``, ``A``, ``D`` and ``B`` of a layer, one row each, or their derivatives with the radius."""
-        if np.isinf(self.thickness):
-            return np.full((4, 1), 0.0 if derivative else 1.0)
-        ratio = np.minimum(contact_radius / self.thickness, LARGEST_RATIO)
-        return factor_table(self.poisson_ratio)(ratio, derivative).T / self.thickness**derivative
-
     def force(self, contact_radius: Values, caps: Caps) -> Values:
         """Force at a contact radius."""
-        pressing, adhesive, _, _ = self._factors(contact_radius)
-        pull = np.sqrt(8 * np.pi * self.adhesion * contact_radius**3)
-        return pressing * self._profile(contact_radius, caps)[0] - adhesive * pull
+        pressing, pull, _, _ = self._parts(contact_radius, caps)[0]
+        return pressing - pull
 
     def penetration(self, contact_radius: Values, caps: Caps) -> Values:
         """Penetration at a contact radius."""
-        _, _, pressed, pulled = self._factors(contact_radius)
-        rise = np.sqrt(2 * np.pi * self.adhesion * contact_radius)
-        return pressed * self._profile(contact_radius, caps)[1] - pulled * rise
+        _, _, depth, rise = self._parts(contact_radius, caps)[0]
+        return depth - rise
+
+    def slopes(self, contact_radius: Values, caps: Caps) -> tuple[Values, Values]:
+        """Derivatives of force and penetration with the contact radius."""
+        pressing, pull, depth, rise = self._parts(contact_radius, caps)[1]
+        return pressing - pull, depth - rise
+
+    def _parts(self, a: Values, caps: Caps) -> tuple[Values, Values]:
+        """Force and penetration at a radius ``a``, and their derivatives; shape (4, n) each.
+
+        Both as the part without adhesion and that by which adhesion lowers it.
+        """
+        w, (force, depth, steepness) = self.adhesion, self._profile(a, caps)
+        parts = np.stack([force, np.sqrt(8 * np.pi * w * a**3), depth, np.sqrt(2 * np.pi * w * a)])
+        pull, rise = np.sqrt(18 * np.pi * w * a), np.sqrt(np.pi * w / (2 * a))
+        slopes = np.stack([2 * a * steepness, pull, steepness, rise])
+        if np.isinf(self.thickness):
+            return parts, slopes
+        ratio, table = np.minimum(a / self.thickness, LARGEST_RATIO), factor_table(self.poisson_ratio)
+        factors, growth = table(ratio).T, table(ratio, 1).T / self.thickness
+        return factors * parts, factors * slopes + growth * parts
 
     def _profile(self, a: Values, caps: Caps) -> tuple[Values, Values, Values]:
         """Force, penetration and its derivative without adhesion on a half-space."""
@@ -182,30 +193,6 @@ class AdhesiveLaw:
         depth = depth + a**2 * (curvature + 8 / 3 * quartic * a**2)
         return force, depth, steepness + a * (2 * curvature + 32 / 3 * quartic * a**2)
 
-    def slopes(self, contact_radius: Values, caps: Caps) -> tuple[Values, Values]:
-        """Derivatives of force and penetration with the contact radius."""
-        a, w = contact_radius, self.adhesion
-        steepness, rise = self._penetration_slopes(a, caps)
-        force, _, plain = self._profile(a, caps)
-        pressing, adhesive, _, _ = self._factors(a)
-        slopes = 2 * a * plain * pressing - adhesive * np.sqrt(18 * np.pi * w * a)
-        if not np.isinf(self.thickness):
-            pressing, adhesive, _, _ = self._factors(a, 1)
-            slopes += pressing * force - adhesive * np.sqrt(8 * np.pi * w * a**3)
-        return slopes, steepness - rise
-
-    def _penetration_slopes(self, a: Values, caps: Caps) -> tuple[Values, Values]:
-        """Derivatives with the contact radius of the parts of the penetration without and with adhesion."""
-        _, depth, plain = self._profile(a, caps)
-        _, _, pressed, pulled = self._factors(a)
-        steepness = pressed * plain
-        rise = pulled * np.sqrt(np.pi * self.adhesion / (2 * a))
-        if not np.isinf(self.thickness):
-            _, _, pressed, pulled = self._factors(a, 1)
-            steepness = steepness + pressed * depth
-            rise = rise + pulled * np.sqrt(2 * np.pi * self.adhesion * a)
-        return steepness, rise
-
     def widest(self, caps: Caps) -> Values:
         """Upper bound on the contact radius: the equator of a sphere, two thicknesses of a layer."""
         equator = caps.radius / self.aspect * (1 - 1e-9) if self.aspect else np.full_like(caps.radius, np.inf)
@@ -223,7 +210,7 @@ class AdhesiveLaw:
         if not self._plain(caps):
             # solve steepness(a) = sqrt(pi w/(2 a)) by a fixed point from above: the paraboloid is less steep
             for _ in range(_MAX_STEPS):
-                steepness, rise = self._penetration_slopes(a, caps)
+                _, _, steepness, rise = self._parts(a, caps)[1]
                 before, a = a, a * np.cbrt(rise / steepness)
                 if np.all(np.abs(a - before) <= 1e-12 * a):
                     break
@@ -236,7 +223,7 @@ class AdhesiveLaw:
         root.
         """
         pulled = np.cbrt(2 * np.pi * self.adhesion * caps.flattest**2)
-        shallow = 1.0 if np.isinf(self.thickness) else self._factors(np.full(1, np.inf))[2]
+        shallow = 1.0 if np.isinf(self.thickness) else factor_table(self.poisson_ratio)(LARGEST_RATIO)[2]
         pressed = np.sqrt(caps.flattest * np.maximum(penetration, 0.0) / shallow)
         a = np.minimum(pressed + pulled, self.widest(caps))
         for _ in range(_MAX_STEPS):
