@@ -100,11 +100,6 @@ def stage(name: str) -> Iterator[None]:
         timings.entered.pop()
 
 
-def is_collecting() -> bool:
-    """Whether stages are timed."""
-    return _collector.get() is not None
-
-
 @contextmanager
 def collect() -> Iterator[Timings]:
     """Time the stages that are entered inside the block.

@@ -23,7 +23,7 @@ from contactimg.engine.cluster import WorkerEndedError, cluster_in_use
 from contactimg.engine.processes import end_workers, keep_workers, live_with_parent, workers_wait
 from contactimg.engine.progress import counted
 from contactimg.errors import ContactimgError
-from contactimg.timings import collect_call, gather, is_collecting
+from contactimg.timings import collect_call, gather
 
 Result = TypeVar("Result")
 
@@ -99,9 +99,7 @@ def in_parallel(
                 yield from shared(_Processes(processes))
 
     def shared(takers: Any) -> Iterator[Result]:
-        """Results from workers; where stages are timed, those of their processes are as well."""
-        if not is_collecting():
-            return _in_order(takers, function, items, lost)
+        """Results from workers; the stages of their processes are timed as well."""
         timed_lost = None if lost is None else partial(collect_call, lost)
         results = _in_order(takers, partial(collect_call, function), items, timed_lost)
         return gather(results, processes=takers.processes())
