@@ -152,10 +152,9 @@ def _in_order(
                     result, suspects = lost(error, *item), 0
                 calls.popleft()
                 if suspects == 0:
-                    ended = [k for k, (_, future) in enumerate(calls) if _has_ended(workers, future)]
-                    for k in ended:
-                        item, _ = calls[k]
-                        calls[k] = item, workers.submit(_call, name, *item)
+                    for k, (other, future) in enumerate(list(calls)):
+                        if _has_ended(workers, future):
+                            calls[k] = other, workers.submit(_call, name, *other)
                     suspects = None
                 yield result
         finally:
