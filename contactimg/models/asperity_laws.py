@@ -41,16 +41,11 @@ class Caps:
         return Caps(self.radius[rows], None if self.bends is None else self.bends[rows])
 
     @property
-    def bending(self) -> Values:
-        """Relative change of the curvature at the summits."""
-        return np.zeros_like(self.radius) if self.bends is None else self.radius * self.bends[:, 0]
-
-    @property
     def flattest(self) -> Values:
         """Radius of a paraboloid that is nowhere steeper."""
         if self.bends is None:
             return self.radius
-        return self.radius / (1 + np.minimum(self.bending, 0.0))
+        return self.radius / (1 + np.minimum(self.radius * self.bends[:, 0], 0.0))
 
 
 class AsperityLaw(Protocol):

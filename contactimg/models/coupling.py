@@ -137,14 +137,6 @@ class Kernel:
         value, _, laplacian = layer_deficit(0.0, self.thinness, self.value, self.slope)
         return value, laplacian
 
-    def relieved(self, fields: "Fields", force: Values, contact_radius: Values) -> "Fields":
-        """Fields without what the contacts do to themselves."""
-        bend = self.relief[1] * force / np.pi
-        if not self.relief[1]:
-            return fields
-        excess = fields.excess + 0.1 * contact_radius**2 * bend
-        return fields._replace(excess=excess, curvature=fields.curvature + 0.5 * bend)
-
     def displacement(self, x: Values, y: Values, sources: Values, force: Values) -> Values:
         """Displacement at places ``x, y`` by point forces at other places (2, n), summed pair by pair."""
         # squared distances are to be of the order of one
@@ -160,9 +152,7 @@ class Kernel:
         return self.thinness * max(float(np.max(self.value[1:] - 1 / s)), 0.0)
 
     def deficit(self, r: Values) -> Values:
-        """``phi(r/t)/t``, zero for a half-space."""
-        if not self.thinness:
-            return np.zeros_like(r)
+        """``phi(r/t)/t`` of a layer."""
         knots = layer.STEP * np.arange(self.value.size)
         s = r * self.thinness
         inside = CubicHermiteSpline(knots, self.value, self.slope)(np.minimum(s, knots[-1]))
@@ -248,8 +238,10 @@ class Coupling:
         # profile
         long = 8 / 15 / np.pi * contact_radius**5 * elliptic
         table = k.thinness, k.value, k.slope
-        sums = _pair_fields(self._x, self._y, loaded, force, contact_radius, long, *table)
-        return k.relieved(Fields(*sums), force, contact_radius)
+        fields = Fields(*_pair_fields(self._x, self._y, loaded, force, contact_radius, long, *table))
+        bend = k.relief[1] * force / np.pi  # that of the contacts themselves, which is in their law
+        excess, curvature = fields.excess + 0.1 * contact_radius**2 * bend, fields.curvature + 0.5 * bend
+        return fields._replace(excess=excess, curvature=curvature)
 
     def at_positions(self, x: Values, y: Values) -> Self:
         """A coupling of the same kind between candidates at other places."""
