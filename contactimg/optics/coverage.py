@@ -51,12 +51,8 @@ def disk_rectangle_area(left, right, top, bottom, radius):  # type: ignore[no-un
     >>> 4 * disk_rectangle_area(0.0, 2.0, 0.0, 2.0, 1.0)
     3.14159265
     """
-    return (
-        _quadrant_area(right, bottom, radius)
-        - _quadrant_area(left, bottom, radius)
-        - _quadrant_area(right, top, radius)
-        + _quadrant_area(left, top, radius)
-    )
+    above_bottom = _quadrant_area(right, bottom, radius) - _quadrant_area(left, bottom, radius)
+    return above_bottom - _quadrant_area(right, top, radius) + _quadrant_area(left, top, radius)
 
 
 @njit(cache=True, error_model="numpy")

@@ -65,10 +65,8 @@ class Light:
     @property
     def reflections(self) -> tuple[float, float]:
         """Amplitude reflection coefficients ``r12`` and ``r23`` at the two surfaces of the film."""
-        return (
-            (self.index_indenter - 1) / (self.index_indenter + 1),
-            (1 - self.index_elastic) / (1 + self.index_elastic),
-        )
+        n1, n3 = self.index_indenter, self.index_elastic
+        return (n1 - 1) / (n1 + 1), (1 - n3) / (1 + n3)
 
 
 def transmission(gap: ArrayLike, *, light: Light) -> Values:
