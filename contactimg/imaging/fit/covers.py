@@ -328,7 +328,7 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
         # neighbours may still be described badly
         model = render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
         near = model > LIT_FRACTION * problem.contrast
-        covers = (disks for disks, _ in _larger_covers(window, fit.disks[[row]] - window.offset))
+        covers = (disks for disks, _ in _larger_covers(window, fit.disks[[row]] - window.offset, 2))
         costs = [(float(window.misfit(two)[near].sum()), two) for two in covers if len(two) == 2]
         least, two = min(costs, key=lambda cost: cost[0], default=(np.inf, fit.disks))
         if least < window.misfit_of(model)[near].sum():
@@ -424,8 +424,8 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     return disks if chi_square > allowed else best
 
 
-def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
-    """Covers with one disk or two more than before."""
+def _larger_covers(window: GroupWindow, disks: NDArray, most: int = 3) -> Iterator[Cover]:
+    """Covers with one disk or two more than before, of one disk ``most`` at most."""
     # a disk as small as the blur where the residual behind the blur is highest
     model = window.model(disks)
     smooth = filter_residual(window.problem.image, model, window.blur)
@@ -437,7 +437,7 @@ def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
     mean_squares = [np.sum(part**2) / max(part.size, 1) for part in parts]
     worst = int(np.argmax(mean_squares))
     others = np.delete(disks, worst, axis=0)
-    for count in (2, 3):
+    for count in range(2, most + 1):
         pieces = _split(window, residual, disks[worst], count)
         largest = np.append(_bounds(window, others), np.full(count, disks[worst, RADIUS]))
         yield window.fit(np.vstack([others, pieces]), largest)
