@@ -136,7 +136,8 @@ def remove_background(
     if side_of(problem.background.shape, problem.image.shape) >= BLOCK:
         if (gaps := _gaps(problem, fit, BLOCK)) is not None:
             values = finite_values(gaps)
-            rest, std = median(values), robust_std(values) / np.sqrt(values.size)
+            # compression may round all blocks alike
+            rest, std = median(values), np.hypot(robust_std(values) / np.sqrt(values.size), problem.rounding)
             if abs(rest) > SIGNIFICANT_SIGMA * std:
                 problem = replace(problem, image=problem.image - np.float32(rest))
         return problem, fit
