@@ -14,7 +14,7 @@ from contactimg.compiled import njit
 from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Flags, Mask, Values
-from contactimg.imaging.pixels.robust import MAD_TO_STD
+from contactimg.imaging.pixels.robust import MAD_TO_STD, median
 from contactimg.timings import stage
 
 Places = NDArray[np.int64] | slice
@@ -148,7 +148,7 @@ def fit_illumination(
 def one_sided_scatter(deviation: NDArray) -> float:
     """Robust standard deviation from the narrower side, above or below: on it no contacts stand."""
     return MAD_TO_STD * min(
-        abs(float(np.partition(side, len(side) // 2)[len(side) // 2])) if len(side) else 0.0
+        abs(median(side)) if len(side) else 0.0
         for side in (deviation[deviation < 0.0], deviation[deviation > 0.0])
     )
 

@@ -1,4 +1,4 @@
-"""Order statistics of many values by one selection, which NumPy does with vector instructions.
+"""Order statistics of many values by one selection, which NumPy does with vector instructions, or a sort.
 
 `numpy.median` and `numpy.percentile` select two or three values at once, which it does not vectorise: the
 median of a 1600 x 1200 image in single precision takes 21 ms there and 2.4 ms here.
@@ -28,6 +28,9 @@ MANY = 160_000
 """Values that are looked at where each tells little: a covariance, or blocks of 64 of them. Accuracy."""
 SAMPLE = 20_000
 """Values that are looked at where there are many: they give a scatter to 0.6 % (theory)."""
+TOLD_BY, MOST_TIED = 64, 0.2
+"""Values that tell whether most are equal to others, and the share of them from which they are sorted. For
+time: whole grey levels take ten times as long to select as other values, and half as long to sort."""
 DECILE_TO_STD = 0.60790
 """The same over the ninth decile of the absolute deviations: 1/Phi^-1(0.95)."""
 DEGENERATE_RATIO = 6.0
@@ -55,8 +58,11 @@ def quantile(values: NDArray, share: float) -> float:
     >>> quantile(np.array([[3.0, 1.0], [2.0, 5.0], [4.0, 6.0]]), 0.8)
     5.0
     """
-    k = int(share * (values.size - 1) + 0.5)
-    return float(np.partition(values, k, axis=None)[k])
+    flat, k = values.ravel(), int(share * (values.size - 1) + 0.5)
+    few = np.sort(flat[:: flat.size // TOLD_BY + 1])
+    # equal values hold up the selection by vector instructions, but not a sort
+    tied = np.count_nonzero(few[1:] == few[:-1]) > MOST_TIED * len(few)
+    return float((np.sort(flat) if tied else np.partition(flat, k))[k])
 
 
 def median(values: NDArray) -> float:
