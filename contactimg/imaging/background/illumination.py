@@ -95,7 +95,9 @@ class Illumination:
 
 def _powers(places: NDArray) -> NDArray:
     """A row 1, x, x^2, x^3 for each x."""
-    return np.asarray(places[:, None] ** np.arange(POLYNOMIAL_ORDER + 1, dtype=places.dtype))
+    powers = np.repeat(places[:, None], POLYNOMIAL_ORDER + 1, axis=1)
+    powers[:, 0] = 1.0
+    return np.multiply.accumulate(powers, axis=1)
 
 
 def fit_illumination(
