@@ -70,3 +70,11 @@ def test_the_rounding_of_blocks_is_measured_on_flat_blocks_that_differ_by_little
     squares = np.where(np.add.outer(np.arange(240) // 16 % 2, np.arange(320) // 16 % 2) == 2, 200, 50)
     assert rounding_of_blocks(squares.astype(np.uint8)) == 0.0  # a contrast, not a rounding
     assert rounding_of_blocks(np.full((240, 320), 7.0)) == rounding_of_blocks(np.zeros((4, 5))) == 0.0
+
+
+def test_light_that_compression_has_rounded_is_not_taken_for_that_of_contacts():
+    """All blocks of a flat background are rounded alike, by more than the faint light about contacts."""
+    scene = make_scene("JPEG 20", 140, 32)
+    disks = measure_image(scene.frame, scene.reference).disks
+    area = (scene.truth.area_px2 * scene.truth.visible).sum()
+    assert disks.visible_area_px2.sum() == pytest.approx(area, rel=0.01)

@@ -79,6 +79,15 @@ def test_ellipses_have_their_half_axes_and_angles(moffat):
         assert abs(turn) < 4 * row.angle_std_rad
 
 
+@pytest.mark.parametrize("seed", [12, 32])
+def test_ellipses_of_two_to_one_are_not_cut_up(seed):
+    """Their neighbours, still taken for disks, leave light that small disks beside them would explain."""
+    scene = make_scene("ellipses 2", 140, seed)
+    disks = measure_image(scene.frame, scene.reference).disks
+    assert len(disks) <= len(scene.truth)
+    assert len(match(scene.truth, disks)) >= 0.98 * len(scene.truth)
+
+
 def test_a_frame_of_ellipses_has_the_areas_within_their_errors():
     pulls, shares = [], []
     for seed in range(3):
