@@ -139,7 +139,7 @@ def test_a_small_contact_beside_a_wider_one_is_no_bump_of_an_ellipse(wide, small
 
 @pytest.mark.parametrize(("wide", "small", "k"), [(9.27, 2.43, 1), (8.0, 2.2, 7)])
 def test_two_contacts_that_fit_imperfectly_in_bright_light_stay_two(wide, small, k):
-    """In bright light even the right two disks leave three times the noise, and one region leaves far more."""
+    """In bright light even the right two disks leave three times the noise; one region leaves far more."""
     angle, away, x, y = 0.1 + 0.6 * k, wide + small, 60 + 0.17 * k, 70 - 0.23 * k
     pair = [(x, y, wide), (x + away * np.cos(angle), y + away * np.sin(angle), small)]
     truth, frame, reference = frame_of(pair, seed=k, sigma=1.9, camera="high")
