@@ -26,6 +26,7 @@ from contactimg.imaging.detect.inscribed_disks import (
 )
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual
 from contactimg.imaging.fit.disks import (
+    WELL_FITTED_CHI_SQUARE,
     FitControl,
     FittedDisks,
     find_insignificant,
@@ -262,7 +263,9 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     beside &= disks[:, RADIUS] < coarse[:, RADIUS].max()
     fewer = np.vstack([coarse, disks[beside]])
     moved = len(fewer) == len(disks) == 1 and np.abs(fewer - disks)[0, :3].max() > window.blur
-    if not (len(fewer) < len(disks) or moved):
+    if len(fewer) > len(disks) - 2 and (misfit < WELL_FITTED_CHI_SQUARE or len(coarse) > 1):
+        return None
+    if len(fewer) > len(disks) - 1 and not moved:
         return None
     _, chi_square = window.fit(fewer, _bounds(window, fewer))
     expected = usual * window.pixels
