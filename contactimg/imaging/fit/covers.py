@@ -105,8 +105,8 @@ class GroupWindow:
 
     def __init__(self, problem: FitProblem, blur: float):
         self.problem, self.blur, self.pixels = problem, blur, problem.image.size
-        self.offset = np.array([*problem.corner, 0.0, 0.0])
         self.corner = np.array([*problem.corner, 0.0, 0.0, 0.0, 0.0])
+        self.offset = self.corner[:4]
         self._misfits: dict[bytes, NDArray[np.float32]] = {}
 
     @classmethod
@@ -325,7 +325,7 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
         window = GroupWindow.about(common, fit, np.array([row]), margin=margin)
         if window is None or major < LEAST_ELONGATION * minor:
             continue
-        # neighbours may still be described badly
+        # only the pixels that the ellipse lights count: neighbours may still be described badly
         model = render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
         near = model > LIT_FRACTION * problem.contrast
         covers = (disks for disks, _ in _larger_covers(window, fit.disks[[row]] - window.offset, 2))
@@ -425,7 +425,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
 
 
 def _larger_covers(window: GroupWindow, disks: NDArray, most: int = 3) -> Iterator[Cover]:
-    """Covers with one disk or two more than before, of one disk ``most`` at most."""
+    """Covers with one disk or two more than before; a disk is split in ``most`` at most."""
     # a disk as small as the blur where the residual behind the blur is highest
     model = window.model(disks)
     smooth = filter_residual(window.problem.image, model, window.blur)

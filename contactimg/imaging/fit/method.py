@@ -1,6 +1,6 @@
 """The method "disk": a blurred disk for each contact, with what all share from the frame itself.
 
-In turn: disks are assembled at a first contrast (`assemble`), halo and, in a crowd, remaining background are
+In turn: disks are assembled at a first contrast (`assemble`), halo and remaining background are
 removed (`residual_light`), contrast and blur are settled (`shared_optics`), and the edge that all contacts
 share is looked for: a plain one, one learned from the frame (`edge_profile`), or that of an air film
 (`film_choice`).

@@ -1,4 +1,4 @@
-"""Removes the halo, and in a crowd what is left of the illumination, from the image in turn with the fit.
+"""Removes the halo and what is left of the background from the image, in turn with the fit.
 
 Both can be measured only away from contacts, and only the fit shows where contacts end. As long as either is
 in the image, the fit takes part of it for edge, contrast or blur; hence the turns.
@@ -116,7 +116,11 @@ def _refit(problem: FitProblem, fit: FittedDisks, kept: NDArray[np.bool_], *, fr
 def remove_background(
     problem: FitProblem, fit: FittedDisks, *, free_blur: bool
 ) -> tuple[FitProblem, FittedDisks]:
-    """Remove what is left of the illumination from the image of a crowd, in turn with the fit.
+    """Remove what is left of the background, now that the fit shows where contacts end.
+
+    In a crowd that is a slow field in the gaps, removed in turn with the fit. Elsewhere it is the faint light
+    of contacts in the blocks that the light was fitted to: the median of the residual where no contact is,
+    if it is significant.
 
     Parameters
     ----------
@@ -132,11 +136,11 @@ def remove_background(
     fit : FittedDisks
         Of that problem.
     """
-    # small background blocks are the sign of a crowd; elsewhere faint light of contacts is left in its level
+    # small background blocks are the sign of a crowd
     if side_of(problem.background.shape, problem.image.shape) >= BLOCK:
         if (gaps := _gaps(problem, fit, BLOCK)) is not None:
             values = finite_values(gaps)
-            # compression may round all blocks alike
+            # compression may have rounded all blocks alike
             rest, std = median(values), np.hypot(robust_std(values) / np.sqrt(values.size), problem.rounding)
             if abs(rest) > SIGNIFICANT_SIGMA * std:
                 problem = replace(problem, image=problem.image - np.float32(rest))
