@@ -328,10 +328,11 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
         # only the pixels that the ellipse lights count: neighbours may still be described badly
         model = render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
         near = model > LIT_FRACTION * problem.contrast
+        misfit = window.misfit_of(model)[near].sum()
         covers = (disks for disks, _ in _larger_covers(window, fit.disks[[row]] - window.offset, 2))
-        costs = [(float(window.misfit(two)[near].sum()), two) for two in covers if len(two) == 2]
-        least, two = min(costs, key=lambda cost: cost[0], default=(np.inf, fit.disks))
-        if least < window.misfit_of(model)[near].sum():
+        better = (two for two in covers if len(two) == 2 and window.misfit(two)[near].sum() < misfit)
+        two = next(better, None)
+        if two is not None:
             replaced[row] = True
             new.append(two + window.offset)
     return Replacement(replaced, np.vstack(new))
@@ -410,12 +411,16 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
             break
         count, before = len(best), chi_square
         # at first the same disks again
-        again = number < 0
-        covers = [window.fit(best, np.full(count, np.inf))] if again else list(_larger_covers(window, best))
-        costs = [value + DISK_PRICE * (len(cover) - count) for cover, value in covers]
-        gain = chi_square - min(costs)
+        again, least = number < 0, np.inf
+        for cover in [window.fit(best, np.full(count, np.inf))] if again else _larger_covers(window, best):
+            cost = cover[1] + DISK_PRICE * (len(cover[0]) - count)
+            if cost < least:
+                least, cheapest = cost, cover
+            if cover[1] < expected + slack:
+                break  # it describes the pixels
+        gain = chi_square - least
         if gain > 0.0:
-            best, chi_square = covers[int(np.argmin(costs))]
+            best, chi_square = cheapest
         same = len(best) == count and gain < LEAST_GAIN
         # rounds that gain as much as this one are not enough
         hopeless = chi_square - (before - chi_square) * (ROUNDS - 1 - number) > allowed
