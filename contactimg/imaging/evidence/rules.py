@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe
 
-from contactimg.compiled import njit
 from contactimg.imaging.detect.components import (
     component_of_pixels,
     half_axes,
@@ -36,7 +35,7 @@ from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import count_touching
-from contactimg.imaging.pixels.masks import clear_disks, for_kernel
+from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
@@ -77,6 +76,8 @@ frame alone and the reference alone."""
 DIP_SHARE = 0.25
 """Dip of the reference over the rise of the difference from which both are measured. By hand: half of what
 dust shows."""
+CROSS = (0, 1, -1, 0, 0), (0, 0, 0, 1, -1)
+"""Columns and rows of the pixels about a place that are read."""
 LONGEST = 3.5
 """Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
 hand."""
@@ -403,8 +404,10 @@ def own_rise(foreground: Foreground, places: NDArray[np.float64], blur: float) -
     dip = -foreground.sign * _rise_of_pixels(pair.reference, places, distance)
     rise = _rise_of_pixels(foreground.image, places, distance)
     rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > AGREEMENT_SIGMA * foreground.noise))
+    if not len(rows):
+        return share
     own, other = (
-        foreground.sign * measure_rise(np.ascontiguousarray(image), places[rows], blur)
+        foreground.sign * measure_rise(np.asarray(image, np.float32), places[rows], blur)
         for image in (pair.frame, pair.reference)
     )
     both = own - other
@@ -412,22 +415,13 @@ def own_rise(foreground: Foreground, places: NDArray[np.float64], blur: float) -
     return share
 
 
-@njit(cache=True)
-def _rise_of_pixels(image, places, distance):
+def _rise_of_pixels(image: NDArray, places: NDArray, distance: NDArray) -> NDArray[np.float64]:
     """Mean of five pixels at each place minus the median of eight around it."""
-    rows, columns = image.shape
-    out, around = np.empty(len(places)), np.empty(8)
-    for k in range(len(places)):
-        x, y, near = places[k, 0], places[k, 1], 0.0
-        for dx, dy in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
-            i, j = int(np.rint(y + dy)), int(np.rint(x + dx))
-            near += 0.2 * image[min(max(i, 0), rows - 1), min(max(j, 0), columns - 1)]
-        for m in range(8):
-            i = int(np.rint(y + distance[k] * np.sin(m * np.pi / 4)))
-            j = int(np.rint(x + distance[k] * np.cos(m * np.pi / 4)))
-            around[m] = image[min(max(i, 0), rows - 1), min(max(j, 0), columns - 1)]
-        out[k] = near - np.median(around)
-    return out
+    (x, y), turns = places[:, :2, None].swapaxes(0, 1), np.arange(8) * np.pi / 4
+    near = image[nearest_pixels(x + np.array(CROSS[0]), y + np.array(CROSS[1]), image.shape)]
+    x, y = x + distance[:, None] * np.cos(turns), y + distance[:, None] * np.sin(turns)
+    around = np.sort(image[nearest_pixels(x, y, image.shape)])
+    return np.asarray(near.mean(axis=1, dtype=float) - around[:, 3:5].mean(axis=1, dtype=float))
 
 
 def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
@@ -509,18 +503,19 @@ def excess_of_counts(e: Columns) -> tuple[NDArray[np.bool_], float, float]:
     return used, float(np.sum(apart)), float(np.sqrt(np.sum(std**2)))
 
 
-@njit(cache=True)
-def measure_fall(image, valid, disks, blur):
+def measure_fall(
+    image: NDArray[np.float32], valid: Mask, disks: NDArray[np.float64], blur: float
+) -> NDArray[np.float64]:
     """Fall of the brightness across the rim of each disk, in the units of the image.
 
-    Infinite for small disks, and where too little of the rim is seen.
+    The `PERCENTILE` of its falls in `DIRECTIONS`, to the nearest of those that are seen. Infinite for narrow
+    disks and those of which too little is seen.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
         Contacts positive.
-    valid : ndarray
-        As `contactimg.imaging.pixels.masks.for_kernel` gives it.
+    valid : Mask
     disks : ndarray, shape (n, >= 3)
         x, y, radius (px).
     blur : float, px
@@ -528,31 +523,26 @@ def measure_fall(image, valid, disks, blur):
     Examples
     --------
     >>> y, x = np.mgrid[0:100, 0:100]
-    >>> far, everything = np.hypot(x - 50, y - 50), for_kernel(None)
-    >>> disks = np.array([[50.0, 50.0, 30.0], [50.0, 50.0, 3.0]])
-    >>> measure_fall(1.0 * (far < 30), everything, disks, 1.5).tolist()
+    >>> far, disks = np.hypot(x - 50, y - 50), np.array([[50.0, 50.0, 30.0], [50.0, 50.0, 3.0]])
+    >>> measure_fall(1.0 * (far < 30), None, disks, 1.5).tolist()
     [1.0, inf]
-    >>> measure_fall(np.exp(-(far**2) / 1800), everything, disks[:1], 1.5).round(2).tolist()
+    >>> measure_fall(np.exp(-(far**2) / 1800), None, disks[:1], 1.5).round(2).tolist()
     [0.12]
     """
-    rows, columns = image.shape
-    out, falls, level = np.full(len(disks), np.inf), np.empty(DIRECTIONS), np.empty(2)
-    angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    along_x, along_y = np.cos(angles), np.sin(angles)
-    for k in np.flatnonzero(disks[:, 2] > WIDE_BLUR_WIDTHS * blur):
-        count = 0
-        for m in range(DIRECTIONS):
-            seen = True
-            for side in range(2):  # inside, outside
-                r = disks[k, 2] + (2 * side - 1) * NEAR_BLUR_WIDTHS * blur
-                i, j = int(np.rint(disks[k, 1] + r * along_y[m])), int(np.rint(disks[k, 0] + r * along_x[m]))
-                seen &= 0 <= i < rows and 0 <= j < columns and (valid.shape != image.shape or valid[i, j] > 0)
-                level[side] = image[i, j] if seen else 0.0
-            if seen:
-                falls[count] = level[0] - level[1]
-                count += 1
-        if count >= LEAST_SEEN:
-            out[k] = np.sort(falls[:count])[int(np.rint(PERCENTILE / 100.0 * (count - 1)))]
+    out, wide = np.full(len(disks), np.inf), np.flatnonzero(disks[:, 2] > WIDE_BLUR_WIDTHS * blur)
+    (x, y, a), turns = disks[wide, :3, None].swapaxes(0, 1), 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    seen, falls = np.ones((len(wide), DIRECTIONS), np.bool_), np.zeros((len(wide), DIRECTIONS))
+    for sign in (1.0, -1.0):  # inside, outside
+        r = a - sign * NEAR_BLUR_WIDTHS * blur
+        u, v = x + r * np.cos(turns), y + r * np.sin(turns)
+        at = nearest_pixels(u, v, image.shape)
+        seen &= (np.abs(at[1] - u) <= 0.5) & (np.abs(at[0] - v) <= 0.5)  # in the image
+        seen &= True if valid is None else valid[at] > 0
+        falls += sign * image[at]
+    falls, count = np.sort(np.where(seen, falls, np.inf)), np.count_nonzero(seen, axis=1)
+    enough = count >= LEAST_SEEN
+    chosen = np.rint(PERCENTILE / 100.0 * (count[enough] - 1)).astype(int)
+    out[wide[enough]] = falls[enough, chosen]
     return out
 
 
@@ -562,7 +552,7 @@ def _fall_of_rims(
     """`measure_fall`, across the outlines at half of their plateaus for regions that are no disks."""
     image, valid = foreground.image, foreground.frame_pair.valid
     blur = min(max(blur, SHARPEST_BLUR_PX), WIDEST_BLUR_PX)
-    fall = np.asarray(measure_fall(image, for_kernel(valid), disks, blur))
+    fall = measure_fall(image, valid, disks, blur)
     for row in np.flatnonzero(fall < RIM_FALL * plateau):
         x, y, reach = disks[row, 0], disks[row, 1], OUTLINE_REACH * disks[row, 2] + 4.0 * blur
         box = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 1, 0)) for at in (y, x))

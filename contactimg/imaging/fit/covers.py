@@ -33,7 +33,7 @@ from contactimg.imaging.fit.disks import (
     fit_disks,
     render_disks,
 )
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, pixel_at
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, X, Y
 from contactimg.imaging.fit.shapes import (
     EXACT_OPTICS,
     LEAST_ELONGATION,
@@ -44,6 +44,7 @@ from contactimg.imaging.fit.shapes import (
     render_ellipse,
 )
 from contactimg.imaging.kernels.pairs import count_touching, find_pairs
+from contactimg.imaging.pixels.masks import nearest_pixels
 from contactimg.imaging.profile.limits import (
     FIT_BLUR_WIDTHS,
     ITERATIONS,
@@ -259,8 +260,9 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     coarse, region = _coarser_cover(window, disks)
     if not len(coarse):
         return None
-    beside = (region[pixel_at(disks, region.shape)] == 0) & (disks[:, CONTRAST] > 0.5 * coarse[0, CONTRAST])
+    beside = disks[:, CONTRAST] > 0.5 * coarse[0, CONTRAST]
     beside &= disks[:, RADIUS] < coarse[:, RADIUS].max()
+    beside &= region[nearest_pixels(disks[:, X], disks[:, Y], region.shape)] == 0
     fewer = np.vstack([coarse, disks[beside]])
     moved = len(fewer) == len(disks) == 1 and np.abs(fewer - disks)[0, :3].max() > window.blur
     if len(fewer) > len(disks) - 2 and (misfit < WELL_FITTED_CHI_SQUARE or len(coarse) > 1):
@@ -280,7 +282,7 @@ def are_parts(places: NDArray, disks: NDArray, image: NDArray[np.float32], level
     if not len(disks) or not len(places):
         return np.zeros(len(places), np.bool_)
     labels = cv2.connectedComponents((image > level).astype(np.uint8), connectivity=8)[1]
-    numbers = [labels[pixel_at(points, image.shape)] for points in (places, disks)]
+    numbers = [labels[nearest_pixels(points[:, X], points[:, Y], image.shape)] for points in (places, disks)]
     apart = np.hypot(*(places[:, None, k] - disks[:, k] for k in (0, 1)))
     return (apart < disks[:, RADIUS]).any(axis=1) | np.isin(numbers[0], np.setdiff1d(numbers[1], [0]))
 

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Mask, nearest_pixels
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
 from contactimg.imaging.profile.limits import ROUGH_STD
 
@@ -204,13 +204,7 @@ def touches(mask: Mask, value: int, disks: NDArray, reach: NDArray) -> NDArray[n
     if other is None or other.all():
         return np.zeros(len(disks), np.bool_)
     distance = cv2.distanceTransform(other, cv2.DIST_L2, cv2.DIST_MASK_5)
-    return np.asarray(distance[pixel_at(disks, other.shape)] < reach)
-
-
-def pixel_at(places: NDArray, shape: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Row and column of the pixel of an image that is nearest to each place (x, y, ...)."""
-    x, y = (np.clip(np.rint(places[:, k]), 0, shape[1 - k] - 1).astype(int) for k in (X, Y))
-    return y, x
+    return np.asarray(distance[nearest_pixels(disks[:, X], disks[:, Y], other.shape)] < reach)
 
 
 def _binned(mask: Mask, binning: int, combine: Callable[..., NDArray]) -> Mask:

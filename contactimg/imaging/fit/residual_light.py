@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.compiled import njit
 from contactimg.imaging.background.illumination import fit_illumination
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, find_insignificant, fit_disks
 from contactimg.imaging.fit.problem import CONTRAST, ContrastPrior, FitProblem
@@ -216,13 +215,13 @@ def _best_halo(
     dark = np.abs(core) < CORE_END_FRACTION * contrast
     if np.count_nonzero(dark) < 20 * HALO_PARTS:
         return None
-    halos = [_blurred(core, width / side) for width in widths]
-    fits = [_fit_slope(image, halo, dark) for halo in halos]
+    data, halos = image[dark], [_blurred(core, width / side)[dark] for width in widths]
+    fits = [_fit_slope(data, halo) for halo in halos]
     best = int(np.argmin([residual for _, residual in fits]))
     fraction = fits[best][0]
     if fraction < LEAST_HALO_FRACTION:
         return None
-    scatter = _slope_std(image[dark], halos[best][dark], fraction, parts)
+    scatter = _slope_std(data, halos[best], fraction, parts)
     if fraction < -special.stdtrit(parts - 1, HALO_FALSE_ALARM) * scatter:
         return None
     return Halo(min(fraction, LARGEST_HALO_FRACTION), widths[best])
@@ -242,51 +241,25 @@ def _blurred(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     return np.asarray(cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE), np.float32)
 
 
-@njit(cache=True)
-def _fit_slope(data, wide, used):
-    """Slope of the data against the halo over the pixels used, and the residual sum of squares."""
-    power, common, squares = _moments(data.ravel(), wide.ravel(), used.ravel())
-    if power <= 1e-9 * data.size:
-        return 0.0, squares
-    return common / power, squares - common * common / power
+def _fit_slope(data: NDArray, wide: NDArray) -> tuple[float, float]:
+    """Slope of the data against the halo, and the residual sum of squares."""
+    x, y = wide - wide.mean(dtype=float), data - data.mean(dtype=float)
+    # no product of vectors, which would wake the threads of a library
+    power, common, squares = (float(np.sum(u * v)) for u, v in ((x, x), (x, y), (y, y)))
+    slope = common / power if power > 1e-9 * len(x) else 0.0
+    return slope, squares - slope * common
 
 
-@njit(cache=True, fastmath=True, forceinline=True)
-def _moments(data, wide, used):
-    """Sums of squares and products about the means."""
-    count = level = middle = power = common = squares = 0.0
-    for i in range(len(data)):
-        weight, x, y = np.float64(used[i]), wide[i], data[i]
-        count += weight
-        middle += weight * x
-        level += weight * y
-        power += weight * x * x
-        common += weight * x * y
-        squares += weight * y * y
-    middle, level = middle / count, level / count
-    return power - count * middle**2, common - count * middle * level, squares - count * level**2
-
-
-@njit(cache=True)
-def _slope_std(data, wide, slope, parts):
+def _slope_std(data: NDArray, wide: NDArray, slope: float, parts: int) -> float:
     """Standard uncertainty of the slope.
 
     Neighbouring pixels share noise, so it comes from the scatter between parts of the image, each with the
     same share of the information on the slope.
     """
-    n, level, middle = len(data), data.mean(), wide.mean()
-    power = 0.0
-    for i in range(n):
-        power += (wide[i] - middle) ** 2
-    if not power > 0.0:
+    x = wide - wide.mean(dtype=float)
+    information = np.cumsum(x * x)
+    if not information[-1] > 0.0:
         return np.inf
-    information, part, variance, share = 0.0, 0.0, 0.0, power / parts
-    full = share
-    for i in range(n):
-        x = wide[i] - middle
-        information += x * x
-        part += x * (data[i] - level - slope * x)
-        if information >= full or i == n - 1:
-            variance += part * part
-            part, full = 0.0, full + share
-    return np.sqrt(variance) / power
+    part = np.minimum((parts * information / information[-1]).astype(int), parts - 1)
+    scores = np.bincount(part, x * (data - data.mean(dtype=float) - slope * x))
+    return float(np.sqrt(scores @ scores) / information[-1])
