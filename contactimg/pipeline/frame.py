@@ -27,7 +27,6 @@ from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.pose import Pose
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Status
-from contactimg.tables.outlines import contact_outlines
 
 logger = logging.getLogger(__name__)
 
@@ -337,39 +336,7 @@ def frame_row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:
 
 def contacts_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
     """The measured disks as a contacts table, in pixels only."""
-    disks = measurement.disks
-    fitted = np.isnan(measurement.threshold)  # the pixels that a threshold counts lie inside the image
-    visible = visible_areas(disks, measurement.difference.shape) if fitted else disks["area_px2"]
-    return CONTACTS.conform(disks.assign(frame=name, visible_area_px2=visible))
-
-
-def visible_areas(contacts: pd.DataFrame, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Area of each disk or ellipse inside an image of that shape (px^2).
-
-    Contacts of free shape are outlined inside the image.
-
-    Examples
-    --------
-    >>> half = {"shape": "disk", "x_px": -0.5, "y_px": 9.0, "area_px2": 100.0, "radius_px": 5.64}
-    >>> round_one = {"label": 1, "semi_major_px": 5.64, "semi_minor_px": 5.64, "angle_rad": 0.0}
-    >>> table = pd.DataFrame([half | round_one])
-    >>> visible_areas(table, (20, 30)).round()
-    array([50.])
-    """
-    visible = contacts["area_px2"].to_numpy(float, copy=True)
-    low, high = np.full(2, -0.5), np.array([shape[1] - 0.5, shape[0] - 0.5])
-    places, reach = contacts[["x_px", "y_px"]].to_numpy(float), contacts[["semi_major_px"]].to_numpy(float)
-    cut = ((places - reach <= low) | (places + reach >= high)).any(axis=1) & (contacts["shape"] != "free")
-    if not cut.any():
-        return visible
-    for row, outline in zip(np.flatnonzero(cut), contact_outlines(contacts[cut]), strict=True):
-        # what lies outside falls onto the border, where it has no area
-        whole, inside = (
-            x[:-1] @ y[1:] - x[1:] @ y[:-1]
-            for x, y in (outline.polygon.T, np.clip(outline.polygon, low, high).T)
-        )
-        visible[row] *= inside / whole
-    return visible
+    return CONTACTS.conform(measurement.disks.assign(frame=name))
 
 
 def outlines_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:

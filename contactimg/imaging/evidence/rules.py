@@ -34,7 +34,7 @@ from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, erase_disks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
-from contactimg.imaging.kernels.pairs import count_touching
+from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching
 from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
@@ -54,6 +54,8 @@ OUTLINE_REACH = 1.6
 Theory: 1.41 for an ellipse of 2 : 1."""
 SHARPEST_BLUR_PX, WIDEST_BLUR_PX = 1.0, 8.0
 """Limits of the blur used here: pixels are not interpolated, and no optics is as blurred as uneven light."""
+OUTLINE_POINTS = 361
+"""Points of the outline of a contact that the border cuts. Theory: a chord cuts off 5e-5 of the area."""
 Columns = dict[str, NDArray]
 """Columns of a table, arrays of the same length."""
 
@@ -207,6 +209,8 @@ def judge_contacts(
     table["flags"] = np.sum([np.where(shown(e), int(flag), 0) for flag, shown in FLAGS], axis=0)
     found, kept = _join_parts(foreground, result, e, table, reason)
     kept = kept[np.lexsort([table["x_px"][kept], table["y_px"][kept]])]
+    contacts = {name: values[kept] for name, values in table.items()}
+    contacts["visible_area_px2"] = visible_areas(contacts, foreground.image.shape)
     dropped = problem.in_frame(result.dropped[:, [X, Y]]), result.dropped[:, RADIUS] * binning
     every = np.vstack([np.column_stack(dropped), places[reason != ""]])
     why = np.append(np.full(len(result.dropped), Reason.UNNECESSARY, object), reason[reason != ""])
@@ -222,7 +226,7 @@ def judge_contacts(
         own = replace(own, edge=None if result.edge is None else result.edge.knowledge)
     return Judged(
         foreground,
-        contacts={name: values[kept] for name, values in table.items()},
+        contacts=contacts,
         rejected=dict(zip(PLACE, every[placed].T, strict=True)) | {"reason": why[placed]},
         optics=shared,
         own_optics=own,
@@ -494,6 +498,28 @@ def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
         "angle_std_rad": spread[2],
         "perimeter_px": perimeter * binning,
     }
+
+
+def visible_areas(contacts: Columns, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Area of each contact that the image shows, px^2; that of a contact of free shape as it was counted.
+
+    Disks and ellipses end at the border of the image, and at the chord that they have in common with others:
+    where contacts overlap, the areas add up to that of their union.
+    """
+    x, y, radius, major, minor = (contacts[name] for name in (*PLACE, "semi_major_px", "semi_minor_px"))
+    right, bottom = shape[1] - 0.5, shape[0] - 0.5
+    cut = np.minimum.reduce([x + 0.5, y + 0.5, right - x, bottom - y]) < major
+    turn = np.linspace(0.0, 2.0 * np.pi, OUTLINE_POINTS)
+    rim = major[cut, None] * np.cos(turn) + 1j * minor[cut, None] * np.sin(turn)
+    rim = (x + 1j * y)[cut, None] + rim * np.exp(1j * np.nan_to_num(contacts["angle_rad"]))[cut, None]
+    # what lies outside falls onto the border, where it has no area
+    seen = np.clip(rim.real, -0.5, right) + 1j * np.clip(rim.imag, -0.5, bottom)
+    whole, inside = (np.sum(line[:, :-1].conj() * line[:, 1:], axis=1).imag for line in (rim, seen))
+    visible = contacts["area_px2"].copy()
+    visible[cut] *= inside / whole
+    fitted = contacts["shape"] != "free"
+    visible[fitted] -= areas_beyond_chords(np.column_stack([x, y, radius])[fitted])
+    return np.where(fitted, np.maximum(visible, 0.0), contacts["visible_area_px2"])
 
 
 def excess_of_counts(e: Columns) -> tuple[NDArray[np.bool_], float, float]:

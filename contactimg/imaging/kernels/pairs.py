@@ -94,16 +94,37 @@ def count_touching(disks: NDArray, space: float) -> NDArray[np.int64]:
 
 
 def visible_share(disks: NDArray) -> NDArray[np.float64]:
-    """Fraction of each disk's rim that lies in no other disk.
+    """Fraction of each disk's rim that lies in no other disk."""
+    share, (i, half) = np.ones(len(disks)), _arcs(disks)
+    np.subtract.at(share, i, half / np.pi)
+    return np.maximum(share, LEAST_VISIBLE)
+
+
+def areas_beyond_chords(disks: NDArray) -> NDArray[np.float64]:
+    """Area of each disk (x, y, radius, ...) beyond the chords it has in common with others.
+
+    Without it the areas of two disks that overlap add up to that of their union. A segment of half angle h of
+    a disk of radius a has the area ``a^2 (h - sin h cos h)``.
+
+    Examples
+    --------
+    >>> areas_beyond_chords(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [9.0, 0.0, 3.0]])).round(3).tolist()
+    [3.142, 0.0, 0.0]
+    """
+    area, (i, half) = np.zeros(len(disks)), _arcs(disks)
+    np.add.at(area, i, disks[i, 2] ** 2 * (half - np.sin(half) * np.cos(half)))
+    return area
+
+
+def _arcs(disks: NDArray) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The disks that overlap, once for each other one, and half the angle of their arc that lies in it.
 
     A disk of radius b at distance d hides the arc of half angle ``acos((d^2 + a^2 - b^2)/(2 d a))`` of one of
     radius a.
     """
-    share = np.ones(len(disks))
     pairs = find_pairs(disks, 0.0)
     i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
     (x, y, a), (u, v, b) = disks[i, :3].T, disks[j, :3].T
     d = np.hypot(x - u, y - v)
     cosine = (d * d + a * a - b * b) / np.maximum(2.0 * d * a, 1e-12)
-    np.subtract.at(share, i, np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi)
-    return np.maximum(share, LEAST_VISIBLE)
+    return i, np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -96,6 +96,20 @@ def test_visible_share_is_the_arc_outside_the_neighbour():
     assert 0 < visible_share(inside)[1] < 0.5 < visible_share(inside)[0]
 
 
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.3])
+def test_visible_areas_of_overlapping_contacts_add_up_to_their_union(share):
+    far = (10.0 + 14.0) * (1.0 - share)
+    truth, frame, reference = frame_of([(50.0, 60.0, 10.0), (50.0 + far, 62.0, 14.0)])
+    found = measure_image(frame, reference).disks
+    pair = found[found.x_px < 120]
+    assert len(found) == len(truth)
+    assert len(pair) == 2
+    lens = lens_area(10.0, 14.0, np.hypot(far, 2.0))
+    union = np.pi * (10.0**2 + 14.0**2) - lens
+    assert pair.visible_area_px2.sum() == pytest.approx(union, abs=max(0.2 * lens, 0.01 * union))
+    assert pair.area_px2.sum() - pair.visible_area_px2.sum() == pytest.approx(lens, rel=0.2)
+
+
 def test_hidden_disks_overlap_one_before_them():
     step = 2 * 5 * (1 - DEEPEST)  # distance of equal disks of radius 5 at the limit
     disks = np.array([[0, 0, 5], [step - 0.1, 0, 5], [2 * step - 0.1, 0, 5], [30, 0, 5]], float)
