@@ -60,6 +60,16 @@ def test_thousands_of_contacts(rng, shape, count, bias):
     assert np.sqrt(np.mean(error**2)) < 0.03
 
 
+def test_medians_of_columns_that_contacts_move_are_no_flicker():
+    """Wide contacts behind a wide blur leave a seventh of the frame free, and move the medians by chance."""
+    optics, rng = Optics(shape=(900, 1200), sigma=4.0), np.random.default_rng([7001, 1300, 4, 119, 101])
+    truth = scatter(650, optics, rng, radii=(3, 25))
+    frame, _ = render(truth, optics, rng)
+    found = measure_image(frame, polarity="bright", full_scale=255.0).disks
+    assert len(match(truth, found)) >= 0.99 * max(len(found), len(truth))
+    assert found.visible_area_px2.sum() == pytest.approx(np.pi * (truth.radius_px**2).sum(), rel=0.01)
+
+
 def lattice(across, down):
     """Contacts of 1.5-5 px on a jittered lattice that fills the frame of a crowd."""
 

@@ -252,9 +252,11 @@ def _near_the_median_of_lines(blocks: Values, known: Flags) -> tuple[Flags, bool
     if len(middle) < FEWEST or near.mean() < known.mean() + NOTABLE_SHARE:
         return near, False
     rest = rest[finite]
+    sides = [np.count_nonzero(side > limit) for side in (-rest, rest)]
     # by hand: steps of the light and plates are less steep (0.26), ridges stand out as far as the others
-    few, many = sorted(np.count_nonzero(side > limit) for side in (rest, -rest))
     steep = np.diff(middle, axis=0).std() > 0.3 * middle.std()
-    # by hand: flicker of 3 and 8 % moves the medians by 2.4 limits and more, contacts 20 px apart by 1.2
-    low = 1.8 * limit < np.ptp(middle) < 0.7 * np.abs(rest).max()
-    return near, bool(steep and low and few < 0.1 * many)
+    low = np.ptp(middle) < 0.7 * np.abs(rest).max()
+    # what moves the median alone are contacts: flicker moves the blocks on the other side of it as well
+    opposite = ordered[:, count // 4 if sides[1] > sides[0] else -1 - count // 4]
+    moved = opposite.std() > 0.5 * middle.std()
+    return near, bool(steep and low and moved and min(sides) < 0.1 * max(sides))
