@@ -40,7 +40,7 @@ class ContactPixels:
     light : ndarray
         Sum of the light above the surroundings, out to `EDGE_BLUR_WIDTHS`.
     area, expected : ndarray, px^2
-        Pixels above half of the plateau, and those at which the fitted disk is above it.
+        Pixels above half of the plateau, and as many as the fitted disk and the noise let one expect.
     border : ndarray
         Share of those that touch a pixel that is not seen.
     x, y : ndarray, px
@@ -154,6 +154,7 @@ def _look(image, model, valid, disks, s, variance, noise, half, heights, out):
         light = (
             np.float32(c), np.float32(half[i]), np.float32(FAINT_FRACTION * c), np.float32(0.5 * c),
             np.float32(1.0 / variance[i]), noise[0] * noise[2], noise[1], noise[2],
+            np.float32(1.0 / np.sqrt(12.0 * variance[i])),
         )  # fmt: skip
         n = 0
         bottom = min(int(y + reach), rows - 1)
@@ -187,7 +188,7 @@ def _add_pixels(pixels, n, radii, scale, start, light, profile, q):
     instructions.
     """
     a, core, low, high, ring = radii
-    height, level, faint, half, plain, growth, rim, unit = light
+    height, level, faint, half, plain, growth, rim, unit, steepness = light
     line, modelled, x, y = pixels[0, :n], pixels[1, :n], pixels[2, :n], pixels[3, :n]
     border, place, own = pixels[4, :n], pixels[5, :n], pixels[6, :n]
     one, zero, most, last = np.float32(1.0), np.float32(0.0), np.float32(100.0), np.float32(len(profile) - 2)
@@ -220,7 +221,8 @@ def _add_pixels(pixels, n, radii, scale, start, light, profile, q):
         ring_sum += around * value
         counted = near if others < half else zero
         total += counted * value
-        expected += counted if mine > level else zero
+        # a share of such pixels exceeds the level: noise lifts more of them about a disk than it lowers in it
+        expected += counted * min(max(np.float32(0.5) + (mine - level) * steepness, zero), one)
         above = counted if value > level else zero
         count += above
         sx += above * x[k]

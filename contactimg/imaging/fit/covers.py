@@ -235,7 +235,8 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
         better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
         if len(members) == 1 and len(better) == 2:
             found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
-            if any(_misfit(window, each) < window.chi_square(better) for each in found.fitted):
+            better, chi_square = window.fit(better, np.full(2, np.inf))  # close to the best, not yet there
+            if any(_misfit(window, each) < chi_square for each in found.fitted):
                 continue
         simple = _simpler(window, better, usual)
         better, shaped = (better, np.zeros(len(better), np.bool_)) if simple is None else simple
@@ -418,7 +419,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
             cost = cover[1] + DISK_PRICE * (len(cover[0]) - count)
             if cost < least:
                 least, cheapest = cost, cover
-            if cover[1] < expected + slack:
+            if len(cover[0]) > count and cover[1] < expected + slack:
                 break  # it describes the pixels
         gain = chi_square - least
         if gain > 0.0:
