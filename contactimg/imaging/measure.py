@@ -9,6 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Real
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -230,6 +231,8 @@ def measure_image(
     """
     image, reference = _grey_levels(image), None if reference is None else _grey_levels(reference)
     _check(image, reference, absent, method=method, polarity=polarity, shape=shape, registration=registration)
+    _check_types(optics=(optics, SharedOptics), film=(film, FilmSetting, FilmRim), edits=(edits, Sequence))
+    _check_types(**{f"edits[{n}]": (edit, HandEdit) for n, edit in enumerate(edits)})
     if not (isinstance(linearity, Real) and 0 <= linearity < 1):
         raise InputError(
             f"linearity must be a fraction of the contrast, 0 <= linearity < 1, got {linearity!r}"
@@ -402,6 +405,14 @@ def _check(image: NDArray, reference: NDArray | None, absent: Collection[str], *
             f"the reference must have the size of the frame, {image.shape[1]} x {image.shape[0]} pixels, "
             f"got {' x '.join(str(n) for n in reference.shape[::-1])}"
         )
+
+
+def _check_types(**given: tuple[Any, ...]) -> None:
+    """Refuse a value, the first of each row, that is of none of the types after it; None is any."""
+    for name, (value, *types) in given.items():
+        if value is not None and not isinstance(value, tuple(types)):
+            names = " or ".join(kind.__name__ for kind in types)
+            raise InputError(f"{name} must be of type {names}, got {value!r}")
 
 
 def _subtract_background(

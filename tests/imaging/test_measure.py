@@ -1,6 +1,7 @@
 """The whole measurement of one frame: accuracy, invariances, the threshold's contract, hard frames."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import pytest
 from contact_frames import FINITE, Optics, expose, match, render, scatter
 
 from contactimg.errors import FrameError, InputError
+from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.measure import ImageMeasurement, measure_image
 from contactimg.imaging.profile.blurred_disk import blurred_disk
 from contactimg.imaging.profile.optics import SharedOptics
@@ -373,6 +375,15 @@ def test_what_cannot_be_measured_is_refused(usual):
         measure_image(frame, reference, blur_px="sharp")
     with pytest.raises(InputError, match="linearity must be a fraction of the contrast"):
         measure_image(frame, reference, linearity=None)
+    edit = HandEdit("exclude", 1, 50.0, 60.0)
+    for name, wrong, said in (
+        ("optics", 1.5, "optics must be of type SharedOptics, got 1.5"),
+        ("film", "on", "film must be of type FilmSetting or FilmRim, got 'on'"),
+        ("edits", edit, "edits must be of type Sequence, got HandEdit"),
+        ("edits", [edit, "exclude"], "edits[1] must be of type HandEdit, got 'exclude'"),
+    ):
+        with pytest.raises(InputError, match=re.escape(said)):
+            measure_image(frame, reference, **{name: wrong})
     for wrong in (0.0, 1.0, -0.2, "otsu", [0.5], np.full(2, 0.5)):
         with pytest.raises(InputError, match="threshold must be a fraction"):
             measure_image(frame, reference, threshold=wrong)
