@@ -232,7 +232,7 @@ class FilmTrial:
         disks = evenly(every_rim, FEW_CONTACTS)  # until they have settled, for time
         chosen = np.union1d([0, 1], parameters_of(families))
         chosen = np.append(chosen, FILM) if free else chosen
-        last = np.zeros(len(chosen))
+        last, share = np.zeros(len(chosen)), 1.0
         covariance = own_covariance = np.diag([1.0, fit.blur**2, *np.ones(len(chosen) - 2)])
         most = min(problem.largest_contrast, problem.shown_contrast)
         for _ in range(MOST_STEPS):
@@ -244,7 +244,8 @@ class FilmTrial:
             own_covariance = scores.step(chosen, (0.0 * score, 1e-9 * information)).covariance
             step = scores.step(chosen, (score, information))
             back = last @ np.linalg.solve(step.covariance, step.delta) < 0.0
-            delta, covariance = step.delta * (0.5 if back else 1.0), step.covariance
+            share = 0.5 * share if back else 1.0  # steps that go to and fro become shorter
+            delta, covariance = share * step.delta, step.covariance
             beyond = max(delta[0] - np.log(most / problem.prior.mean), 0.0)
             delta -= beyond * covariance[:, 0] / covariance[0, 0]  # the others follow a contrast at its limit
             moved = edge.moved(chosen, delta)
