@@ -198,12 +198,14 @@ def _choose(measurement: ImageMeasurement, rng: np.random.Generator) -> NDArray[
     if measurement.foreground.frame_pair.valid is not None:
         free &= measurement.foreground.frame_pair.valid
     clear_disks(free, np.vstack([own, rejected[np.isfinite(rejected).all(axis=1)]]))
-    distance = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    distance = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, 5)[1:-1, 1:-1].ravel()
     chosen = np.empty((0, 4))
     gap = CLEAR_BLUR_WIDTHS * blur
-    for a, c in sorted(zip(radii, contrast, strict=True), reverse=True):
-        places = np.argwhere(distance > a + gap + 1.0)
-        for row, column in places[rng.integers(0, len(places), TRIES)] if len(places) else []:
+    farthest = np.argsort(-distance, kind="stable")
+    within = np.searchsorted(-distance[farthest], -(radii + gap + 1.0))
+    for a, c, places in sorted(zip(radii, contrast, within, strict=True), reverse=True):
+        for place in farthest[rng.integers(0, places, TRIES)] if places else []:
+            row, column = divmod(int(place), measurement.difference.shape[1])
             y, x = row + rng.uniform(-0.5, 0.5), column + rng.uniform(-0.5, 0.5)
             if (np.hypot(chosen[:, 0] - x, chosen[:, 1] - y) > chosen[:, 2] + a + gap).all():
                 chosen = np.vstack([chosen, [x, y, a, c]])
