@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import fft, optimize, special
+from threadpoolctl import threadpool_limits
 
 from contactimg.errors import FrameError
 from contactimg.imaging.background.illumination import NEGLIGIBLE
@@ -174,6 +175,7 @@ def _start(
     return line, np.array([0.0, 0.0, radius, 0.0, 0.0, high - low, low, blur, *HALO_START])
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # threads make the decomposition of narrow matrices slower
 def _fit(
     samples: EdgeSamples, line: _Line, start: Values, *, fixed: list[int], loss: Loss
 ) -> tuple[Values, float]:
@@ -193,7 +195,7 @@ def _fit(
 
     fit = optimize.least_squares(
         residuals, start[free], bounds=(low[free], high[free]), loss=loss, f_scale=CLIP_SIGMA,
-        x_scale=scale[free], xtol=1e-7, ftol=1e-7, max_nfev=50,
+        x_scale=scale[free], xtol=1e-7, ftol=1e-5, max_nfev=50,
     )  # fmt: skip
     p = start.copy()
     p[free] = fit.x
