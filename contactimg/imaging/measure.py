@@ -232,6 +232,7 @@ def measure_image(
     image, reference = _grey_levels(image), None if reference is None else _grey_levels(reference)
     _check(image, reference, absent, method=method, polarity=polarity, shape=shape, registration=registration)
     _check_types(optics=(optics, SharedOptics), film=(film, FilmSetting, FilmRim), edits=(edits, Sequence))
+    edits = () if edits is None else edits
     _check_types(**{f"edits[{n}]": (edit, HandEdit) for n, edit in enumerate(edits)})
     if not (isinstance(linearity, Real) and 0 <= linearity < 1):
         raise InputError(

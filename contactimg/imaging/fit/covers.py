@@ -235,7 +235,8 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
         better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
         if len(members) == 1 and len(better) == 2:
             found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
-            better, chi_square = window.fit(better, np.full(2, np.inf))  # close to the best, not yet there
+            # the first two that describe the pixels need not have settled
+            better, chi_square = window.fit(better, np.full(2, np.inf))
             if any(_misfit(window, each) < chi_square for each in found.fitted):
                 continue
         simple = _simpler(window, better, usual)

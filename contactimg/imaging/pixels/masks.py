@@ -70,5 +70,6 @@ def clear_disks(mask: NDArray[np.uint8], disks: NDArray[np.float64]) -> None:
     [[1, 0, 1, 1], [0, 0, 0, 1], [1, 0, 1, 1]]
     """
     places = np.column_stack([np.rint(disks[:, :2]), np.ceil(disks[:, 2])]).astype(int)
-    for x, y, radius in zip(*places.T.tolist(), strict=True):  # a list for each disk would wake the collector
+    # no list for each disk, of which thousands make the garbage collector run
+    for x, y, radius in zip(*places.T.tolist(), strict=True):
         cv2.circle(mask, (x, y), radius, 0, cv2.FILLED)

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from edge_frames import CASES, OPTICS, edge_frame, errors
 
+from contactimg.imaging.contrast.noise import Noise
+from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.edge_profile import LearnedEdge, describe_edge
-from contactimg.imaging.fit.edge_scores import Edge, Placement
+from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement
+from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.blurred_disk import blurred_disk
 from contactimg.imaging.profile.edge_shape import (
@@ -165,6 +168,23 @@ def test_templates_are_computed_as_chosen():
     every = edge_templates(nodes.disks, 1.4, shape, range(1 + len(PARAMETERS)))
     chosen = [7, 0, 15]
     np.testing.assert_array_equal(edge_templates(nodes.disks, 1.4, shape, chosen), every[:, chosen])
+
+
+def test_scores_of_small_contacts_end_six_blur_widths_from_their_rims():
+    disks, blur = np.array([[20.0, 20.0, 2.0, 100.0]]), 1.4
+    image = render_disks(disks, blur, (41, 41))
+    rng, (y, x) = np.random.default_rng(0), np.mgrid[0:41, 0:41]
+    image += rng.normal(0.0, 1.0, image.shape).astype(np.float32)
+    far = np.hypot(x - 20, y - 20) - 2.0
+
+    def score(light_from):
+        lit = image + 3.0 * (far > light_from).astype(np.float32)
+        problem = FitProblem(lit, Noise(1.0), ContrastPrior.loose(100.0))
+        return EdgeScores.of(problem, disks, Edge.plain(blur), Placement(image.shape, 1.25)).score
+
+    # light among which the rims of others would lie
+    np.testing.assert_array_equal(score(7.0 * blur), score(np.inf))
+    assert not np.allclose(score(5.0 * blur), score(np.inf))
 
 
 def test_every_family_has_its_sentence():
