@@ -409,7 +409,7 @@ def _check(image: NDArray, reference: NDArray | None, absent: Collection[str], *
 
 
 def _check_types(**given: tuple[Any, ...]) -> None:
-    """Refuse a value, the first of each row, that is of none of the types after it; None is any."""
+    """Refuse values of a wrong type; each name comes with a value, which may be None, and its types."""
     for name, (value, *types) in given.items():
         if value is not None and not isinstance(value, tuple(types)):
             names = " or ".join(kind.__name__ for kind in types)

@@ -40,6 +40,7 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.tables import Flag, Reason
+from contactimg.tables.outlines import Outline
 
 WIDE_BLUR_WIDTHS = 4.0
 """Radius over blur above which a disk must have a rim; smaller ones are all rim. Theory: over four blur
@@ -54,8 +55,6 @@ OUTLINE_REACH = 1.6
 Theory: 1.41 for an ellipse of 2 : 1."""
 SHARPEST_BLUR_PX, WIDEST_BLUR_PX = 1.0, 8.0
 """Limits of the blur used here: pixels are not interpolated, and no optics is as blurred as uneven light."""
-OUTLINE_POINTS = 361
-"""Points of the outline of a contact that the border cuts. Theory: a chord cuts off 5e-5 of the area."""
 Columns = dict[str, NDArray]
 """Columns of a table, arrays of the same length."""
 
@@ -450,7 +449,7 @@ def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
     major, minor, angle = radius.copy(), radius.copy(), np.full(n, np.nan)
     shape = np.full(n, "disk", object)
     spread = np.full((3, n), np.nan)
-    perimeter, visible = 2.0 * np.pi * radius, e["visible"].copy()
+    perimeter, visible = 2.0 * np.pi * radius, area.copy()
     for row, ellipse in zip(result.ellipses.rows, result.ellipses.fitted, strict=True):
         scale = radius[row] / ellipse.parameters[RADIUS]
         major[row], minor[row] = scale * ellipse.half_axes
@@ -465,8 +464,7 @@ def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
         count = e["counted"][k]
         hidden = np.minimum(area[k] * (1.0 - e["visible"][k]), count)
         seen = count + np.clip(area[k] * e["visible"][k] - e["expected"][k], -0.5 * count, 0.5 * count)
-        part = seen + hidden
-        visible[k] = seen / part
+        part, visible[k] = seen + hidden, seen
         x[k], y[k], shape[k] = e["x"][k], e["y"][k], "free"
         error = np.hypot(e["count_std"][k], 0.5 * (part - area[k]))
         area[k], radius[k] = part, np.sqrt(part / np.pi)
@@ -489,7 +487,7 @@ def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
         "shape": shape,
         "area_px2": area * binning**2,
         "area_std_px2": 2.0 * np.pi * radius * total * binning**2,
-        "visible_area_px2": area * visible * binning**2,
+        "visible_area_px2": visible * binning**2,
         "semi_major_px": major * binning,
         "semi_minor_px": minor * binning,
         "angle_rad": angle,
@@ -507,16 +505,15 @@ def visible_areas(contacts: Columns, shape: tuple[int, ...]) -> NDArray[np.float
     where contacts overlap, the areas add up to that of their union.
     """
     x, y, radius, major, minor = (contacts[name] for name in (*PLACE, "semi_major_px", "semi_minor_px"))
-    right, bottom = shape[1] - 0.5, shape[0] - 0.5
-    cut = np.minimum.reduce([x + 0.5, y + 0.5, right - x, bottom - y]) < major
-    turn = np.linspace(0.0, 2.0 * np.pi, OUTLINE_POINTS)
-    rim = major[cut, None] * np.cos(turn) + 1j * minor[cut, None] * np.sin(turn)
-    rim = (x + 1j * y)[cut, None] + rim * np.exp(1j * np.nan_to_num(contacts["angle_rad"]))[cut, None]
-    # what lies outside falls onto the border, where it has no area
-    seen = np.clip(rim.real, -0.5, right) + 1j * np.clip(rim.imag, -0.5, bottom)
-    whole, inside = (np.sum(line[:, :-1].conj() * line[:, 1:], axis=1).imag for line in (rim, seen))
-    visible = contacts["area_px2"].copy()
-    visible[cut] *= inside / whole
+    low, high = np.full(2, -0.5), np.array([shape[1] - 0.5, shape[0] - 0.5])
+    visible, angle = contacts["area_px2"].copy(), np.nan_to_num(contacts["angle_rad"])
+    for k in np.flatnonzero(np.minimum.reduce([x - low[0], y - low[1], high[0] - x, high[1] - y]) < major):
+        polygon = Outline(0, x[k], y[k], major[k], minor[k], angle[k]).polygon
+        # what lies outside falls onto the border, where it has no area
+        whole, inside = (
+            u[:-1] @ v[1:] - u[1:] @ v[:-1] for u, v in (polygon.T, np.clip(polygon, low, high).T)
+        )
+        visible[k] *= inside / whole
     fitted = contacts["shape"] != "free"
     visible[fitted] -= areas_beyond_chords(np.column_stack([x, y, radius])[fitted])
     return np.where(fitted, np.maximum(visible, 0.0), contacts["visible_area_px2"])

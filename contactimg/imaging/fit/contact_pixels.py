@@ -221,7 +221,7 @@ def _add_pixels(pixels, n, radii, scale, start, light, profile, q):
         ring_sum += around * value
         counted = near if others < half else zero
         total += counted * value
-        # a share of such pixels exceeds the level: noise lifts more of them about a disk than it lowers in it
+        # noise lifts more pixels about a disk above the level than it lowers in it
         expected += counted * min(max(np.float32(0.5) + (mine - level) * steepness, zero), one)
         above = counted if value > level else zero
         count += above

@@ -314,7 +314,7 @@ class EdgeScores:
         c = disks[:, CONTRAST, None]
         variance = problem.noise.variance / problem.brightness_at(disks)[:, None]
         weight = 1.0 / (variance * problem.noise.at(np.clip(profile, 0.0, 1.0)))
-        # the nodes of small contacts reach as far from the centre, among the rims of others
+        # nodes reach equally far from every centre: those of small contacts would lie among other rims
         weight[nodes.disks.distance > nodes.disks.radius + INNER_BLUR_WIDTHS * edge.blur] = 0.0
         # columns: own contrast, radius and background, then the blur and the parameters of the edge
         columns = np.empty((len(disks), OWN + templates.shape[1], profile.shape[1]))
