@@ -207,15 +207,16 @@ def excess_table(light: Light, *, tolerance: float = 5e-3, accuracy: float = 1e-
     # |e''| <= (4 pi / lambda)^2 |e|, and linear interpolation errs by step^2 |e''| / 8
     step = light.band[0] / (4 * np.pi) * np.sqrt(8 * accuracy)
     contact, thick = float(transmission(0.0, light=light)), thick_transmission(light)
-    length = 8 * light.wavelength
-    while length <= MAX_GAP_WAVELENGTHS * light.wavelength:
-        excess = (transmission(np.arange(0, length, step), light=light) - thick) / (contact - thick)
+    count, excess = int(8 * light.wavelength / step), np.empty(0)
+    while count * step <= MAX_GAP_WAVELENGTHS * light.wavelength:
+        more = transmission(np.arange(len(excess), count) * step, light=light)
+        excess = np.append(excess, (more - thick) / (contact - thick))
         last = int(np.flatnonzero(np.abs(excess) > tolerance)[-1])
-        if last < len(excess) // 2:
+        if last < count // 2:
             values = np.append(excess[: last + 1], 0.0)
             values.flags.writeable = False
             return ExcessTable(light=light, step=step, values=values)
-        length *= 2
+        count *= 2
     raise InputError(
         f"the light is too coherent: fringes of a film of {MAX_GAP_WAVELENGTHS} wavelengths still exceed "
         f"{tolerance:g} of the contrast; widen the bandwidth, got {light.bandwidth!r} m"

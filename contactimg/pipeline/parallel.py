@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from contactimg.engine.calls import in_parallel
 from contactimg.engine.processes import end_if_asked
 from contactimg.engine.progress import counted
@@ -81,7 +83,8 @@ def for_each_frame(
 
     def measured(source: FrameSource, *arguments: Any) -> Result | FailedFrame:
         try:
-            return measure(source.read(), reference, *arguments)
+            with threadpool_limits(limits=1, user_api="blas"):  # threads make small products slower
+                return measure(source.read(), reference, *arguments)
         except Exception as error:  # whatever it is, the other frames are not concerned
             return FailedFrame.of(source.name, error)
 
