@@ -140,6 +140,20 @@ def test_hot_and_dead_pixels_and_columns_are_repaired(kind, rng):
     assert np.median(np.abs(repaired[bad] - frame[bad])) < 3.0 * (1 if kind is np.uint8 else 100)
 
 
+@pytest.mark.parametrize("share", [0.02, 0.05])
+def test_contacts_are_found_where_many_pixels_are_defective(share):
+    scene = make_scene("plain", 140, 44)
+    broken = []
+    for seed, image in enumerate((scene.frame, scene.reference)):
+        chance = np.random.default_rng(seed).random(image.shape)
+        broken.append(np.where(chance < share / 2, 0, np.where(chance > 1 - share / 2, 255, image)))
+    disks = measure_image(*(image.astype(np.uint8) for image in broken)).disks
+    pairs = match(scene.truth, disks)
+    assert len(pairs) > 0.95 * scene.truth["required"].sum()
+    assert len(pairs) > 0.95 * len(disks)
+    assert disks["visible_area_px2"].sum() == pytest.approx((scene.truth.area_px2).sum(), rel=0.02)
+
+
 @pytest.mark.parametrize("seed", range(5, 7))
 @pytest.mark.parametrize("light", [field_stop, black_border])
 def test_light_without_contacts_shows_none_or_is_not_ok(light, seed):

@@ -76,7 +76,7 @@ def test_one_dark_corner_does_not_make_dark_contacts():
     assert shares(scene, result.disks)[0] > 0.85
 
 
-@pytest.mark.parametrize("strength", [0.1, 0.2])
+@pytest.mark.parametrize("strength", [0.06, 0.1, 0.2])
 def test_a_frame_with_reflections_of_its_contacts_is_not_ok(strength, plain):
     def reflected(light):
         beside = cv2.warpAffine(light, np.float64([[1, 0, 37], [0, 1, 11]]), light.shape[::-1], borderMode=1)
@@ -85,6 +85,18 @@ def test_a_frame_with_reflections_of_its_contacts_is_not_ok(strength, plain):
     result = measure_image(changed(plain, reflected), plain.reference)
     assert result.status != Status.OK
     assert "look like that" in result.message or "hardly stand out" in result.message
+
+
+def test_a_frame_with_rings_of_dust_out_of_focus_is_not_ok(plain):
+    rng = np.random.default_rng(3)
+    y, x = np.indices(plain.frame.shape)
+    rings = np.zeros(plain.frame.shape)
+    for _ in range(3):
+        distance = np.hypot(x - rng.uniform(20, 780), y - rng.uniform(20, 580))
+        rings += 0.12 * np.exp(-(((distance - rng.uniform(6, 14)) / 2) ** 2))
+    result = measure_image(changed(plain, lambda light: light * (1 + rings)), plain.reference)
+    assert shares(plain, result.disks)[0] > 0.95
+    assert result.status == Status.FALSE_CANDIDATES
 
 
 def test_the_same_frame_without_reflections_is_ok(plain):

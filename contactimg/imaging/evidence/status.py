@@ -204,6 +204,12 @@ def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
         yield Status.DISAGREES, text
     if seen.count and seen.evidence:
         yield from _fitted(seen.evidence)
+    faint = seen.flagged(Flag.TOO_SMALL | Flag.LOW_SIGNAL)
+    if faint >= FEWEST_CONTACTS and faint > DOUBTED_SHARE * seen.count:
+        text = (
+            f"{faint} of {seen.count} contacts are no wider than the blur and hardly stand out of the noise"
+        )
+        yield Status.FALSE_CANDIDATES, text
 
 
 def _spoiled(seen: Judged, flag: Flag) -> str:
@@ -283,12 +289,6 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
         text = (
             f"{small} of {seen.count} contacts are no wider than the blur: without a reference specks of "
             "dirt look the same"
-        )
-        yield Status.FALSE_CANDIDATES, text
-    faint = seen.flagged(Flag.TOO_SMALL | Flag.LOW_SIGNAL)
-    if faint >= FEWEST_CONTACTS and faint > SPOILED_SHARE * seen.count:
-        text = (
-            f"{faint} of {seen.count} contacts are no wider than the blur and hardly stand out of the noise"
         )
         yield Status.FALSE_CANDIDATES, text
     dark = dark_spots(foreground.seen, foreground.contrast.plateau)

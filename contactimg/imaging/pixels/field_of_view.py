@@ -32,9 +32,9 @@ MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corre
 DEFECT_SIGMA = 10.0  # from the median of nine pixels. By hand: shot noise of bright contacts is below
 DEFECT_RATIO = 6.0  # of that to the range of the neighbours. Theory: 2.4 for a point behind a blur of 0.75 px
 DEFECT_COMPANIONS = 2  # neighbours that may be as far off: a line one pixel wide is no contact either
-# Of the largest difference from the median, where there is no noise; and of the pixels: what has more is a
-# texture. By hand.
-DEFECT_SHARE = 0.02
+# Least difference from the median, of the largest, where there is no noise; and share of the pixels that may
+# be defective: what has more is a texture. By hand: a transmission that flips bits spoils some in a hundred.
+LEAST_DEFECT, MOST_DEFECTS = 0.02, 0.1
 
 
 def find_unlit(image: NDArray, valid: Mask) -> Mask:
@@ -122,14 +122,14 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
     worst = rest.max(axis=1)
     every, largest = max(int(np.sqrt(image.size / SAMPLE)), 1), float(worst.max())
     limit = DEFECT_SIGMA * noise_std(rest[::every, ::every].astype(np.float32))
-    limit = min(max(limit, DEFECT_SHARE * largest), largest)
+    limit = min(max(limit, LEAST_DEFECT * largest), largest)
     some = np.flatnonzero(worst > rest.dtype.type(limit))
     places, columns = np.nonzero(rest[some] > rest.dtype.type(limit))
     rows = some[places]
     if valid is not None:
         seen = valid[rows, columns] > 0
         rows, columns = rows[seen], columns[seen]
-    if not 0 < len(rows) < DEFECT_SHARE * image.size:
+    if not 0 < len(rows) < MOST_DEFECTS * image.size:
         return image, None
     (height, width), step = image.shape, np.arange(-1, 2)
     centre = np.clip(rows, 1, height - 2) * width + np.clip(columns, 1, width - 2)
