@@ -80,7 +80,10 @@ class Reason(enum.StrEnum):
     """The mean inside exceeds that of its surroundings by less than a quarter of its contrast (for dark
     contacts: falls short of it)."""
     SCRATCH = "piece of a scratch"
-    """One of a chain of small disks between which the image does not fall: a line or an arc."""
+    """It fits badly and is far longer than wide."""
+    CHAIN = "one of several faint specks side by side"
+    """Narrower than the blur and hardly above the noise, beside another such speck: a piece of a ring, a
+    reflection, or other light wider than they are."""
     UNNECESSARY = "not needed to explain the pixels"
     """The fit describes the pixels as well without it."""
     BY_HAND = "excluded by hand"

@@ -37,7 +37,7 @@ from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching
 from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
+from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.tables import Flag, Reason
 from contactimg.tables.outlines import Outline
@@ -168,6 +168,7 @@ RULES: list[Rule] = [
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
     (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
     (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
+    (Reason.CHAIN, lambda e: e["chained"]),
 ]
 """Reasons of rejection, in order; those after the first do not hold for what was drawn by hand."""
 
@@ -359,6 +360,8 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     covariance = np.linalg.pinv(fit.information[:, :4, :4], hermitian=True)
     variance = covariance[:, RADIUS, RADIUS] * covariance[:, CONTRAST, CONTRAST]
     known = 1.0 - covariance[:, RADIUS, CONTRAST] ** 2 / np.maximum(variance, 1e-300)
+    chained, faint = nothing.copy(), (radius < blur) & (radius < 2.0 * std * LOW_SIGNAL_SIGMA)
+    chained[faint] = count_touching(disks[faint], CLEAR_BLUR_WIDTHS * blur) > 0
     return {
         "radius": radius,
         "std": std,
@@ -386,6 +389,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "brightness": contrast / (problem.contrast if joint is None else joint.contrast),
         "ellipse": ellipse,
         "touching": count_touching(disks, blur),
+        "chained": chained,
         "cut": cut,
         "saturated": touches(problem.saturated, 1, disks, radius),
         "excluded": nothing if edited is None else edited.excluded,
