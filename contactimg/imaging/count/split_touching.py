@@ -15,19 +15,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.compiled import njit
 from contactimg.imaging.detect.components import (
-    add_pixel,
-    empty_components,
-    finish_component,
     label_runs,
     mask_of_component,
+    measure_parts,
     sides_cut,
     window_of,
 )
 from contactimg.imaging.detect.inscribed_disks import disks_in_mask
 from contactimg.imaging.kernels.pairs import hidden
-from contactimg.imaging.pixels.masks import Mask, for_kernel
+from contactimg.imaging.pixels.masks import Mask
 
 ELONGATION = 1.015
 """Second moment of a component over that of a disk of its area above which it may be several contacts.
@@ -82,8 +79,7 @@ def split_components(
         if len(disks) < 2:
             continue
         counts[number] = len(disks)
-        parts = empty_components(len(disks), window.shape)
-        _share(alone, for_kernel(None if marks is None else marks[box]), disks, parts)
+        parts = _share(alone, None if marks is None else marks[box], disks)
         for name in ("x", "peak_x", "left", "right"):
             parts[name] += box[1].start
         for name in ("y", "peak_y", "top", "bottom"):
@@ -96,25 +92,11 @@ def split_components(
     return whole[seen], split[seen]
 
 
-@njit(cache=True)
-def _share(image, marks, disks, parts):
+def _share(image: NDArray[np.float32], marks: Mask, disks: NDArray[np.float64]) -> NDArray[np.void]:
     """Give each pixel of a component to the disk with the least power ``|p - c|^2 - r^2``.
 
     The image is 0 outside the component.
     """
-    marked = marks.shape == image.shape
-    owner, least = np.empty(image.shape[1], np.int64), np.empty(image.shape[1])
-    for j in range(image.shape[0]):
-        least[:] = np.inf
-        for k in range(len(disks)):
-            x, start = disks[k, 0], (j - disks[k, 1]) ** 2 - disks[k, 2] ** 2
-            for i in range(len(least)):
-                power = (i - x) ** 2 + start
-                if power < least[i]:
-                    least[i], owner[i] = power, k
-        for i in range(len(least)):
-            if image[j, i] != 0:
-                add_pixel(parts[owner[i]], i, j, image[j, i], marked and marks[j, i] > 0)
-    for part in parts:
-        if part["area"] > 0:  # else its disk lies in those around it
-            finish_component(part)
+    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
+    owner = np.argmin([(columns - x) ** 2 + (rows - y) ** 2 - a**2 for x, y, a in disks], axis=0)
+    return measure_parts(image, owner, len(disks), marks=marks)

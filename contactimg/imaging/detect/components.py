@@ -78,9 +78,27 @@ def label_runs(
     image = np.ascontiguousarray(image)
     runs = _find_runs(image, np.float32(level))
     _join_runs(runs)
-    components = empty_components(_number(runs), image.shape)
+    return _measured(image, runs, marks, _number(runs)), runs
+
+
+def measure_parts(
+    image: NDArray[np.float32], owner: NDArray[np.intp], count: int, *, marks: Mask = None
+) -> NDArray[np.void]:
+    """The pixels above 0 of each owner, from 0, as one component, whether they are connected or not."""
+    parts = [_find_runs(np.where(owner == k, image, np.float32(0.0)), np.float32(0.0)) for k in range(count)]
+    runs = np.concatenate(parts)
+    runs[:, 3] = np.repeat(np.arange(count), [len(part) for part in parts])
+    return _measured(image, runs, marks, count)
+
+
+def _measured(
+    image: NDArray[np.float32], runs: NDArray[np.int64], marks: Mask, count: int
+) -> NDArray[np.void]:
+    """So many components, with the sums over their runs."""
+    components = np.zeros(count, COMPONENT)
+    components["top"], components["left"] = image.shape
     _measure(image, runs, for_kernel(marks), components)
-    return components, runs
+    return components
 
 
 def window_of(component: np.void, margin: int = 0) -> tuple[tuple[slice, slice], NDArray[np.float64]]:
@@ -162,13 +180,6 @@ def _draw(mask, runs, number, top, left):
     for i in range(len(runs)):
         if runs[i, 3] == number:
             mask[runs[i, 0] - top, runs[i, 1] - left : runs[i, 2] - left + 1] = 1
-
-
-def empty_components(count: int, shape: tuple[int, ...]) -> NDArray[np.void]:
-    """Components without a pixel, of an image of this shape."""
-    components = np.zeros(count, COMPONENT)
-    components["top"], components["left"] = shape
-    return components
 
 
 @njit(cache=True)
@@ -270,7 +281,12 @@ def _measure(image, runs, marks, out):
         if marked:
             c["marked"] += _count(marks[y, first : last + 1])
     for c in out:
-        finish_component(c)
+        if c["area"] > 0:
+            c["x"] /= c["area"]
+            c["y"] /= c["area"]
+            c["moment"] -= c["area"] * (c["x"] ** 2 + c["y"] ** 2)
+            c["xx"] -= c["area"] * c["x"] ** 2
+            c["xy"] -= c["area"] * c["x"] * c["y"]
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
@@ -308,23 +324,3 @@ def _add_run(c, y, first, last):
     c["right"] = max(c["right"], last)
     c["top"] = min(c["top"], y)
     c["bottom"] = max(c["bottom"], y)
-
-
-@njit(cache=True)
-def add_pixel(c, x, y, value, marked):
-    """Add one pixel to the sums of a component."""
-    _add_run(c, y, x, x)
-    c["flux"] += value
-    if value > c["peak"]:
-        c["peak"], c["peak_x"], c["peak_y"] = value, x, y
-    c["marked"] += marked
-
-
-@njit(cache=True)
-def finish_component(c):
-    """Turn the sums of a component into means."""
-    c["x"] /= c["area"]
-    c["y"] /= c["area"]
-    c["moment"] -= c["area"] * (c["x"] ** 2 + c["y"] ** 2)
-    c["xx"] -= c["area"] * c["x"] ** 2
-    c["xy"] -= c["area"] * c["x"] * c["y"]

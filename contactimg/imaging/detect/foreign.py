@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_components
 from contactimg.imaging.detect.inscribed_disks import fill, find_holes
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
@@ -217,8 +216,10 @@ def label_regions(mask: NDArray[np.bool_]) -> LabelledRegions:
     # the border repeats: a region cut by it goes on beyond
     around = cv2.copyMakeBorder(pixels, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     distance = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    widest, mean = _inside(labels, np.minimum(distance, max(mask.shape)), count)
-    area = stats[:, cv2.CC_STAT_AREA].astype(float)
+    area, inside = stats[:, cv2.CC_STAT_AREA].astype(float), labels > 0
+    own, distance, widest = labels[inside], np.minimum(distance[inside], max(mask.shape)), np.zeros(count)
+    np.maximum.at(widest, own, distance)
+    mean = np.bincount(own, distance, minlength=count) / area
     # distances end at the first pixel outside, on average half a pixel beyond the rim
     half = np.maximum(widest - 0.5, 0.5)
     extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
@@ -228,17 +229,3 @@ def label_regions(mask: NDArray[np.bool_]) -> LabelledRegions:
     x, y = np.asarray(centroids, float)[1:].T
     labels = np.asarray(labels, np.int32) - np.int32(1)
     return LabelledRegions(labels, area[1:], long[1:], half[1:], (0.5 * area / half)[1:], x, y)
-
-
-@njit(cache=True)
-def _inside(labels, distance, count):
-    """Largest and mean distance to the rim of each label but 0."""
-    widest, total, pixels = np.zeros(count), np.zeros(count), np.zeros(count)
-    for row in range(labels.shape[0]):
-        for column in range(labels.shape[1]):
-            label = labels[row, column]
-            if label:
-                pixels[label] += 1.0
-                total[label] += distance[row, column]
-                widest[label] = max(widest[label], distance[row, column])
-    return widest, total / np.maximum(pixels, 1.0)

@@ -5,8 +5,7 @@ import pytest
 from scipy import ndimage
 
 from contactimg.imaging.count.split_touching import _share
-from contactimg.imaging.detect.components import empty_components, label_components
-from contactimg.imaging.pixels.masks import for_kernel
+from contactimg.imaging.detect.components import label_components
 
 
 @pytest.mark.parametrize("density", [0.05, 0.3, 0.6])
@@ -62,7 +61,6 @@ def test_pixels_go_to_the_disk_with_the_least_power(rng):
     disks = np.column_stack([rng.uniform(0, 60, 40), rng.uniform(0, 40, 40), rng.uniform(2, 9, 40)])
     y, x = np.mgrid[0:40, 0:60]
     powers = [(x - cx) ** 2 + (y - cy) ** 2 - a**2 for cx, cy, a in disks]
-    parts = empty_components(40, x.shape)
-    _share(np.ones(x.shape, np.float32), for_kernel(None), disks, parts)
+    parts = _share(np.ones(x.shape, np.float32), None, disks)
     nearest = np.argmin(powers, axis=0)
     assert parts["area"].tolist() == np.bincount(nearest.ravel(), minlength=40).tolist()
