@@ -217,7 +217,11 @@ def label_regions(mask: NDArray[np.bool_]) -> LabelledRegions:
     around = cv2.copyMakeBorder(pixels, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     distance = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     area, inside = stats[:, cv2.CC_STAT_AREA].astype(float), labels > 0
-    own, distance, widest = labels[inside], np.minimum(distance[inside], max(mask.shape)), np.zeros(count)
+    own, distance, widest = (
+        np.asarray(labels[inside], np.int64),
+        np.minimum(distance[inside], max(mask.shape)),
+        np.zeros(count),
+    )
     np.maximum.at(widest, own, distance)
     mean = np.bincount(own, distance, minlength=count) / area
     # distances end at the first pixel outside, on average half a pixel beyond the rim
