@@ -75,12 +75,6 @@ class PixelCorrections:
     def __bool__(self) -> bool:
         return bool(self.dark or self.flat or self.masked)
 
-    @property
-    def files(self) -> list[Path]:
-        """Every file that the pixels depend on."""
-        images = [source.path for source in (*self.dark, *self.flat)]
-        return images + [area.path for area in self.areas if area.path is not None]
-
     def of_frame(self, name: str, number: int) -> "PixelCorrections":
         """Select the areas of one frame; the reference has none, since a frame leaves out what it hides."""
         areas = tuple(area for area in self.areas if name and area.frame in (EVERY_FRAME, name))

@@ -184,24 +184,28 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     InputError
         If a named file is missing or not valid, there is no frame, or no load belongs to a frame.
     """
-    given = scene.images.reference
-    entries = [given] if isinstance(given, str) else given or []
+    images, folder = scene.images, Path(scene.folder)
+    entries = [images.reference] if isinstance(images.reference, str) else images.reference or []
     references = tuple(dict.fromkeys(one for entry in entries for one in _list_reference(entry, scene)))
-    frames = _find_frames(scene, list(references))
+    dark, flat = (
+        tuple(_list_frames(one, scene, folder)) if one else () for one in (images.dark, images.flat)
+    )
+    masks = [folder / mask for mask in images.masks.values() if isinstance(mask, str)]
+    used = [*(source.path for source in (*dark, *flat)), *masks]
+    frames = _find_frames(scene, references, set(used))
     tables = {name: path for name in _TABLES if (path := _table(scene, name)) is not None}
     edits = read_edits(tables["edits"]) if "edits" in tables else EDITS.empty()
-    loads = _align_loads(tables.get("loads"), [frame.name for frame in frames], pulled=pulled)
-    corrections = _find_corrections(scene, frames)
-    areas = corrections.areas + masked_areas(edits)
-    corrections = replace(corrections, areas=areas, masked=bool(areas))
-    files = [*(source.path for source in references), *tables.values(), *corrections.files]
+    names = [frame.name for frame in frames]
+    loads = _align_loads(tables.get("loads"), names, pulled=pulled)
+    areas = find_areas(images.masks, folder, names) + masked_areas(edits)
+    corrections = PixelCorrections(dark, flat, areas, masked=bool(areas))
     if corrections:
         numbered = enumerate(frames, start=1)
         frames = [replace(one, correct=corrections.of_frame(one.name, k)) for k, one in numbered]
         references = tuple(replace(one, correct=corrections.of_frame("", 0)) for one in references)
     _compare_pixel_size(scene, frames[0].path)
-    asperities, others = read_scene_asperities(scene), tuple(dict.fromkeys(files))
-    return Experiment(scene, references, frames, loads, asperities, others, edits)
+    others = dict.fromkeys([*(source.path for source in references), *tables.values(), *used])
+    return Experiment(scene, references, frames, loads, read_scene_asperities(scene), tuple(others), edits)
 
 
 def _compare_pixel_size(scene: Scene, path: Path) -> None:
@@ -216,14 +220,6 @@ def _compare_pixel_size(scene: Scene, path: Path) -> None:
     elif header and not math.isclose(header, pixel, rel_tol=0.1):
         cure = "areas are those of the scene; correct the one that is wrong"
         logger.warning("%s: %s, the scene pixels of %.4g µm: %s", scene.folder, says, 1e6 * pixel, cure)
-
-
-def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrections:
-    """Dark frame, flat field and masks that the scene names."""
-    images, folder = scene.images, Path(scene.folder)
-    dark, flat = (_list_frames(one, scene, folder) if one else () for one in (images.dark, images.flat))
-    names = [frame.name for frame in frames]
-    return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names))
 
 
 def read_scene_asperities(scene: Scene) -> pd.DataFrame | None:
@@ -269,8 +265,8 @@ def _list_reference(named: str, scene: Scene) -> Sequence[FrameSource]:
     return matches
 
 
-def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSource]:
-    """The frames of a scene, without the references."""
+def _find_frames(scene: Scene, references: Sequence[FrameSource], used: set[Path]) -> list[FrameSource]:
+    """The frames of a scene, without the references and the files that are used otherwise."""
     folder, named = Path(scene.folder), scene.images.frames
     if named is None:
         named = "frame_*" if any(is_image(path) for path in folder.glob("frame_*")) else "."
@@ -278,7 +274,6 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSourc
     listed = _list_frames(named, scene, folder)
     frames = [frame for frame in listed if (frame.path.resolve(), frame.index) not in places]
     chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
-    used = set(_find_corrections(scene, frames).files)
     kinds = {one.name: kind_of(one.path) for one in frames if one.path not in used | chosen}
     frames = [frame for frame in frames if frame.path not in used and not kinds.get(frame.name)]
     others = {kind: [name for name in kinds if kinds[name] == kind] for kind in set(kinds.values()) - {""}}
