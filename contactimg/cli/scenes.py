@@ -116,7 +116,7 @@ def _placed(data: Stated, folder: Path, *, first: Path, other: Path) -> Stated:
         named = data.get(section, {}).get(key)
         if isinstance(named, str):
             data[section][key] = place(named)
-        elif key == "reference" and named is not None:
+        elif isinstance(named, list) and key != "mask":
             data[section][key] = [place(name) for name in named]
     return data
 

@@ -441,15 +441,11 @@ class FolderFiles:
     @property
     def keys(self) -> dict[str, dict[str, Any]]:
         """Sections and keys of a scene that name the files."""
-        reference, mask = self.images["reference"], self.images["mask"]
-        images = {
-            "reference": reference[0] if len(reference) == 1 else reference,
-            "frames": [self.frames[0].name] if len(self.frames) == 1 else None,
-            "loads": self.loads,
-            "dark": _one_or_glob(self.images["dark"]),
-            "flat": _one_or_glob(self.images["flat"]),
-            "mask": mask[0] if len(mask) == 1 else None,
-        }
+        images = {kind: names[0] if len(names) == 1 else names for kind, names in self.images.items()}
+        frames = [self.frames[0].name] if len(self.frames) == 1 else []
+        images |= {"frames": frames, "loads": self.loads}
+        if len(self.images["mask"]) > 1:  # which of them belongs to which frame, no name tells
+            del images["mask"]
         sections = {"images": {key: value for key, value in images.items() if value}}
         return sections | ({"asperities": {"file": self.asperities}} if self.asperities else {})
 
@@ -513,8 +509,3 @@ def kind_of(path: Path) -> str:
         return correction[1]
     without = r"(reference|ref|background|bg|empty|blank|unloaded|(no|non|without)[ _-]?contact)s?"
     return "reference" if re.fullmatch(without + r"([ _-]?(frame|image))?([ _-]?\d+)?", name) else ""
-
-
-def _one_or_glob(names: list[str]) -> str | None:
-    """The only name, a glob for several, or None; all begin with the word that they were recognised by."""
-    return None if not names else names[0] if len(names) == 1 else f"{names[0][:4]}*{Path(names[0]).suffix}"

@@ -147,17 +147,16 @@ class Images(Section):
         "ImageJ file of regions (.roi, .zip), or a list of polygons, each a list of [x, y] in px; or one of "
         'these for each frame: { "frame_3.tif" = "scratch.png", "*" = "dirt.zip" }, with "*" for all frames.',
     )
-    dark: FilePath | None = Field(
+    dark: Frames = Field(
         None,
-        description="Dark frame, subtracted from frames and reference: a file or a glob, of which the mean "
-        "is taken.",
+        description="Dark frame, subtracted from frames and reference: a file, a glob or a list of these, of "
+        "which the mean is taken.",
     )
-    flat: FilePath | None = Field(
+    flat: Frames = Field(
         None,
         description="Flat field (an evenly lit field of view) that frames and reference are divided by, "
-        "after the dark frame was subtracted: a file or a glob, of which the mean is taken.",
+        "after the dark frame was subtracted: a file, a glob or a list of these, of which the mean is taken.",
     )
-
     edits: FilePath | None = Field(
         None,
         description="CSV table of corrections by hand: frame, action, x_px, y_px, radius_px, points; if not "

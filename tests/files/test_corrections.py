@@ -9,7 +9,7 @@ import pytest
 from contact_frames import Optics, match, render, scatter
 
 from contactimg import Frame, InputError, measure_series, open_experiment, scene_from_dict
-from contactimg.files import write_frame
+from contactimg.files import recognise_folder, write_frame
 from contactimg.files.corrections import PixelCorrections
 from contactimg.files.exports import Region, polygon_region, write_regions
 from contactimg.files.sources import FrameSource
@@ -140,6 +140,21 @@ def test_dark_frames_and_masks_are_not_measured(tmp_path, caplog):
     assert [frame.name for frame in frames] == ["a.tif"]
     assert "mask_1.tif is not measured as a frame" in caplog.text
     assert "dark.tif" not in caplog.text
+
+
+def test_dark_frames_are_a_file_a_glob_or_a_list(tmp_path):
+    frames_of(
+        tmp_path,
+        **{name: np.full((4, 5), n, np.uint8) for name, n in {"a": 5, "dark_1": 1, "Dark": 4}.items()},
+    )
+    for stated in (
+        "*ark*.tif",
+        ["dark_1.tif", "Dark.tif"],
+        recognise_folder(tmp_path).keys["images"]["dark"],
+    ):
+        (frame,) = open_experiment(scene(tmp_path, {"dark": stated})).frames
+        assert sorted(dark.name for dark in frame.correct.dark) == ["Dark.tif", "dark_1.tif"]
+        assert (frame.read().image == 2.5).all()  # 5 - (1 + 4)/2
 
 
 @pytest.mark.parametrize(
