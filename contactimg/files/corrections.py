@@ -20,7 +20,7 @@ from contactimg.files.atomic import first_names, flush_to_disk, read_bytes, writ
 from contactimg.files.sources import FrameSource
 from contactimg.files.tables import read_table, read_text_table
 from contactimg.frame import Frame
-from contactimg.scene.rules import MaskArea
+from contactimg.scene.sections import MaskArea
 from contactimg.tables import EDITS
 from contactimg.tables.outlines import Outline
 
