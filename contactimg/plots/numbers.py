@@ -68,7 +68,8 @@ def number_with_interval(estimate: Estimate | CoverageEstimate, *, factor: float
 
 def decimals(std: float) -> int:
     """Decimal places that a number with this uncertainty is written with; negative for tens and hundreds."""
-    return UNCERTAINTY_DIGITS - 1 - floor(log10(std))
+    rounded = float(f"{std:.{UNCERTAINTY_DIGITS - 1}e}")  # 0.0999 has the two digits of 0.10
+    return UNCERTAINTY_DIGITS - 1 - floor(log10(rounded))
 
 
 def _fixed(value: float, places: int) -> str:
