@@ -49,7 +49,6 @@ def must_be(rule: str) -> WrapValidator:
 # strict: text and true/false are not numbers
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=0)]
-CountFrom1 = Annotated[int, Field(strict=True, ge=1)]
 YesNo = Annotated[bool, Field(strict=True)]
 Positive = Annotated[Number, Field(gt=0)]
 # a flat has an infinite radius, which JSON cannot hold
@@ -536,7 +535,7 @@ class Simulate(FilmLight):
         0.0, description="Standard deviation of the read noise, electrons."
     )
     bit_depth: Literal[8, 10, 12, 14, 16] = Field(8, description="Bits of a pixel.")
-    supersampling: Annotated[CountFrom1, Field(le=16)] = Field(
+    supersampling: Annotated[int, Field(strict=True, ge=1, le=16)] = Field(
         4, description="Subpixels per pixel in each direction when rendering."
     )
     seed: Count = Field(0, description="Seed of the random numbers of the frames.")
