@@ -185,11 +185,7 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
         If a named file is missing or not valid, there is no frame, or no load belongs to a frame.
     """
     images, folder = scene.images, Path(scene.folder)
-    entries = [images.reference] if isinstance(images.reference, str) else images.reference or []
-    references = tuple(dict.fromkeys(one for entry in entries for one in _list_reference(entry, scene)))
-    dark, flat = (
-        tuple(_list_frames(one, scene, folder)) if one else () for one in (images.dark, images.flat)
-    )
+    references, dark, flat = (_named_images(scene, kind) for kind in ("reference", "dark", "flat"))
     masks = [folder / mask for mask in images.masks.values() if isinstance(mask, str)]
     used = [*(source.path for source in (*dark, *flat)), *masks]
     frames = _find_frames(scene, references, set(used))
@@ -249,20 +245,23 @@ def _list_frames(path: str | Path | list[str], scene: Scene, folder: str | Path 
     return [replace(one, full_scale=full_scale, response=response) for one in found]
 
 
-def _list_reference(named: str, scene: Scene) -> Sequence[FrameSource]:
-    """The reference frames of one entry: a file, a glob, all images of a file, or ``name[k]`` for one."""
-    path = Path(scene.folder) / named
-    file = named_file(named, Path(scene.folder))
-    if glob.has_magic(named) and file == path and not file.exists():
-        return _list_frames(named, scene, scene.folder)
-    if not file.is_file():
-        raise InputError(f"{path}: there is no such reference; give a file of this folder or its path")
-    sources = _list_frames(file, scene)
-    matches = [source for source in sources if source.name == path.name] if file != path else sources
-    if not matches:
-        first, last = sources[0].name, sources[-1].name
-        raise InputError(f"{path}: there is no such reference; name one of {first} ... {last}")
-    return matches
+def _named_images(scene: Scene, kind: str) -> tuple[FrameSource, ...]:
+    """The images that a key names: files with all their images, globs, or ``name[k]`` for one image."""
+    folder, named, found = Path(scene.folder), getattr(scene.images, kind), list[FrameSource]()
+    for entry in [named] if isinstance(named, str) else named or []:
+        path, file = folder / entry, named_file(entry, folder)
+        if glob.has_magic(entry) and file == path and not file.exists():
+            found += _list_frames(entry, scene, folder)
+            continue
+        missing = f"{path}: there is no such {kind}{'' if kind == 'reference' else ' image'}"
+        if not file.is_file():
+            raise InputError(f"{missing}; give a file of this folder or its path")
+        sources = _list_frames(file, scene)
+        matches = [source for source in sources if file == path or source.name == path.name]
+        if not matches:
+            raise InputError(f"{missing}; name one of {sources[0].name} ... {sources[-1].name}")
+        found += matches
+    return tuple(dict.fromkeys(found))
 
 
 def _find_frames(scene: Scene, references: Sequence[FrameSource], used: set[Path]) -> list[FrameSource]:

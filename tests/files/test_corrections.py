@@ -166,7 +166,7 @@ def test_dark_frames_are_a_file_a_glob_or_a_list(tmp_path):
         ({"mask": "bad.roi"}, "bad.roi: is not an ImageJ ROI file"),
         ({"mask": "m.tif"}, "m.tif has 3 x 3 pixels, the frame frame_1.tif has 5 x 4"),
         ({"dark": "m.tif"}, "m.tif has 3 x 3 pixels, the frame frame_1.tif has 5 x 4"),
-        ({"flat": "gone.tif"}, "gone.tif: there is no such file"),
+        ({"flat": "gone.tif"}, "gone.tif: there is no such flat image; give a file of this folder"),
     ],
 )
 def test_bad_masks_and_darks_get_one_sentence(tmp_path, images, sentence):
