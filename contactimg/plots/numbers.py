@@ -73,4 +73,4 @@ def decimals(std: float) -> int:
 
 
 def _fixed(value: float, places: int) -> str:
-    return f"{round(value, places):.{max(places, 0)}f}"
+    return f"{round(value, places) + 0.0:.{max(places, 0)}f}"  # the sum with 0 has no minus before a zero
