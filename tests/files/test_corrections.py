@@ -157,6 +157,15 @@ def test_dark_frames_are_a_file_a_glob_or_a_list(tmp_path):
         assert (frame.read().image == 2.5).all()  # 5 - (1 + 4)/2
 
 
+@pytest.mark.parametrize(("key", "seen"), [("mask", np.nan), ("dark", 3.0)])
+def test_a_mask_or_a_dark_frame_that_changes_is_read_again(tmp_path, key, seen):
+    frames_of(tmp_path, a=np.array([[9, 5], [7, 7]], np.uint8))
+    for level, expected in ((0, 9.0), (6, seen)):
+        frames_of(tmp_path, scratch=np.array([[level, 0], [0, 0]], np.uint8))
+        (frame,) = open_experiment(scene(tmp_path, {key: "scratch.tif", "frames": "a.tif"})).frames
+        np.testing.assert_equal(frame.read().image[0, 0], expected)
+
+
 @pytest.mark.parametrize(
     ("images", "sentence"),
     [
