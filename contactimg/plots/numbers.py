@@ -24,10 +24,11 @@ def plain_number(value: float, *, digits: int = 4) -> str:
     """
     if not isfinite(value):
         return str(value).replace("inf", "∞")
+    value = float(f"{value:.{digits}g}")
     if value and not PLAIN_FROM <= abs(value) < PLAIN_TO:
         power = floor(log10(abs(value)))
         return f"{plain_number(value / 10.0**power, digits=digits)} × 10^{power}"
-    return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
+    return np.format_float_positional(value, trim="-")
 
 
 def number_with_std(value: float, std: float) -> str:
