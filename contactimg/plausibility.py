@@ -21,7 +21,7 @@ from contactimg.mechanics import hertz
 from contactimg.pose.apex import Apex
 from contactimg.pose.fit import SIGNIFICANT_FRACTION
 from contactimg.scene import Scene
-from contactimg.scene.rules import FLAT
+from contactimg.scene.sections import FLAT
 
 logger = logging.getLogger(__name__)
 

@@ -513,8 +513,8 @@ def see_contacts(
 
 
 def hertz_circle(scene: Scene, load: float) -> tuple[float, float, float] | None:
-    """Apparent contact ``(x, y, radius)`` of the smooth sphere at a load (m), if the scene says enough."""
-    if scene.indenter is None or scene.elastic is None or not np.isfinite(load) or load < 0:
+    """Apparent contact ``(x, y, radius)`` of the smooth sphere at a load (m), if the scene has one."""
+    if scene.indenter is None or scene.elastic is None or not 0 <= load < np.inf > scene.indenter.radius:
         return None
     body = {"sphere_radius": scene.indenter.radius, "contact_modulus": scene.elastic.contact_modulus}
     return *scene.indenter.apex, float(hertz.radius(load, **body))

@@ -229,6 +229,8 @@ def test_hertz_circle_of_the_lens():
     # (P Rl/K)^(1/3) = (0.5 * 0.1288 / (16e6/3))^(1/3) = 2.294 mm
     assert (x, y, radius) == (0.002, 0.002, pytest.approx(2.2943e-3, rel=1e-4))
     assert hertz_circle(scene_from_dict({}), 0.5) is None
+    flat = {"indenter": {"radius_m": "flat"}, "elastic": {"young_modulus_Pa": 3e6}}
+    assert hertz_circle(scene_from_dict(flat), 0.5) is None
 
 
 def test_a_level_of_coupling_asks_for_the_papers_model():

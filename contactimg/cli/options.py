@@ -269,7 +269,7 @@ class SceneOption(click.Option):
         if isinstance(value, float):
             return float(f"{value * self.size:.15g}")  # without the digits that the multiplication adds
         if isinstance(value, str) and self.size != 1 and len(value.split()) > 1:
-            return [self.in_scene(float(word)) for word in value.split()]
+            return [self.in_scene(number(word)) for word in value.split()]
         return list(value) if isinstance(value, tuple) else value
 
 

@@ -4,7 +4,7 @@ import logging
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from math import floor, isnan, log10
+from math import inf, isnan
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -154,7 +154,7 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
     own, rows = table["model"].iloc[0], []
     for quantity, part in table.groupby("quantity", sort=False):
         found = dict.fromkeys(table["model"], "")
-        found |= zip(part["model"], map(_brief, part["value"], part["std"]), strict=True)
+        found |= zip(part["model"], map(_with_std, part["value"], part["std"]), strict=True)
         ends = part.loc[part["model"] == own, ["low", "high"]].dropna().to_numpy(float)
         interval = "".join(f"{low:.4g} ... {high:.4g}" for low, high in ends)
         head = {"quantity": str(quantity), own: found.pop(own), "interval": interval}
@@ -240,17 +240,11 @@ def echo_table(
     console.print(grid)
 
 
-def _brief(value: float, std: float) -> str:
-    """A value with its uncertainty, as short as its size allows."""
-    plain = isnan(value) or 1e-3 <= abs(value) < 1e5 or not std > 0
-    return _with_std(value, std) if plain else f"{value:.4g} ± {std:.2g}"
-
-
 def _with_std(value: float, std: float) -> str:
-    """A value with the uncertainty of its last digits in brackets: 0.0510(12) is 0.0510 ± 0.0012."""
-    if isnan(value):
-        return ""
-    if not std > 0:
-        return f"{value:.4g}"
-    decimals = max(0, 1 - floor(log10(float(f"{std:.1e}"))))
-    return f"{value:.{decimals}f}({std * 10**decimals:.0f})" if decimals else f"{value:.0f} ± {std:.0f}"
+    """A value as in figures, or with the uncertainty of its last digits in brackets: 0.0510(12)."""
+    from contactimg.plots.numbers import decimals, number_with_std
+
+    places = decimals(std) if 0 < std < inf else 0
+    if places > 0 and 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{places}f}({std * 10**places:.0f})"
+    return "" if isnan(value) else number_with_std(value, std)

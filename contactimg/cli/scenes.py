@@ -106,18 +106,22 @@ def _placed(data: Stated, folder: Path, *, first: Path, other: Path) -> Stated:
     A name stays as it is in the one of the two that is ``folder``, to which the scene will belong.
     """
 
-    def place(name: str) -> str:
-        found = files.named_file(name, first).exists()
-        found = found or (not Path(name).is_absolute() and any(first.glob(name)))  # a glob
+    def placed(named: Any) -> Any:
+        """A name, or those in a list or a table of masks; numbers of a polygon stay."""
+        if isinstance(named, list):
+            return [placed(one) for one in named]
+        if isinstance(named, dict):
+            return {frame: placed(one) for frame, one in named.items()}
+        if not isinstance(named, str):
+            return named
+        found = files.named_file(named, first).exists()
+        found = found or (not Path(named).is_absolute() and any(first.glob(named)))  # a glob
         base = first if found else other
-        return name if base == folder else str((base / name).resolve())
+        return named if base == folder else str((base / named).resolve())
 
     for section, key in FILES:
-        named = data.get(section, {}).get(key)
-        if isinstance(named, str):
-            data[section][key] = place(named)
-        elif key == "reference" and named is not None:
-            data[section][key] = [place(name) for name in named]
+        if key in data.get(section, {}):
+            data[section][key] = placed(data[section][key])
     return data
 
 

@@ -5,7 +5,7 @@ frames and reference alike. Masked pixels of a frame become NaN, which every mea
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -20,12 +20,13 @@ from contactimg.files.atomic import first_names, flush_to_disk, read_bytes, writ
 from contactimg.files.sources import FrameSource
 from contactimg.files.tables import read_table, read_text_table
 from contactimg.frame import Frame
-from contactimg.scene.rules import MaskArea
+from contactimg.scene.sections import MaskArea
 from contactimg.tables import EDITS
 from contactimg.tables.outlines import Outline
 
 Points = tuple[tuple[float, float], ...]
 Sources = tuple[FrameSource, ...]
+Changes = tuple[tuple[int, int], ...]
 
 EVERY_FRAME = "*"
 """In place of the name of a frame: all of them."""
@@ -74,12 +75,6 @@ class PixelCorrections:
 
     def __bool__(self) -> bool:
         return bool(self.dark or self.flat or self.masked)
-
-    @property
-    def files(self) -> list[Path]:
-        """Every file that the pixels depend on."""
-        images = [source.path for source in (*self.dark, *self.flat)]
-        return images + [area.path for area in self.areas if area.path is not None]
 
     def of_frame(self, name: str, number: int) -> "PixelCorrections":
         """Select the areas of one frame; the reference has none, since a frame leaves out what it hides."""
@@ -131,15 +126,21 @@ def find_areas(masks: Mapping[str, MaskArea], folder: Path, names: Sequence[str]
             path = folder / mask
             if not path.is_file():
                 raise InputError(f"{path}: the scene names this mask, but there is no such file")
-            _mask(path)  # a mistake is found before any frame is measured
+            _mask(path, _changes([path]))  # a mistake is found before any frame is measured
             areas.append(MaskedArea(frame, path))
         else:
             areas += [MaskedArea(frame, points=tuple((x, y) for x, y in corners)) for corners in mask]
     return tuple(areas)
 
 
+def _changes(paths: Iterable[Path]) -> Changes:
+    """When files were changed last: what is kept of them holds until then, also in a long session."""
+    statuses = (path.stat() for path in paths)
+    return tuple((status.st_mtime_ns, status.st_ino) for status in statuses)
+
+
 @lru_cache(maxsize=16)
-def _mask(path: Path) -> Frame | list[Any]:
+def _mask(path: Path, _changed: Changes) -> Frame | list[Any]:
     """The pixels of a mask, or the regions of an ImageJ file."""
     if path.suffix.lower() in (".roi", ".zip"):
         from contactimg.files.exports import read_regions  # noqa: PLC0415 - most runs have no mask
@@ -149,7 +150,7 @@ def _mask(path: Path) -> Frame | list[Any]:
 
 
 @lru_cache(maxsize=4)
-def _mean(sources: Sources) -> Frame:
+def _mean(sources: Sources, _changed: Changes) -> Frame:
     """Mean of images of one size, with name and full scale of the first."""
     frames = (source.read() for source in sources)
     first = next(frames)
@@ -164,7 +165,7 @@ def _covered(area: MaskedArea, number: int, frame: Frame) -> NDArray[np.bool_]:
     """Masked pixels of a frame: those other than 0 of an image, or with their centres in a polygon."""
     polygons: list[NDArray] = [np.array(area.points)]
     if area.path is not None:
-        mask = _mask(area.path)
+        mask = _mask(area.path, _changes([area.path]))
         if isinstance(mask, Frame):
             _check_size(mask, frame)
             return np.asarray(mask.image != 0)
@@ -188,17 +189,19 @@ def _check_size(image: Frame, frame: Frame) -> None:
 
 
 @lru_cache(maxsize=2)
-def _fields(darks: Sources, flats: Sources) -> tuple[NDArray, NDArray, float, NDArray[np.bool_]]:
+def _fields(
+    darks: Sources, flats: Sources, changed: Changes
+) -> tuple[NDArray, NDArray, float, NDArray[np.bool_]]:
     """The mean dark frame, the gain (flat field over its median), the dark level, and useless pixels.
 
     Those are saturated in the dark or without light.
     """
-    first = _mean(darks or flats)
+    first = _mean(darks or flats, changed)
     dark = first.image if darks else np.zeros(first.shape, np.float32)
     useless = dark >= (np.inf if first.full_scale is None else first.full_scale)
     gain = np.ones(first.shape, np.float32)
     if flats:
-        flat = _mean(flats)
+        flat = _mean(flats, changed)
         _check_size(flat, first)
         light = flat.image - dark
         middle = float(np.median(light))
@@ -216,8 +219,9 @@ def _subtract_and_divide(frame: Frame, darks: Sources, flats: Sources) -> Frame:
     Each pixel now saturates at a level of its own, so saturated pixels get one level above all others, the
     new full scale. A frame with one value everywhere keeps one value: black stays black.
     """
-    dark, gain, level, useless = _fields(darks, flats)
-    _check_size(_mean(darks or flats), frame)
+    changed = _changes(source.path for source in (*darks, *flats))
+    dark, gain, level, useless = _fields(darks, flats, changed)
+    _check_size(_mean(darks or flats, changed), frame)
     scale = np.inf if frame.full_scale is None else frame.full_scale
     raw = frame.image
     if raw.min() == raw.max() and raw[0, 0] < scale:
@@ -375,10 +379,8 @@ class EditsFile:
         self._write(separator, pd.concat([cells[:place], new, cells[place:]]).fillna(""))
 
     def remove(self, place: int) -> None:
-        """Take out row ``place`` (from 0)."""
+        """Take out row ``place`` (from 0), which must be there."""
         separator, cells = self._cells()
-        if not 0 <= place < len(cells):
-            raise InputError(f"{self.path}: has no row {place + 1}")
         self._write(separator, cells.drop(index=place))
 
     def _cells(self) -> tuple[str, pd.DataFrame]:

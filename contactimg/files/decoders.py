@@ -88,7 +88,7 @@ def to_grey(array: NDArray) -> NDArray:
     Raises
     ------
     ValueError
-        If the dtype or the number of channels has no grey level.
+        If the dtype has no grey level.
 
     Examples
     --------
@@ -101,8 +101,6 @@ def to_grey(array: NDArray) -> NDArray:
     exact = np.dtype(types[0])
     if array.ndim == 2:
         return np.ascontiguousarray(array, dtype=exact)
-    if array.ndim != 3 or array.shape[2] != 3:
-        raise ValueError(f"an image of shape {array.shape} is neither grey nor red-green-blue")
     wide = np.float64 if exact.itemsize > 4 else np.float32
     # ITU-R BT.601, as in OpenCV; the sum of the weights is 1, so grey stored as colour is kept
     return np.ascontiguousarray(array @ np.array([0.299, 0.587, 0.114]), dtype=wide)

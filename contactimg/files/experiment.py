@@ -184,24 +184,24 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     InputError
         If a named file is missing or not valid, there is no frame, or no load belongs to a frame.
     """
-    given = scene.images.reference
-    entries = [given] if isinstance(given, str) else given or []
-    references = tuple(dict.fromkeys(one for entry in entries for one in _list_reference(entry, scene)))
-    frames = _find_frames(scene, list(references))
+    images, folder = scene.images, Path(scene.folder)
+    references, dark, flat = (_named_images(scene, kind) for kind in ("reference", "dark", "flat"))
+    masks = [folder / mask for mask in images.masks.values() if isinstance(mask, str)]
+    used = [*(source.path for source in (*dark, *flat)), *masks]
+    frames = _find_frames(scene, references, set(used))
     tables = {name: path for name in _TABLES if (path := _table(scene, name)) is not None}
     edits = read_edits(tables["edits"]) if "edits" in tables else EDITS.empty()
-    loads = _align_loads(tables.get("loads"), [frame.name for frame in frames], pulled=pulled)
-    corrections = _find_corrections(scene, frames)
-    areas = corrections.areas + masked_areas(edits)
-    corrections = replace(corrections, areas=areas, masked=bool(areas))
-    files = [*(source.path for source in references), *tables.values(), *corrections.files]
+    names = [frame.name for frame in frames]
+    loads = _align_loads(tables.get("loads"), names, pulled=pulled)
+    areas = find_areas(images.masks, folder, names) + masked_areas(edits)
+    corrections = PixelCorrections(dark, flat, areas, masked=bool(areas))
     if corrections:
         numbered = enumerate(frames, start=1)
         frames = [replace(one, correct=corrections.of_frame(one.name, k)) for k, one in numbered]
         references = tuple(replace(one, correct=corrections.of_frame("", 0)) for one in references)
     _compare_pixel_size(scene, frames[0].path)
-    asperities, others = read_scene_asperities(scene), tuple(dict.fromkeys(files))
-    return Experiment(scene, references, frames, loads, asperities, others, edits)
+    others = dict.fromkeys([*(source.path for source in references), *tables.values(), *used])
+    return Experiment(scene, references, frames, loads, read_scene_asperities(scene), tuple(others), edits)
 
 
 def _compare_pixel_size(scene: Scene, path: Path) -> None:
@@ -216,14 +216,6 @@ def _compare_pixel_size(scene: Scene, path: Path) -> None:
     elif header and not math.isclose(header, pixel, rel_tol=0.1):
         cure = "areas are those of the scene; correct the one that is wrong"
         logger.warning("%s: %s, the scene pixels of %.4g µm: %s", scene.folder, says, 1e6 * pixel, cure)
-
-
-def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrections:
-    """Dark frame, flat field and masks that the scene names."""
-    images, folder = scene.images, Path(scene.folder)
-    dark, flat = (_list_frames(one, scene, folder) if one else () for one in (images.dark, images.flat))
-    names = [frame.name for frame in frames]
-    return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names))
 
 
 def read_scene_asperities(scene: Scene) -> pd.DataFrame | None:
@@ -253,24 +245,27 @@ def _list_frames(path: str | Path | list[str], scene: Scene, folder: str | Path 
     return [replace(one, full_scale=full_scale, response=response) for one in found]
 
 
-def _list_reference(named: str, scene: Scene) -> Sequence[FrameSource]:
-    """The reference frames of one entry: a file, a glob, all images of a file, or ``name[k]`` for one."""
-    path = Path(scene.folder) / named
-    file = named_file(named, Path(scene.folder))
-    if glob.has_magic(named) and file == path and not file.exists():
-        return _list_frames(named, scene, scene.folder)
-    if not file.is_file():
-        raise InputError(f"{path}: there is no such reference; give a file of this folder or its path")
-    sources = _list_frames(file, scene)
-    matches = [source for source in sources if source.name == path.name] if file != path else sources
-    if not matches:
-        first, last = sources[0].name, sources[-1].name
-        raise InputError(f"{path}: there is no such reference; name one of {first} ... {last}")
-    return matches
+def _named_images(scene: Scene, kind: str) -> tuple[FrameSource, ...]:
+    """The images that a key names: files with all their images, globs, or ``name[k]`` for one image."""
+    folder, named, found = Path(scene.folder), getattr(scene.images, kind), list[FrameSource]()
+    for entry in [named] if isinstance(named, str) else named or []:
+        path, file = folder / entry, named_file(entry, folder)
+        if glob.has_magic(entry) and file == path and not file.exists():
+            found += _list_frames(entry, scene, folder)
+            continue
+        missing = f"{path}: there is no such {kind}{'' if kind == 'reference' else ' image'}"
+        if not file.is_file():
+            raise InputError(f"{missing}; give a file of this folder or its path")
+        sources = _list_frames(file, scene)
+        matches = [source for source in sources if file == path or source.name == path.name]
+        if not matches:
+            raise InputError(f"{missing}; name one of {sources[0].name} ... {sources[-1].name}")
+        found += matches
+    return tuple(dict.fromkeys(found))
 
 
-def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSource]:
-    """The frames of a scene, without the references."""
+def _find_frames(scene: Scene, references: Sequence[FrameSource], used: set[Path]) -> list[FrameSource]:
+    """The frames of a scene, without the references and the files that are used otherwise."""
     folder, named = Path(scene.folder), scene.images.frames
     if named is None:
         named = "frame_*" if any(is_image(path) for path in folder.glob("frame_*")) else "."
@@ -278,7 +273,6 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSourc
     listed = _list_frames(named, scene, folder)
     frames = [frame for frame in listed if (frame.path.resolve(), frame.index) not in places]
     chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
-    used = set(_find_corrections(scene, frames).files)
     kinds = {one.name: kind_of(one.path) for one in frames if one.path not in used | chosen}
     frames = [frame for frame in frames if frame.path not in used and not kinds.get(frame.name)]
     others = {kind: [name for name in kinds if kinds[name] == kind] for kind in set(kinds.values()) - {""}}
@@ -446,15 +440,11 @@ class FolderFiles:
     @property
     def keys(self) -> dict[str, dict[str, Any]]:
         """Sections and keys of a scene that name the files."""
-        reference, mask = self.images["reference"], self.images["mask"]
-        images = {
-            "reference": reference[0] if len(reference) == 1 else reference,
-            "frames": [self.frames[0].name] if len(self.frames) == 1 else None,
-            "loads": self.loads,
-            "dark": _one_or_glob(self.images["dark"]),
-            "flat": _one_or_glob(self.images["flat"]),
-            "mask": mask[0] if len(mask) == 1 else None,
-        }
+        images = {kind: names[0] if len(names) == 1 else names for kind, names in self.images.items()}
+        frames = [self.frames[0].name] if len(self.frames) == 1 else []
+        images |= {"frames": frames, "loads": self.loads}
+        if len(self.images["mask"]) > 1:  # which of them belongs to which frame, no name tells
+            del images["mask"]
         sections = {"images": {key: value for key, value in images.items() if value}}
         return sections | ({"asperities": {"file": self.asperities}} if self.asperities else {})
 
@@ -518,8 +508,3 @@ def kind_of(path: Path) -> str:
         return correction[1]
     without = r"(reference|ref|background|bg|empty|blank|unloaded|(no|non|without)[ _-]?contact)s?"
     return "reference" if re.fullmatch(without + r"([ _-]?(frame|image))?([ _-]?\d+)?", name) else ""
-
-
-def _one_or_glob(names: list[str]) -> str | None:
-    """The only name, a glob for several, or None; all begin with the word that they were recognised by."""
-    return None if not names else names[0] if len(names) == 1 else f"{names[0][:4]}*{Path(names[0]).suffix}"

@@ -77,6 +77,8 @@ def _text_matrix(path: Path) -> Values:
     """A matrix as text."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     first = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
+    if not first:
+        raise ValueError("it holds no number")
     separator = next((mark for mark in ("\t", ";", ",") if mark in first), None)
     if separator in ("\t", ";") and "." not in first:
         text = text.replace(",", ".")  # decimal commas

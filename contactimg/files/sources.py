@@ -175,32 +175,29 @@ def list_frames(path: PathLike | Iterable[PathLike], *, folder: PathLike = ".") 
 
 
 def _files(folder: Path, entry: PathLike) -> Iterable[Path]:
-    """The image files of one path or glob."""
+    """The image files of one path or glob; raise if there is none."""
     path = folder / entry
     if path.is_dir():
-        names = [file.name for file in path.iterdir() if is_image(file)]
-        return _in_order(path, names, f"{path} holds no image file")
-    if path.exists():
+        found = list(path.iterdir())
+    elif path.exists():
         _decoder(path)
         return [path]
-    if glob.has_magic(os.fspath(entry)):
+    elif glob.has_magic(os.fspath(entry)):
         matches = glob.glob(os.fspath(entry), root_dir=folder, recursive=True)  # noqa: PTH207 (may be absolute)
-        names = [match for match in matches if is_image(folder / match)]
-        return _in_order(folder, names, f"{path} matches no image file")
-    raise InputError(f"{path}: there is no such file or folder")
+        found = [folder / match for match in matches]
+    else:
+        raise InputError(f"{path}: there is no such file or folder")
+    files = sorted(filter(is_image, found), key=lambda file: natural_key(file.as_posix()))
+    if not files:
+        complaint = f"{path} {'holds' if path.is_dir() else 'matches'} no image file"
+        raise InputError(f"{complaint}; looked for {', '.join(SUFFIXES)}")
+    return files
 
 
 def is_image(path: Path) -> bool:
     """True for a file, not hidden, with the extension of an image; also for a link to one that is gone."""
     named = path.suffix.lower() in _DECODERS and not path.name.startswith(".")
     return named and (path.is_file() or not path.exists())
-
-
-def _in_order(folder: Path, names: list[str], complaint: str) -> Iterable[Path]:
-    """The files of a folder in natural order; raise if there is none."""
-    if not names:
-        raise InputError(f"{complaint}; looked for {', '.join(SUFFIXES)}")
-    return (folder / name for name in sorted(names, key=lambda name: natural_key(Path(name).as_posix())))
 
 
 def _images(path: Path) -> list[FrameSource]:

@@ -417,12 +417,15 @@ def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame
     for separator in ("\t", ";", ",", None, "\n"):  # None: any white space; a line end: a single column
         lines = [[cell.strip().strip('"') for cell in line.split(separator)] for line in text.split("\n")]
         for number, header in enumerate(lines, start=1):
-            rows = _rows_below(lines, number, len(header)) if len(header) > 1 or separator == "\n" else []
+            named = [name for name in header if _is_load(name) and column in ("", name)]
+            if (shown and not named) or (len(header) < 2 and separator != "\n"):
+                continue  # the rows below each line of a long table would take long
+            rows = _rows_below(lines, number, len(header))
             if not rows:
                 continue
             shown = shown or ", ".join(filter(None, header))
             filled = [name for k, name in enumerate(header) if any(row[k] for _, row in rows)]
-            loads = [name for name in filled if _is_load(name) and column in ("", name)]
+            loads = [name for name in filled if name in named]
             if len(loads) > 1:
                 several = ", ".join(map(repr, loads))
                 raise AmbiguousLoadsError(

@@ -24,7 +24,7 @@ LINEAR_DECADES = 0.25
 
 
 def new_axes() -> Axes:
-    """Axes on a new figure outside of pyplot, ``size`` in inches."""
+    """Axes on a new figure outside of pyplot."""
     return new_figure(FIGURE_INCHES).add_subplot()
 
 

@@ -24,10 +24,11 @@ def plain_number(value: float, *, digits: int = 4) -> str:
     """
     if not isfinite(value):
         return str(value).replace("inf", "∞")
+    value = float(f"{value:.{digits}g}")
     if value and not PLAIN_FROM <= abs(value) < PLAIN_TO:
         power = floor(log10(abs(value)))
         return f"{plain_number(value / 10.0**power, digits=digits)} × 10^{power}"
-    return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
+    return np.format_float_positional(value, trim="-")
 
 
 def number_with_std(value: float, std: float) -> str:
@@ -68,8 +69,9 @@ def number_with_interval(estimate: Estimate | CoverageEstimate, *, factor: float
 
 def decimals(std: float) -> int:
     """Decimal places that a number with this uncertainty is written with; negative for tens and hundreds."""
-    return UNCERTAINTY_DIGITS - 1 - floor(log10(std))
+    rounded = float(f"{std:.{UNCERTAINTY_DIGITS - 1}e}")  # 0.0999 has the two digits of 0.10
+    return UNCERTAINTY_DIGITS - 1 - floor(log10(rounded))
 
 
 def _fixed(value: float, places: int) -> str:
-    return f"{round(value, places):.{max(places, 0)}f}"
+    return f"{round(value, places) + 0.0:.{max(places, 0)}f}"  # the sum with 0 has no minus before a zero

@@ -92,11 +92,6 @@ class Picture:
         rgb = [[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in self.colours]
         return np.vstack([np.repeat(grey[:, None], 3, axis=1), np.reshape(rgb, (-1, 3))]).astype(np.uint8)
 
-    @property
-    def rgb(self) -> NDArray[np.uint8]:
-        """The picture in colours, shape (rows, columns, 3)."""
-        return self.palette[self.indices]
-
 
 @dataclass(frozen=True)
 class View:

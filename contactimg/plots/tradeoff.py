@@ -25,7 +25,7 @@ PANEL_INCHES = (4.6, 3.4)  # width and height of a panel with its key
 LABEL_CHARACTERS, SENTENCE_CHARACTERS = 20, 60  # in a line of the key and of a title
 
 
-def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | None = None) -> Axes:
+def plot_knob(table: pd.DataFrame, *, relative: float, ax: Axes | None = None) -> Axes:
     """Plot the error of the settings of one choice against their time.
 
     Parameters
@@ -33,7 +33,7 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     table : DataFrame
         Rows of one knob, columns of `contactimg.tables.TRADEOFF`. Rows without numbers are left out; an error
         of 0 is drawn a decade below the smallest other one.
-    relative : float, optional
+    relative : float
         Tolerance to draw as a line.
     ax : Axes, optional
 
@@ -49,21 +49,19 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     ax.plot(x[mark == 1], y[mark == 1], "-", color="tab:blue", linewidth=1, alpha=0.4)
     for value, style, label in MARKS:
         ax.plot(x[mark == value], y[mark == value], linestyle="none", label=label, **style)  # type: ignore[arg-type]
-    if relative is not None:
-        label = f"tolerance {100 * relative:g} %"
-        ax.axhline(relative, color="tab:green", linestyle="--", linewidth=1, label=label)
-    chosen = None if relative is None else cheapest(front_of(table), relative)
+    label = f"tolerance {100 * relative:g} %"
+    ax.axhline(relative, color="tab:green", linestyle="--", linewidth=1, label=label)
+    chosen = cheapest(front_of(table), relative)
     if chosen is not None:
         point = [chosen["time_s"]], y[x == chosen["time_s"]][:1]
         ax.plot(*point, marker="*", markersize=11, color="tab:orange", linestyle="none", label="recommended")
     name, output = (str(table[column].iloc[0]) for column in ("knob", "output"))
     label = "largest relative error of an output" if output == "all" else f"relative error of the {output}"
-    ax.set(xscale="log", yscale="log", xlabel="time (s)", ylabel=label)
+    ax.set(yscale="log", xlabel="time (s)", ylabel=label)
     title = KNOBS[name][0] if name in KNOBS else name
-    if relative is not None:
-        sentence = knob_sentence(title, table, relative=relative).split(";")[0]
-        title += "\n" + textwrap.fill(sentence.removeprefix(f"{title}: "), SENTENCE_CHARACTERS)
-    ax.set_title(title, fontsize="small", loc="left")
+    sentence = knob_sentence(title, table, relative=relative).split(";")[0]
+    sentence = textwrap.fill(sentence.removeprefix(f"{title}: "), SENTENCE_CHARACTERS)
+    ax.set_title(f"{title}\n{sentence}", fontsize="small", loc="left")
     key = []
     for number, (place, name) in enumerate(zip(zip(x, y, strict=True), known["setting"], strict=True), 1):
         offset: dict[str, Any] = {"xytext": (MARKER_SIZE, MARKER_SIZE), "textcoords": "offset points"}
@@ -74,17 +72,17 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
         beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
         ax.legend(handles=key, fontsize="small", **beside)
     ax.margins(x=0.1, y=0.15)
-    return scale_by_decades(ax, axes="x")
+    return scale_by_decades(ax, axes="x") if len(known) else ax  # without numbers an axis has no decades
 
 
-def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes:
+def plot_tradeoff(table: pd.DataFrame, *, relative: float) -> Axes:
     """Plot all choices on one figure.
 
     Parameters
     ----------
     table : DataFrame
         Columns of `contactimg.tables.TRADEOFF`.
-    relative : float, optional
+    relative : float
         Tolerance to draw as a line.
 
     Returns

@@ -109,6 +109,14 @@ class ReviewServer(ThreadingHTTPServer):
         logger.info("a request of %s ended early", client_address, exc_info=True)
 
 
+class RefusedError(Exception):
+    """A request is not answered; ``status`` is that of HTTP."""
+
+    def __init__(self, status: int, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+
+
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server_version = "contactimg"
@@ -118,65 +126,55 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer a request that changes nothing."""
-        path = self._admitted_path()
-        if path is not None:
-            self._answer(lambda: answer_get(self.server.session, path))
+        self._answer(lambda: answer_get(self.server.session, self._admitted_path()))
 
     def do_POST(self) -> None:
         """Answer a request that changes something."""
+        self._answer(self._posted)
+
+    def _posted(self) -> "Answer":
         length = self.headers.get("Content-Length", "")
         if not length.isascii() or not length.isdigit() or int(length) > LARGEST_BODY:
             self.close_connection = True
-            self._refuse(413, f"a request must have a body of at most {LARGEST_BODY} bytes")
-            return
+            raise RefusedError(413, f"a request must have a body of at most {LARGEST_BODY} bytes")
         body, path = self.rfile.read(int(length)), self._admitted_path()
-        if path is None:
-            return
         kind, host = self.headers.get("Content-Type", "").split(";")[0].strip(), self.headers.get("Host", "")
         if self.headers.get("Origin", "") != f"http://{host}" or kind != "application/json":
-            self._refuse(403, "the request does not come from the page")
-            return
+            raise RefusedError(403, "the request does not come from the page")
         try:
             data = json.loads(body)
             if not isinstance(data, dict):
                 raise TypeError
         except (ValueError, TypeError, RecursionError):
-            self._refuse(400, "the request is not JSON")
-            return
-        self._answer(lambda: answer_post(self.server.session, path, data))
+            raise RefusedError(400, "the request is not JSON") from None
+        return answer_post(self.server.session, path, data)
 
-    def _admitted_path(self) -> str | None:
-        """The path after the token; None if the request was refused."""
+    def _admitted_path(self) -> str:
+        """The path after the token, of a request from the page."""
         if not _HOST.fullmatch(self.headers.get("Host", "")):
-            self._refuse(421, "the host of the address must be this machine")
-            return None
+            raise RefusedError(421, "the host of the address must be this machine")
         if self.headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
-            self._refuse(403, "the request comes from another page")
-            return None
+            raise RefusedError(403, "the request comes from another page")
         _, token, *rest = [*self.path.split("?")[0].split("/", 2), ""][:3]
         if not hmac.compare_digest(token.encode(), self.server.token.encode()) or self.path.count("/") < 2:
-            self._refuse(404, "there is no such page; use the whole address that the command printed")
-            return None
+            raise RefusedError(404, "there is no such page; use the whole address that the command printed")
         return rest[0]
 
-    def _answer(self, make: Any) -> None:
+    def _answer(self, make: Callable[[], "Answer"]) -> None:
         """Send what ``make`` returns, or why there is no answer."""
         try:
             with self.server.answering() as is_open:
                 self.close_connection |= not is_open
-                answer = make() if is_open else Answer.of({"error": "the review is being ended"}, 503)
+                if not is_open:
+                    raise RefusedError(503, "the review is being ended")
+                answer = make()
+        except RefusedError as error:
+            answer = Answer.of({"error": str(error)}, error.status)
         except ContactimgError as error:
-            self._refuse(400, str(error))
+            answer = Answer.of({"error": str(error)}, 400)
         except Exception as error:
             logger.exception("%s", self.path.rpartition("/")[2])
-            self._refuse(500, f"{type(error).__name__}: {error}")
-        else:
-            self._send(answer or Answer.of({"error": "there is no such thing"}, 404))
-
-    def _refuse(self, status: int, reason: str) -> None:
-        self._send(Answer.of({"error": reason}, status))
-
-    def _send(self, answer: "Answer") -> None:
+            answer = Answer.of({"error": f"{type(error).__name__}: {error}"}, 500)
         self.send_response(answer.status)
         self.send_header("Content-Type", answer.kind)
         self.send_header("Content-Length", str(len(answer.body)))
@@ -206,14 +204,19 @@ class Answer:
         return cls(json.dumps(data, allow_nan=False).encode(), status=status)
 
 
-def answer_get(session: Session, path: str) -> Answer | None:
-    """The answer to a request that changes nothing; None if there is no such thing.
+def answer_get(session: Session, path: str) -> Answer:
+    """The answer to a request that changes nothing.
 
     Parameters
     ----------
     session : Session
     path : str
         Part of the address after the token.
+
+    Raises
+    ------
+    RefusedError
+        If there is no such thing.
     """
     if path in PAGE_FILES:
         name, kind = PAGE_FILES[path]
@@ -231,30 +234,27 @@ def answer_get(session: Session, path: str) -> Answer | None:
     table = re.fullmatch(r"tables/([a-z]+)\.csv", path)
     if table is not None and table[1] in TABLES:
         return Answer(session.shown.text(table[1]), "text/csv; charset=utf-8")
-    match = re.fullmatch(r"frames/(\d{1,7})/([a-z]+)(?:/(\d{1,9}))?\.(?:json|png)", path)
-    if match is None or int(match[1]) >= len(session.sources):
-        return None
-    number, what, label = int(match[1]), match[2], match[3]
-    if label is not None:
-        return Answer.of(session.window(number, int(label))) if what == "contact" else None
     makers: dict[str, Callable[[int], Any]] = {
         "image": session.picture,
         "light": session.light_picture,
         "contacts": session.contacts,
         "curves": session.curves,
     }
-    if what not in makers:
-        return None
-    found = makers[what](number)
+    asked = rf"frames/(\d{{1,7}})/(?:contact/(\d{{1,9}})|({'|'.join(makers)}))\.(?:json|png)"
+    match = re.fullmatch(asked, path)
+    if match is None or int(match[1]) >= len(session.sources):
+        raise RefusedError(404, "there is no such thing")
+    number, label, what = int(match[1]), match[2], match[3]
+    found = makers[what](number) if label is None else session.window(number, int(label))
     return Answer(found, "image/png") if isinstance(found, bytes) else Answer.of(found)
 
 
-def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer | None:
+def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer:
     """The answer to a request that changes something; what it changes is on the disk by then.
 
     Raises
     ------
-    InputError
+    InputError, RefusedError
         If the request is not valid.
     """
     if path == "edits/insert":
@@ -277,9 +277,9 @@ def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer | N
         session.choose_threshold(float(value))
     elif path == "measure":
         if not session.measure():
-            return Answer.of({"error": "something is being measured already"}, 409)
+            raise RefusedError(409, "something is being measured already")
     else:
-        return None
+        raise RefusedError(404, "there is no such thing")
     return Answer.of(session.record())
 
 

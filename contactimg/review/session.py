@@ -33,8 +33,8 @@ CONTACT_COLUMNS = (
     "angle_rad", "area_m2", "force_N", "force_std_N", "asperity",
 )  # fmt: skip
 """Columns of the contacts that the page uses."""
-SUMMARY_COLUMNS = ("status", "n_contacts", "load_N")
-"""Columns of the frames that the list of frames shows."""
+NOT_MEASURED = {"status": "not measured", "n_contacts": None, "load_N": None}
+"""Columns of the frames that the list of frames shows, and what it shows of a frame that the run lacks."""
 
 Edits = list[dict[Any, Any]]
 
@@ -167,9 +167,9 @@ class Session:
                 "edits": edits,
                 "measured": self.jobs.state.number if shown.folder != self.folder else 0,
                 "frames": [
-                    {"name": name, "status": "not measured", "n_contacts": None, "load_N": None}
-                    | {key: shown.rows[name][key] for key in SUMMARY_COLUMNS if name in shown.rows}
+                    {key: shown.rows.get(name, NOT_MEASURED)[key] for key in NOT_MEASURED}
                     | {
+                        "name": name,
                         "n_edits": sum(row["frame"] in (name, files.EVERY_FRAME) for row in edits),
                         "pending": pending is None or bool(pending & {name, files.EVERY_FRAME}),
                     }

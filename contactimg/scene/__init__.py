@@ -4,8 +4,8 @@ Keys carry their unit (``radius_m``); the attributes of the records do not (``ra
 except pixel lengths (``_px``). An unknown key, a missing key or a value out of range is an `InputError` whose
 sentence names the section, the key, the rule, the value and, for an unknown key, the allowed keys.
 
-Read in this order: `rules` (what sections share), `contact_sections` and `sections` (every section with its
-keys), `scene` (`Scene`, `scene_from_dict` and the sentence for a broken rule).
+Read in this order: `sections` (every section with its keys), `scene` (`Scene`, `scene_from_dict` and the
+sentence for a broken rule).
 """
 
 import lazy_loader as _lazy

@@ -9,28 +9,26 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from contactimg.errors import InputError
-from contactimg.scene.contact_sections import Asperities, Elastic, Indenter, Load
-from contactimg.scene.rules import Section
-from contactimg.scene.sections import Camera, Effects, FilmLight, Images, Measure, Simulate, Tolerance
+from contactimg.scene import sections
 
 if TYPE_CHECKING:
     from contactimg.pose import Pose
 
 
-class Scene(Section):
+class Scene(sections.Section):
     """A whole scene: every section is optional where a command does not need it."""
 
-    indenter: Indenter | None = None
-    elastic: Elastic | None = None
-    asperities: Asperities | None = None
-    camera: Camera | None = None
-    light: FilmLight = FilmLight()
-    images: Images = Images()
-    load: Load = Load()
-    measure: Measure = Measure()
-    tolerance: Tolerance = Tolerance()
-    effects: Effects = Effects()
-    simulate: Simulate | None = None
+    indenter: sections.Indenter | None = None
+    elastic: sections.Elastic | None = None
+    asperities: sections.Asperities | None = None
+    camera: sections.Camera | None = None
+    light: sections.FilmLight = sections.FilmLight()
+    images: sections.Images = sections.Images()
+    load: sections.Load = sections.Load()
+    measure: sections.Measure = sections.Measure()
+    tolerance: sections.Tolerance = sections.Tolerance()
+    effects: sections.Effects = sections.Effects()
+    simulate: sections.Simulate | None = None
 
     _source: dict[str, Any] = PrivateAttr(default_factory=dict)
     _folder: str = PrivateAttr(default=".")
@@ -91,7 +89,7 @@ class Scene(Section):
         """The camera's pose for images of ``shape`` (rows, columns)."""
         from contactimg.pose import Pose  # noqa: PLC0415 - a command's help needs the keys, not the arrays
 
-        camera: Camera = self.need("camera", "turning pixels into metres")
+        camera: sections.Camera = self.need("camera", "turning pixels into metres")
         apex = self.indenter.apex if self.indenter is not None else (0.0, 0.0)
         return Pose(
             shape=shape,
@@ -136,7 +134,7 @@ def scene_from_dict(data: Mapping[str, Any], *, name: str = "scene", folder: str
 
 def _with_one_light(scene: Scene, name: str) -> Scene:
     """The scene with the same light in ``[light]`` and ``[simulate]``, whichever states a key."""
-    keys = set(FilmLight.model_fields)
+    keys = set(sections.FilmLight.model_fields)
     light = scene.light.model_dump(include=keys, exclude_unset=True)
     simulate = {} if scene.simulate is None else scene.simulate.model_dump(include=keys, exclude_unset=True)
     for key, value in light.items():
@@ -154,7 +152,7 @@ def section_keys(section: str) -> dict[str, FieldInfo]:
     """The keys of a section as written in the scene file, with their meaning, bounds and default."""
     annotation = Scene.model_fields[section].annotation
     options = [annotation, *getattr(annotation, "__args__", ())]
-    model = next(one for one in options if isinstance(one, type) and issubclass(one, Section))
+    model = next(one for one in options if isinstance(one, type) and issubclass(one, sections.Section))
     return {field.alias or attribute: field for attribute, field in model.model_fields.items()}
 
 

@@ -1,30 +1,23 @@
-"""The sections of a scene beside those of the contact: camera, images, measurement, effects, simulation."""
+"""The sections of a scene: the types of their keys, and every section with its keys and their meaning."""
 
 import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
-
-from contactimg.scene.rules import (
-    Angle,
-    Count,
-    CountFrom1,
-    FilePath,
-    Fraction,
-    Frames,
-    MaskArea,
-    NonNegative,
-    Number,
-    OpenFraction,
-    Point,
-    Positive,
-    Section,
-    Side,
-    Switch,
-    YesNo,
-    must_be,
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationError,
+    WrapValidator,
+    field_validator,
+    model_validator,
 )
+
+from contactimg.errors import InputError
 
 MAX_PIXELS = 200_000_000
 """Largest image and largest synthetic frame, px: 1.6 GB in double precision, twelve times a camera of 16
@@ -33,6 +26,188 @@ replaces it (`contactimg.files.decoders.MAX_PIXELS_VARIABLE`), and catches slips
 
 MIN_ELECTRONS_PER_LEVEL = 1e-3
 """Smallest number of electrons per grey level above 0. Chosen: below it every pixel is noise."""
+
+FLAT = "flat"
+"""What a radius may be instead of a number."""
+
+
+# --- what all sections share: types of keys, and the rules of a section
+
+
+def must_be(rule: str) -> WrapValidator:
+    """Say the whole rule of a key in one sentence, whichever part of it is broken."""
+
+    def check(value: Any, handler: Any) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            raise ValueError(f"must be {rule}, got {value!r}") from None
+
+    return WrapValidator(check)
+
+
+# strict: text and true/false are not numbers
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+YesNo = Annotated[bool, Field(strict=True)]
+Positive = Annotated[Number, Field(gt=0)]
+# a flat has an infinite radius, which JSON cannot hold
+RadiusOrFlat = Annotated[
+    float,
+    Field(strict=True, gt=0, allow_inf_nan=True),
+    BeforeValidator(lambda value: math.inf if value == FLAT else value),
+    PlainSerializer(lambda value: FLAT if math.isinf(value) else value),
+]
+NonNegative = Annotated[Number, Field(ge=0)]
+Fraction = Annotated[Number, Field(ge=0, le=1)]
+OpenFraction = Annotated[Number, Field(gt=0, lt=1)]
+Point = tuple[Number, Number]
+# an angle is written in degrees
+Angle = Annotated[Number, AfterValidator(math.radians), PlainSerializer(math.degrees)]
+FilePath = Annotated[str, Field(min_length=1)]
+Frames = Annotated[
+    FilePath | Annotated[list[FilePath], Field(min_length=1)] | None,
+    must_be("a file, a glob or a list of these"),
+]
+MaskArea = FilePath | list[Annotated[list[Point], Field(min_length=3)]]
+Side = Annotated[int, Field(strict=True, ge=1, le=100_000)]
+Switch = Literal["auto", "on", "off"]
+
+
+class Section(BaseModel):
+    """Common rules of all sections: unknown keys are errors, values do not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False, allow_inf_nan=False)
+
+
+# --- the contact: indenter, elastic body, load cell and asperities
+
+
+class Indenter(Section):
+    """The smooth sphere, or the textured lens."""
+
+    radius: RadiusOrFlat = Field(
+        alias="radius_m", description='Radius of curvature of the lens, m; "flat" for a flat plate.'
+    )
+    apex: Point = Field(
+        (0.0, 0.0), alias="apex_m", description="Sample point (x, y) below the apex of the indenter, m."
+    )
+
+
+class Elastic(Section):
+    """The elastic body; its partner is rigid."""
+
+    stated_modulus: Positive | None = Field(
+        None,
+        alias="young_modulus_Pa",
+        description="Young's modulus E, Pa; needed wherever it is not what is sought.",
+    )
+    young_modulus_std: NonNegative = Field(
+        0.0, alias="young_modulus_std_Pa", description="Standard uncertainty of E, Pa."
+    )
+    poisson_ratio: Annotated[Number, Field(gt=-1, le=0.5)] = Field(0.5, description="Poisson's ratio nu.")
+    thickness: Positive | None = Field(
+        None, alias="thickness_m", description="Thickness of the elastic layer, m; a half-space if not given."
+    )
+    work_of_adhesion: NonNegative = Field(
+        0.0, alias="work_of_adhesion_J_m2", description="Work of adhesion w, J/m^2."
+    )
+
+    @property
+    def young_modulus(self) -> float:
+        """Young's modulus E, Pa, or an `InputError` that says that it is missing."""
+        if self.stated_modulus is None:
+            raise InputError(
+                "[elastic] young_modulus_Pa is missing: Young's modulus in Pa; add it to the scene"
+            )
+        return self.stated_modulus
+
+    @property
+    def contact_modulus(self) -> float:
+        """E* = E/(1 - nu^2), Pa: the partner is rigid."""
+        return self.young_modulus / (1 - self.poisson_ratio**2)
+
+
+class Load(Section):
+    """The load cell: how well its zero and gain are known (errors of all loads)."""
+
+    zero_std: NonNegative | None = Field(
+        None,
+        alias="zero_std_N",
+        description="Standard uncertainty of what the load cell reads without load, N. A zero is fitted only "
+        "where this is given; else the loads are taken as they are.",
+    )
+    gain_std: Fraction | None = Field(
+        None, description="Relative standard uncertainty of the gain of the load cell; 0.01 if not given."
+    )
+    tangential_direction: Angle = Field(
+        0.0,
+        alias="tangential_direction_deg",
+        description="Direction on the sample of a positive tangential load, from +x_m towards +y_m, degrees.",
+    )
+
+
+class Asperities(Section):
+    """The asperities: a table, a generator, or the parameters of a statistical model."""
+
+    file: FilePath | None = Field(
+        None, description="CSV table of the asperities with columns x_m, y_m, height_m, radius_m."
+    )
+    generate: Literal["SA", "RA-", "RA+"] | None = Field(
+        None, description="Generate a pattern of this kind instead of reading a file."
+    )
+    coverage: OpenFraction | None = Field(
+        None, description="Fraction of the area that a generated pattern covers with asperities."
+    )
+    side: Positive = Field(0.01, alias="side_m", description="Side of the square that the pattern fills, m.")
+    seed: Count = Field(0, description="Seed of the random numbers of a generated pattern.")
+    textured: Literal["soft", "rigid"] = Field(
+        "soft", description="Which body carries the asperities: the elastic one (SA) or the lens (RA)."
+    )
+    density: Positive | None = Field(
+        None,
+        alias="density_per_m2",
+        description="Asperities per unit area for gw and gt, 1/m^2; derived from the table if not given.",
+    )
+    radius: Positive | None = Field(
+        None,
+        alias="radius_m",
+        description="Radius of curvature common to all asperities, m; that of the table if not given.",
+    )
+    height_law: Literal["uniform", "gaussian"] | None = Field(
+        None, description="Height distribution for gw and gt; that of the table if not given."
+    )
+    height_min: Number | None = Field(
+        None, alias="height_min_m", description="Smallest height of the uniform distribution, m."
+    )
+    height_max: Number | None = Field(
+        None, alias="height_max_m", description="Largest height of the uniform distribution, m."
+    )
+    height_mean: Number | None = Field(
+        None, alias="height_mean_m", description="Mean height of the Gaussian distribution, m."
+    )
+    height_std: NonNegative | None = Field(
+        None, alias="height_std_m", description="Standard deviation of the Gaussian distribution, m."
+    )
+
+    surroundings: Literal["none", "mean_field"] = Field(
+        "none",
+        description="What lies around the table: nothing, or the mean field (gt) of the same asperities, "
+        "which bears its share of the load and displaces the surface.",
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "Asperities":
+        if self.file is not None and self.generate is not None:
+            raise ValueError("file and generate are both given; keep one of the two")
+        if self.height_min is not None and self.height_max is not None and self.height_max < self.height_min:
+            raise ValueError(
+                f"height_max_m ({self.height_max}) must not be below height_min_m ({self.height_min})"
+            )
+        return self
+
+
+# --- camera, light, images, measurement, effects, simulation
 
 
 class Camera(Section):
@@ -147,17 +322,16 @@ class Images(Section):
         "ImageJ file of regions (.roi, .zip), or a list of polygons, each a list of [x, y] in px; or one of "
         'these for each frame: { "frame_3.tif" = "scratch.png", "*" = "dirt.zip" }, with "*" for all frames.',
     )
-    dark: FilePath | None = Field(
+    dark: Frames = Field(
         None,
-        description="Dark frame, subtracted from frames and reference: a file or a glob, of which the mean "
-        "is taken.",
+        description="Dark frame, subtracted from frames and reference: a file, a glob or a list of these, of "
+        "which the mean is taken.",
     )
-    flat: FilePath | None = Field(
+    flat: Frames = Field(
         None,
         description="Flat field (an evenly lit field of view) that frames and reference are divided by, "
-        "after the dark frame was subtracted: a file or a glob, of which the mean is taken.",
+        "after the dark frame was subtracted: a file, a glob or a list of these, of which the mean is taken.",
     )
-
     edits: FilePath | None = Field(
         None,
         description="CSV table of corrections by hand: frame, action, x_px, y_px, radius_px, points; if not "
@@ -361,7 +535,7 @@ class Simulate(FilmLight):
         0.0, description="Standard deviation of the read noise, electrons."
     )
     bit_depth: Literal[8, 10, 12, 14, 16] = Field(8, description="Bits of a pixel.")
-    supersampling: Annotated[CountFrom1, Field(le=16)] = Field(
+    supersampling: Annotated[int, Field(strict=True, ge=1, le=16)] = Field(
         4, description="Subpixels per pixel in each direction when rendering."
     )
     seed: Count = Field(0, description="Seed of the random numbers of the frames.")

@@ -99,6 +99,7 @@ def test_predict_reads_the_table(heights, tmp_path, capsys):
         (("map.npy", "no numpy file"), [], "cannot be read as a height map"),
         (("map.sur", "no surface"), [], "cannot be read as a height map"),
         (("map.txt", "a b c\n" * 20), [], "cannot be read as a height map"),
+        (("map.txt", "# from the profilometer\n"), [], "as a height map (it holds no number)"),
         (("map.txt", (" ".join(["0"] * 30) + "\n") * 30), SCALE, "no summit found"),
     ],
 )

@@ -17,6 +17,7 @@ from small_series import TINY, break_measurement, copy_of, write_small_series
 
 from contactimg.cli import COMMANDS, main
 from contactimg.cli.printing import echo_frames
+from contactimg.cli.scenes import scene_of_folder
 from contactimg.pipeline import measured_series
 from contactimg.tables import CONTACTS, FRAMES, MATCHES, PROFILE, REJECTED, SCORES
 
@@ -479,6 +480,19 @@ def test_a_scene_from_elsewhere_is_for_the_frames_of_the_folder(series, small_se
     assert process(series, "--scene", small_series / "scene.toml", "-o", out, *COUNTED) == 0
     assert frames_of(out).index.tolist() == ["frame_1.tif", "frame_2.tif"]
     assert pd.read_csv(out / "contacts.csv")["force_N"].notna().all()
+
+
+def test_a_scene_from_elsewhere_has_masks_and_dark_frames_beside_it(tmp_path):
+    folder, other = tmp_path / "frames", tmp_path / "scenes"
+    for file in (folder / "dark_1.tif", other / "dark_2.tif", other / "scratch.png"):
+        file.parent.mkdir(exist_ok=True)
+        file.touch()
+    mask = '{ "a.tif" = "scratch.png", "*" = [[[0, 0], [1, 1], [2, 0]]] }'
+    (other / "scene.toml").write_text(f'[images]\ndark = ["dark_1.tif", "dark_2.tif"]\nmask = {mask}\n')
+    images = scene_of_folder(folder, {}, scene_file=str(other / "scene.toml")).images
+    assert images.dark == ["dark_1.tif", str((other / "dark_2.tif").resolve())]
+    scratch = str((other / "scratch.png").resolve())
+    assert images.masks == {"a.tif": scratch, "*": [[(0, 0), (1, 1), (2, 0)]]}
 
 
 def test_a_scene_from_elsewhere_takes_a_page_of_the_folders_stack_as_reference(series, tmp_path):

@@ -40,6 +40,13 @@ def test_the_scene_of_a_folder_of_frames_holds_what_the_files_and_options_say(fr
     assert experiment.loads["load_N"].notna().all()
 
 
+def test_a_place_that_is_no_pair_of_numbers_is_refused_in_one_sentence(frames, capsys):
+    lens = ("--lens-radius-mm", "128.8", "--no-input")
+    assert main(["init", str(frames), *lens, "--apex-mm", "5 about6"]) == 2
+    said = capsys.readouterr().err
+    assert said == "contactimg: the answers: [indenter] apex_m[1] must be a number, got 'about6'\n"
+
+
 def test_what_nobody_knows_is_a_comment_that_becomes_a_key(frames):
     assert main(["init", str(frames), "--no-input", "--quiet"]) == 0
     text = (frames / "scene.toml").read_text()

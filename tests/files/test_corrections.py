@@ -9,7 +9,7 @@ import pytest
 from contact_frames import Optics, match, render, scatter
 
 from contactimg import Frame, InputError, measure_series, open_experiment, scene_from_dict
-from contactimg.files import write_frame
+from contactimg.files import recognise_folder, write_frame
 from contactimg.files.corrections import PixelCorrections
 from contactimg.files.exports import Region, polygon_region, write_regions
 from contactimg.files.sources import FrameSource
@@ -142,6 +142,30 @@ def test_dark_frames_and_masks_are_not_measured(tmp_path, caplog):
     assert "dark.tif" not in caplog.text
 
 
+def test_dark_frames_are_a_file_a_glob_or_a_list(tmp_path):
+    frames_of(
+        tmp_path,
+        **{name: np.full((4, 5), n, np.uint8) for name, n in {"a": 5, "dark_1": 1, "Dark": 4}.items()},
+    )
+    for stated in (
+        "*ark*.tif",
+        ["dark_1.tif", "Dark.tif"],
+        recognise_folder(tmp_path).keys["images"]["dark"],
+    ):
+        (frame,) = open_experiment(scene(tmp_path, {"dark": stated})).frames
+        assert sorted(dark.name for dark in frame.correct.dark) == ["Dark.tif", "dark_1.tif"]
+        assert (frame.read().image == 2.5).all()  # 5 - (1 + 4)/2
+
+
+@pytest.mark.parametrize(("key", "seen"), [("mask", np.nan), ("dark", 3.0)])
+def test_a_mask_or_a_dark_frame_that_changes_is_read_again(tmp_path, key, seen):
+    frames_of(tmp_path, a=np.array([[9, 5], [7, 7]], np.uint8))
+    for level, expected in ((0, 9.0), (6, seen)):
+        frames_of(tmp_path, scratch=np.array([[level, 0], [0, 0]], np.uint8))
+        (frame,) = open_experiment(scene(tmp_path, {key: "scratch.tif", "frames": "a.tif"})).frames
+        np.testing.assert_equal(frame.read().image[0, 0], expected)
+
+
 @pytest.mark.parametrize(
     ("images", "sentence"),
     [
@@ -151,7 +175,7 @@ def test_dark_frames_and_masks_are_not_measured(tmp_path, caplog):
         ({"mask": "bad.roi"}, "bad.roi: is not an ImageJ ROI file"),
         ({"mask": "m.tif"}, "m.tif has 3 x 3 pixels, the frame frame_1.tif has 5 x 4"),
         ({"dark": "m.tif"}, "m.tif has 3 x 3 pixels, the frame frame_1.tif has 5 x 4"),
-        ({"flat": "gone.tif"}, "gone.tif: there is no such file"),
+        ({"flat": "gone.tif"}, "gone.tif: there is no such flat image; give a file of this folder"),
     ],
 )
 def test_bad_masks_and_darks_get_one_sentence(tmp_path, images, sentence):

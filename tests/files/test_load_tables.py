@@ -1,5 +1,7 @@
 """Loads as laboratories write them, and what a folder's files are."""
 
+from time import perf_counter
+
 import cv2
 import numpy as np
 import pytest
@@ -88,6 +90,14 @@ def test_a_cell_that_is_no_number_is_named_by_its_line(tmp_path, caplog):
     (tmp_path / "k.txt").write_text("rig 2\n\nBild\tKraft [mN]\na.tif\t1,5\nb.tif\tx\n")
     with pytest.raises(InputError, match="line 5, column load_N must be a number, got 'x'"):
         read_loads(tmp_path / "k.txt")
+
+
+def test_a_long_table_without_loads_is_passed_over_at_once(tmp_path):
+    frames_in(tmp_path, ["p1.tif"])
+    (tmp_path / "track.txt").write_text("".join(f"{k}\t{k / 7:.3f}\t{k / 9:.3f}\n" for k in range(6000)))
+    begin = perf_counter()
+    assert recognise_folder(tmp_path).ignored == ["track.txt"]
+    assert perf_counter() - begin < 10  # s; a look at all that is below each line would take a minute
 
 
 def test_files_of_a_folder_are_told_by_name_and_content(tmp_path):

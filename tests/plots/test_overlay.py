@@ -47,7 +47,7 @@ def shown(flags, rejected=()):
 
 def share_of(picture, colour):
     rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-    return np.mean(np.all(picture.rgb == rgb, axis=2))
+    return np.mean(np.all(picture.palette[picture.indices] == rgb, axis=2))
 
 
 def test_contacts_have_the_colour_of_their_flags(frame):
@@ -116,7 +116,9 @@ def test_shapes_are_drawn_along_their_rims(frame):
 def test_a_picture_is_a_png_of_the_same_pixels(frame, tmp_path):
     picture = draw_measured(frame, shown([0, int(Flag.MANUAL)]), VIEW)
     write_palette_image(picture.indices, picture.palette, tmp_path / "a.png")
-    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png"))[:, :, ::-1], picture.rgb)
+    np.testing.assert_array_equal(
+        cv2.imread(str(tmp_path / "a.png"))[:, :, ::-1], picture.palette[picture.indices]
+    )
 
 
 def test_marks_tell_matched_missed_and_false_contacts_and_count_as_the_scores_do(frame):

@@ -209,7 +209,7 @@ def test_an_error_of_zero_is_drawn_below_the_others():
             }
         )
     )
-    ax = plot_knob(table)
+    ax = plot_knob(table, relative=0.01)
     np.testing.assert_allclose(ax.lines[0].get_ydata(), [1e-3, 1e-4])
 
 
@@ -236,4 +236,4 @@ def test_the_recommended_setting_is_marked_with_its_sentence():
 
 def test_a_knob_without_numbers_gives_an_empty_panel():
     table = measured().reset_index().query("setting == 'broken'")
-    assert texts(plot_knob(table)) == set()
+    assert texts(plot_knob(table, relative=0.01)) == set()
