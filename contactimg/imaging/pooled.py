@@ -34,15 +34,16 @@ from contactimg.imaging.background.alignment import (
 )
 from contactimg.imaging.background.divide import FULL_DIRT_SIGMA
 from contactimg.imaging.background.find_illumination import BackgroundLevel
-from contactimg.imaging.background.illumination import DARKEST_FRACTION, NEGLIGIBLE, Illumination
+from contactimg.imaging.background.illumination import DARKEST_FRACTION, Illumination
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.pixels.blocks import block_means, to_pixels
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.pixels.masks import Flags, Values, mean_of_seen, nearest_pixels
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, finite_values, robust_std
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, ROUGH_RATIO, SOME, finite_values, robust_std
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
+from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION
 from contactimg.timings import stage
 
 SQUARE_PX = 4
@@ -54,14 +55,6 @@ LIGHT_PX = 64
 """Standard deviation of the Gaussian over which slow differences of the light are followed, twice the side
 of the square over which the brightness of the anchor is averaged. Chosen: much wider than a contact, narrower
 than the cubic that describes the light of a frame."""
-WORST_SCATTER = 1.5
-"""A frame whose squares scatter by so many times the median of the frames is left out, and so are contacts
-whose inside scatters by so many times what is outside. Chosen by hand: the scatter of equal frames varies by
-a few per cent."""
-FEWEST_SQUARES = 30
-"""Squares that a scatter is measured on: to 13 % (theory: sqrt(1/2n))."""
-FEWEST_WITNESSES = 3
-"""Other views that must agree where one is said to differ."""
 OUTLIER_FRACTION = 0.003
 """Fraction of its squares in which a reference may differ from the others. Chosen: three times what dust and
 chance make; a contact of 30 px on a megapixel makes as many."""
@@ -325,7 +318,7 @@ class Agreement:
         for n, own in contacts.items():
             bare[n] &= ~self._squares_of(own)
         agree, bare = (np.delete(flags, view, axis=0) for flags in (self.used, bare))
-        others = (agree.sum(axis=0) >= FEWEST_WITNESSES) & bare.any(axis=0)
+        others = (agree.sum(axis=0) >= FEWEST) & bare.any(axis=0)
         differs = (~self.used[view] & others & (sign * self.deviation[view] > 0)).astype(np.uint8)
         areas = cv2.connectedComponentsWithStats(differs)[2][1:, cv2.CC_STAT_AREA]
         return int(np.count_nonzero(areas > 1))
@@ -334,7 +327,7 @@ class Agreement:
         """Scatter of a view in the squares of its contacts (on the anchor), over that in the others."""
         near, known = self._squares_of(contacts), np.isfinite(self.deviation[view])
         inside, outside = self.deviation[view][known & near], self.deviation[view][known & ~near]
-        if min(len(inside), len(outside)) < FEWEST_SQUARES:
+        if min(len(inside), len(outside)) < SOME:
             return 0.0
         return robust_std(inside, centre=0.0) / max(robust_std(outside, centre=0.0), 1e-9)
 
@@ -365,7 +358,7 @@ def compare_views(squares: Sequence[Values], *, sign: int) -> Agreement:
     shown = [finite_values(part) for part in deviation]
     scatter = np.array([robust_std(part, centre=0.0) if part.size else np.inf for part in shown])
     usual = float(np.median(scatter[np.isfinite(scatter)])) if np.isfinite(scatter).any() else 0.0
-    good = (scatter <= WORST_SCATTER * usual)[:, None, None]
+    good = (scatter <= ROUGH_RATIO * usual)[:, None, None]
     ordered = np.sort(np.where(good, sign * flat, np.float32(np.nan)), axis=0)  # NaN last
     second_lowest = np.where(np.isfinite(ordered[2:3]).any(axis=0), ordered[:2][-1], ordered[0])
     # of 24 normal deviates the second lowest lies 1.6 below the mean: 10^-5 of the squares are left out
@@ -525,7 +518,7 @@ def correct_radii(
     shown = templates.T @ (pooled.mean() - brightness).ravel()
     right = np.concatenate([view.products for view in views]) - shown
     scale = sparse.diags_array(1.0 / np.maximum(matrix.diagonal(), 1e-12))
-    solution, _ = cg(matrix, right, rtol=NEGLIGIBLE, maxiter=500, M=scale)
+    solution, _ = cg(matrix, right, rtol=LEAST_FRACTION, maxiter=500, M=scale)
     return np.split(solution, np.cumsum(sizes)[:-1])
 
 

@@ -20,6 +20,7 @@ from contactimg.files import Experiment
 from contactimg.frame import Frame
 from contactimg.imaging import pooled
 from contactimg.imaging.background.subtract import BACKGROUND_IS
+from contactimg.imaging.pixels.robust import ROUGH_RATIO
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
@@ -356,7 +357,7 @@ def _place_views(
     if len(anchored.shown) < FEWEST_VIEWS:
         raise FrameError(f"only {len(anchored.shown)} different frames show it")
     scatter = [anchored.agreement.scatter_inside(own, view=n) for n, own in anchored.contacts.items()]
-    if np.median(scatter) > pooled.WORST_SCATTER:  # below 1 if contacts show the surface as the model says
+    if np.median(scatter) > ROUGH_RATIO:  # below 1 if contacts show the surface as the model says
         logger.info("contacts do not show the surface as their surroundings do: they are left out")
         hidden = {k: own.contacts.left_out() for k, (own, _) in anchored.shown.items()}
         anchored = replace(anchored, shown=place(hidden, anchored.image))

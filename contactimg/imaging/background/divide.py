@@ -19,7 +19,7 @@ from contactimg.imaging.background.alignment import (
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, Illumination, cubic
 from contactimg.imaging.pixels.blocks import block_means, is_background, strips, to_pixels
 from contactimg.imaging.pixels.masks import Values, mean_of_seen
-from contactimg.imaging.pixels.robust import median, robust_std
+from contactimg.imaging.pixels.robust import SOME, median, robust_std
 
 NARROW_PX, MIDDLE_PX, WIDE_PX = 0.7, 2.0, 6.0
 """Standard deviations of the Gaussians that separate the bands: less than, as, and more than a usual blur.
@@ -32,8 +32,6 @@ STRIPS, STRIP_ROWS, SPACING_PX = 4, 16, 4
 """Strips of the image that the gains are measured in, their rows, and the distance at which pixels are
 independent behind `SMOOTHING_PX`, which is also what the borders of a strip spoil. Accuracy: some thousand
 samples."""
-FEWEST_SAMPLES = 60
-"""Pixels of fewer than which no gains are measured and the reference is used as it is. Accuracy: 10 %."""
 DIRT_SIGMA, FULL_DIRT_SIGMA = 4.0, 6.0
 """Robust standard deviations of a band from which its detail is partly, and from which it is wholly taken as
 dirt; pixels of the frame that differ by the latter do not count for the gains. Chosen by hand on rendered
@@ -219,7 +217,7 @@ def _measure_gains(
         inner = slice(SPACING_PX, -SPACING_PX, spacing)
         columns, picked = np.arange(frame.shape[1])[inner], rows.reshape(STRIPS, -1)[:, inner]
         mask = is_background(illumination.background, picked.ravel(), columns, frame.shape)
-        if np.count_nonzero(mask) >= FEWEST_SAMPLES:
+        if np.count_nonzero(mask) >= SOME:
             break
     else:
         return np.ones(2), np.full(2, np.inf)

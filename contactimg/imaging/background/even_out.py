@@ -22,7 +22,6 @@ from contactimg.imaging.background.find_illumination import (
 )
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
-    NEGLIGIBLE,
     DifferenceImage,
     one_sided_scatter,
 )
@@ -31,7 +30,7 @@ from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
 from contactimg.imaging.pixels.masks import Flags, Values
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
-from contactimg.imaging.profile.limits import FEWEST
+from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION
 
 Regions = NDArray[np.int32]
 
@@ -64,7 +63,7 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
     if flat.size < FEWEST_BLOCKS:
         return difference
     scatter = min(neighbour_scatter(blocks), one_sided_scatter(flat[:: max(flat.size // 4000, 1)]))
-    scatter = max(scatter, difference.rounding, NEGLIGIBLE * max(difference.level, 1.0))
+    scatter = max(scatter, difference.rounding, LEAST_FRACTION * max(difference.level, 1.0))
     if difference is not flickering:
         background = np.abs(blocks) < BACKGROUND_CLIP_SIGMA * scatter
         difference = replace(difference, illumination=replace(difference.illumination, background=background))

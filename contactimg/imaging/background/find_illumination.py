@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
     FIT_BLOCKS,
-    NEGLIGIBLE,
     Illumination,
     fit_illumination,
     jittered_grid,
@@ -25,8 +24,15 @@ from contactimg.imaging.background.illumination import (
 )
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Flags, Values
-from contactimg.imaging.pixels.robust import MANY, finite_values, quantile, robust_std
-from contactimg.imaging.profile.limits import SQUARE_PX
+from contactimg.imaging.pixels.robust import (
+    MANY,
+    QUARTILE_TO_STD,
+    ROUGH_RATIO,
+    finite_values,
+    quantile,
+    robust_std,
+)
+from contactimg.imaging.profile.limits import LEAST_FRACTION, SQUARE_PX
 
 BackgroundLevel = Literal["lowest", "highest", "nearest_one", "most_common"]
 """Which of several well-populated levels is the background: the lowest (contacts are bright), the highest
@@ -48,12 +54,7 @@ MOST_REGIONS = 8  # flat regions that are followed, the largest; a bound of the 
 # Share of the blocks above which flat ones that are no background are too many for contacts. By hand:
 # contacts up to 24 px make 0.02.
 NOTABLE_SHARE = 0.05
-# Scatter of the blocks about the light of flat ones over that before, above which it is not taken. By hand:
-# flicker makes 2.0 and more, a shadow over half of the frame 1.3.
-MOST_SCATTER = 1.5
 POPULATED_FRACTION = 0.05  # of the highest bin of a histogram: lower peaks are no level; and of the squares
-# Standard deviations within which a quarter of normal deviates lie: Phi^-1(5/8) (theory).
-QUARTILE_SIGMA = 0.3186
 
 
 def find_illumination(
@@ -149,9 +150,9 @@ def find_background_level(
     """
     values = finite_values(blocks)
     if not len(values):
-        return 1.0, NEGLIGIBLE
+        return 1.0, LEAST_FRACTION
     low, high = float(values.min()), float(values.max())
-    least = max(NEGLIGIBLE * max(abs(low), abs(high)), least, 1e-9)
+    least = max(LEAST_FRACTION * max(abs(low), abs(high)), least, 1e-9)
     scatter = max(neighbour_scatter(blocks) if scatter is None else scatter, least)
     bins = int(np.clip((high - low) / scatter, 1, FIT_BLOCKS)) + 4
     edges = np.linspace(low - 2 * scatter, high + 2 * scatter, bins + 1)
@@ -179,7 +180,7 @@ def neighbour_scatter(blocks: NDArray) -> float:
     difference = finite_values(np.diff(blocks[rows], axis=1))
     if not len(difference):
         return 0.0
-    return quantile(np.abs(difference), 0.25) / QUARTILE_SIGMA / np.sqrt(2)
+    return QUARTILE_TO_STD * quantile(np.abs(difference), 0.25) / np.sqrt(2)
 
 
 def find_flat_blocks(blocks: Values, scatter: float) -> Flags:
@@ -231,7 +232,7 @@ def _on_flat_blocks(
     more, usual = (
         np.mean(np.abs(blocks - one.at_blocks(blocks.shape, shape)) < limit) for one in (light, found)
     )
-    better = more > usual + NOTABLE_SHARE and light.scatter < MOST_SCATTER * found.scatter
+    better = more > usual + NOTABLE_SHARE and light.scatter < ROUGH_RATIO * found.scatter
     return light if better and encloses(light.background, found.background) else found
 
 

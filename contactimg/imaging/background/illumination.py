@@ -15,6 +15,7 @@ from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Flags, Mask, Values
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median
+from contactimg.imaging.profile.limits import LEAST_FRACTION
 from contactimg.timings import stage
 
 Places = NDArray[np.int64] | slice
@@ -33,10 +34,6 @@ ITERATIONS = 6  # of a fit of the light or of the place, at most: a bound of the
 # scatter.
 FIT_BLOCKS = 3000
 BLOCKS_PER_COEFFICIENT = 10  # blocks that a polynomial order needs for each of its coefficients. By hand
-# Share of a level or of a number of blocks that makes no difference. A scatter is at least that of its level:
-# an exactly constant image has none. If fewer blocks enter or leave the fit, it has converged. The
-# coefficients are held by so many, which keeps the polynomial flat in corners without background.
-NEGLIGIBLE = 1e-3
 DARKEST_FRACTION = 0.1  # of the level of a background: where it is darker, it is not divided by. By hand
 
 
@@ -128,7 +125,7 @@ def fit_illumination(
     keep = finite & np.isfinite(scatter)  # where no scatter is known, a fit to all blocks tells it first
     deviation = data = np.where(finite, data - level, 0.0)
     coefficients = np.zeros(len(TERMS))
-    least = max(NEGLIGIBLE * abs(level), least_scatter, 1e-9)
+    least = max(LEAST_FRACTION * abs(level), least_scatter, 1e-9)
     for _ in range(ITERATIONS):
         keep, previous = finite & (np.abs(deviation) < FIT_CLIP_SIGMA * scatter), keep
         if not keep.any():
@@ -136,7 +133,7 @@ def fit_illumination(
         coefficients = _solve(basis, data, keep)
         deviation = data - coefficients @ basis
         scatter = max(min(one_sided_scatter(deviation[finite]), scatter), least)
-        if np.count_nonzero(keep != previous) < NEGLIGIBLE * len(data):
+        if np.count_nonzero(keep != previous) < LEAST_FRACTION * len(data):
             break
     i, j = np.transpose(TERMS)
     grid = np.zeros((POLYNOMIAL_ORDER + 1, POLYNOMIAL_ORDER + 1))
@@ -191,7 +188,7 @@ def _solve(basis: NDArray, data: NDArray, keep: Flags) -> NDArray[np.float64]:
     terms = basis if used.all() else basis[used]
     kept = terms * keep
     normal = kept @ terms.T
-    normal.flat[len(terms) + 1 :: len(terms) + 1] += NEGLIGIBLE * count
+    normal.flat[len(terms) + 1 :: len(terms) + 1] += LEAST_FRACTION * count
     coefficients = np.zeros(len(TERMS))
     coefficients[used] = np.linalg.solve(normal, kept @ data)
     return coefficients

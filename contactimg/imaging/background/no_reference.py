@@ -26,7 +26,6 @@ from contactimg.imaging.background.find_illumination import (
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
     DARKEST_FRACTION,
-    NEGLIGIBLE,
     DifferenceImage,
     Illumination,
     fit_illumination,
@@ -46,7 +45,7 @@ from contactimg.imaging.pixels.blocks import (
 )
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
 from contactimg.imaging.pixels.robust import finite_values, median, robust_std
-from contactimg.imaging.profile.limits import SQUARE_PX
+from contactimg.imaging.profile.limits import LEAST_FRACTION, SQUARE_PX
 
 # Share of the blocks without a rim in them below which the others say nothing of the scatter. By hand: disks
 # of 4 px every 20 px leave 0.5, real pins in a lattice 0.6.
@@ -214,7 +213,7 @@ def scatter_of_blocks(blocks: NDArray, rounding: float) -> float:
     finite = finite_values(blocks)
     level = median(np.abs(finite)) if len(finite) else 0.0
     scatter = neighbour_scatter(blocks)
-    least = ROUGHEST_STEP_FRACTION if scatter < NEGLIGIBLE * level else NEGLIGIBLE
+    least = ROUGHEST_STEP_FRACTION if scatter < LEAST_FRACTION * level else LEAST_FRACTION
     return max(scatter, least * level, rounding, 1e-9)
 
 

@@ -8,10 +8,8 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.detect.hand_edits import HandEdit, edit_disks
 from contactimg.imaging.evidence.rules import PLACE, Columns
+from contactimg.imaging.profile.limits import ROUNDS
 from contactimg.tables import Flag, Reason
-
-ROUNDS = 8
-"""In which contacts drawn by hand share the pixels anew, from the disks of the round before. By hand."""
 
 
 def edit_counts(

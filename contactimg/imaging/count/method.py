@@ -45,9 +45,6 @@ DEFAULT_FRACTION = 0.5
 """Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""
 OTSU_RANGE = (0.05, 0.95)
 """Range of the automatic threshold: outside it noise makes contacts or takes them away."""
-TYPICAL_BLUR_PX = 1.4
-"""Blur for which the smallest visible contact is stated: that of the paper's frames. Components in noise are
-smoothed by it before disks are inscribed."""
 SHARPEST_SLOPE_PX = 0.45
 """Blur below which rims lie between pixels and their slopes show nothing. By hand: slopes give 0.59 px or
 more."""
@@ -115,7 +112,7 @@ def measure_by_count(
         own_optics=SharedOptics(max(foreground.shown.plateau, 1e-9), own_std, blur_std_px=np.nan),
         unmatched=unmatched,
         # the centre of a disk of radius a behind a blur s reaches 1 - exp(-a^2/(2 s^2)) of the contrast
-        smallest_px=float(TYPICAL_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
+        smallest_px=float(DEFAULT_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
         remark=_remark_on_threshold(contacts, crossing),
         rim_height=rim_height,
     )
@@ -197,7 +194,7 @@ def count_contacts(
     """
     noisy = plateau < NOISY_RATIO * noise
     components, split = split_components(
-        image, fraction * plateau, marks=saturated, smoothing=TYPICAL_BLUR_PX if noisy else 0.0
+        image, fraction * plateau, marks=saturated, smoothing=DEFAULT_BLUR_PX if noisy else 0.0
     )
     light = components["flux"] - components["area"] * np.maximum(_level_around(image, components), 0.0)
     bad = light < LIGHT_SIGMA * noise * np.sqrt(components["area"])

@@ -16,14 +16,12 @@ from scipy.special import ive, ndtr, ndtri
 from contactimg.imaging.fit.contact_pixels import measure_rise
 from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.limits import REACH_BLUR_WIDTHS
 from contactimg.imaging.profile.optics import combine_errors
 from contactimg.imaging.profile.threshold_radius import disk_radius
 
 Values = NDArray[np.float64]
 
-WIDE_BLUR_WIDTHS = 5.0
-"""Radius of contacts whose mean height shows their contrast. Theory: a blur wrong by a tenth changes it by
-1 % there."""
 FEWEST_WIDE, ENOUGH_WIDE = 5, 40
 """Such contacts that show how contrasts scatter; so many tell their median to a fifth of their scatter."""
 UNEVEN_HEIGHT, UNEVEN_SIGMA = 0.05, 3.0
@@ -106,7 +104,7 @@ def rim_errors(
     slope = true / s**2 * np.exp(-0.5 * ((true - radius_px) / s) ** 2) * ive(1, true * radius_px / s**2)
     slope = contrast * np.maximum(slope, LEAST_SLOPE_RATIO * straight)
     # the relative scatter of the contrasts of wide contacts, from their mean heights
-    wide, scatter = (radius_px > WIDE_BLUR_WIDTHS * s) & np.isfinite(height), 0.0
+    wide, scatter = (radius_px > REACH_BLUR_WIDTHS * s) & np.isfinite(height), 0.0
     if np.count_nonzero(wide) >= FEWEST_WIDE:
         full = 1.0 - 2.0 * s / radius_px[wide] * _missing(f)
         scatter = robust_std(height[wide] / (contrast * full))
@@ -139,7 +137,7 @@ def height_at_rims(image: NDArray[np.float32], contacts: dict[str, NDArray], cro
     to the rim. Contacts brighter in the middle are counted at another fraction of the height of their rims.
     """
     radius, s = contacts["radius_px"], crossing.blur_px
-    wide = np.flatnonzero((radius > WIDE_BLUR_WIDTHS * s) & np.isfinite(contacts["height"]))
+    wide = np.flatnonzero((radius > REACH_BLUR_WIDTHS * s) & np.isfinite(contacts["height"]))
     if len(wide) < FEWEST_WIDE:
         return 1.0
     wide = wide[:: max(len(wide) // ENOUGH_WIDE, 1)]

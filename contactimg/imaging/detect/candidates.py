@@ -23,7 +23,7 @@ from contactimg.imaging.detect.inscribed_disks import (
 )
 from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA, SIGNIFICANT_SIGMA, quantile
-from contactimg.imaging.profile.limits import NOISY_RATIO, SMALL_AREA_PX2
+from contactimg.imaging.profile.limits import FEW, NOISY_RATIO, SMALL_AREA_PX2
 
 CLEAR_RATIO, BRIGHT_RATIO = 1.5, 3.0
 """Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and
@@ -52,8 +52,6 @@ HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
 FAINT_SMOOTHING_SQUARES = 0.5
 """Standard deviation of the filter behind which faint regions are outlined, over the side of the squares that
 show them. By hand."""
-LEAST_CORE = 10
-"""Squares well inside regions that show a plateau better than their peaks. By hand."""
 MOST_RUNS = 1500
 """Runs of pixels that are looked at for it. Accuracy: they know a median to 1 % of the scatter."""
 WHITE_RATIO = 0.6
@@ -225,7 +223,7 @@ def _core_level(
     """
     used = np.where(np.abs(plateau / middle - 1.0) < ODD_RATIO - 1.0, plateau, np.inf)
     values, owner = _core_pixels(image, runs[:: max(len(runs) // MOST_RUNS, 1)], used)
-    if len(values) < LEAST_CORE:
+    if len(values) < FEW:
         return middle
     count = np.bincount(owner)
     cap = WEIGHT_CAP * np.median(count[count > 0])

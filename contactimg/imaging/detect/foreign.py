@@ -49,9 +49,6 @@ LINE_LENGTH, PIECE_LENGTH = 11.0, 5.5
 """Length of a thin part over its half width from which it is a line, and part of one where there are lines.
 By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of 15 px make 12. Theory:
 11 for seven contacts in a row."""
-MOSTLY = 0.5
-"""Share of bars wider than that in what stands out above which the surface has ridges, and they are contacts;
-share of a thin part that is thin at half of its own height. By hand."""
 MARGIN = 3
 """Squares around an object that are masked with it: its blurred rim. By hand: four blur widths of 1.5 px."""
 
@@ -98,7 +95,7 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
         return NONE
     bars = label_regions(squares > level)
     ridges = bars.long & (bars.half_width > 0.5 * LINE_WIDTH_PX / SQUARE_PX)
-    if bars.area[ridges].sum() < MOSTLY * bars.area.sum():
+    if bars.area[ridges].sum() < 0.5 * bars.area.sum():
         ridges[:] = False
     possible = np.flatnonzero(bars.long & ~ridges)
     long = possible[[_stays_long(squares, bars.labels == k) for k in possible]]
@@ -149,7 +146,7 @@ def _stays_long(squares: NDArray[np.float32], own: NDArray[np.bool_]) -> bool:
 def _stays_thin(image: NDArray[np.float32], own: NDArray[np.bool_]) -> bool:
     """Whether most of a thin part is thin at half of its own height too."""
     above, own = _at_own_half(image, own)
-    return bool(np.mean(_thin_parts(above.astype(np.uint8), LINE_WIDTH_PX)[own]) > MOSTLY)
+    return bool(np.mean(_thin_parts(above.astype(np.uint8), LINE_WIDTH_PX)[own]) > 0.5)
 
 
 def _lines(image: NDArray[np.float32], squares: NDArray[np.bool_], level: float) -> "LabelledRegions":

@@ -12,13 +12,14 @@ from contactimg.imaging.pixels.masks import Mask, clear_disks
 from contactimg.imaging.pixels.robust import SAMPLE, robust_std
 from contactimg.imaging.profile.limits import SQUARE_PX
 
+UNEVENNESS = 0.02
+"""Unevenness of the background over the contrast above which the light was not followed, and distance of a
+block from the background up to which it was. By hand: it moves the radius of a contact of two blur widths by
+1 %."""
 PATCH_PX = 32
 """Side of the patches over which unevenness is measured; blocks of 8 px give it where there are enough."""
 LEAST_FREE_BLOCKS = 0.1
 """Share of the blocks that must be free of contacts all over. Chosen: dots of 4 px every 18 px leave 0.03."""
-FOLLOWED_FRACTION = 0.02
-"""Distance of a block from the background, of the contrast, up to which its light was followed. Chosen, as
-for the unevenness: compression makes most blocks equal, and the others stand out by a grey level."""
 FEWEST_PATCHES = 6
 """Patches that give the unevenness: to 30 % (theory: 1/sqrt(2 n))."""
 
@@ -93,7 +94,7 @@ def inspect_background(
     dark = left < -max(DARK_FRACTION * contrast, FALSE_ALARM_SIGMA * noise)
     found = 1.0
     if background.shape == free.shape:
-        found = float(np.mean(background[free > 0] | (np.abs(left) < FOLLOWED_FRACTION * contrast)))
+        found = float(np.mean(background[free > 0] | (np.abs(left) < UNEVENNESS * contrast)))
     # noise that neighbouring pixels do not share
     steps = np.diff(image[:: max(image.size // SAMPLE, 1)], axis=1)
     single = robust_std(steps) / np.sqrt(2.0) if steps.size else 0.0

@@ -36,15 +36,13 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching
 from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels
+from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.tables import Flag, Reason
 from contactimg.tables.outlines import Outline
 
-WIDE_BLUR_WIDTHS = 4.0
-"""Radius over blur above which a disk must have a rim; smaller ones are all rim. Theory: over four blur
-widths a straight edge falls by 95 % of the contrast."""
 DIRECTIONS, LEAST_SEEN = 32, 4
 """Directions in which the fall is read, from two blur widths inside to two outside, and least number of them
 that must be seen. By hand."""
@@ -92,11 +90,6 @@ leave none wider, and two disks that touch gain 0.02 of their convex hull."""
 LARGEST_PART = 0.8
 """Share of the largest of three disks and more in the area of a convex region, below which they are no
 contacts. Theory: 0.6 for a triangle and 0.79 for a square; three disks that touch are not convex."""
-AGREEMENT_SIGMA = 2.0
-"""Standard errors up to which two measures of the same thing agree."""
-DISAGREES_SIGMA = 4.0
-"""Standard errors of a count by which it differs from the pixels that the model expects. False-alarm rate
-6e-5."""
 UNSEEN_FILM_BLUR_WIDTHS = 0.25 / np.sqrt(3.0)
 """Standard uncertainty of the place of an edge beside which an air film may shine, over the blur. Theory: of
 a shift anywhere between 0 and 0.25; by hand: of 0.17 no rim tells anything, twice as much is seen as soft
@@ -181,7 +174,7 @@ FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
     (Flag.LOW_SIGNAL, lambda e: e["signal"] < LOW_SIGNAL_SIGMA),
     (Flag.BRIGHTNESS, lambda e: e["odd"]),
     (Flag.COUNTED, lambda e: e["use_count"]),
-    (Flag.DISAGREES, lambda e: np.abs(e["count_z"]) > DISAGREES_SIGMA),
+    (Flag.DISAGREES, lambda e: np.abs(e["count_z"]) > CLIP_SIGMA),
     (Flag.MANUAL, lambda e: e["manual"]),
 ]
 """Flags of the contacts that are kept."""
@@ -346,7 +339,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     # counted pixels of small contacts say little about their area
     resolved = radius > 1.5 * blur
     count_z = np.where(resolved, (looked.area - looked.expected) / count_std, 0.0)
-    hollow = (looked.core_chi_square > WELL_FITTED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
+    hollow = (looked.core_chi_square > WELL_FITTED_CHI_SQUARE) & (np.abs(count_z) > CLIP_SIGMA)
     # a misfit that most contacts do not share is that of its own shape; compression makes one that they share
     shaped = misfit > WELL_FITTED_CHI_SQUARE * max(float(np.median(misfit)) if len(disks) else 1.0, 1.0)
     differs = shaped | (np.abs(count_z) > AGREEMENT_SIGMA)
@@ -556,7 +549,7 @@ def measure_fall(
     >>> measure_fall(np.exp(-(far**2) / 1800), None, disks[:1], 1.5).round(2).tolist()
     [0.12]
     """
-    out, wide = np.full(len(disks), np.inf), np.flatnonzero(disks[:, 2] > WIDE_BLUR_WIDTHS * blur)
+    out, wide = np.full(len(disks), np.inf), np.flatnonzero(disks[:, 2] > CLEAR_BLUR_WIDTHS * blur)
     (x, y, a), turns = disks[wide, :3, None].swapaxes(0, 1), 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     seen, falls = np.ones((len(wide), DIRECTIONS), np.bool_), np.zeros((len(wide), DIRECTIONS))
     for sign in (1.0, -1.0):  # inside, outside

@@ -8,18 +8,16 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.detect.candidates import ODD_RATIO, dark_spots, measure_contrast
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
-from contactimg.imaging.evidence.background_left import inspect_background
+from contactimg.imaging.evidence.background_left import UNEVENNESS, inspect_background
 from contactimg.imaging.evidence.rules import PLACE, Columns, Judged, excess_of_counts
 from contactimg.imaging.fit.edge_profile import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
 from contactimg.imaging.pixels.blocks import SignedImage
-from contactimg.imaging.profile.limits import RESOLVED
+from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, FEWEST, RESOLVED
 from contactimg.tables import Flag, Reason, Status
 
-FEWEST_CONTACTS = 3
-"""Contacts that say something about a frame, at least. By hand."""
 SPOILED_SHARE = 0.2
 """Share of contacts with a flag that spoils a frame. By hand."""
 DOUBTED_SHARE = 0.05
@@ -28,9 +26,6 @@ which others may be false or missing. By hand."""
 SPECK_BLUR_WIDTHS = 2.0 / 3.0
 """Radius over blur below which faint contacts are doubted sooner. Theory: they show a fifth of their
 contrast. By hand: reflections of 5 % do, contacts of half the brightness of the others are wider."""
-PLATEAU_BLURS = 4.0
-"""Radius of a contact over a usual blur above which its middle shows its brightness. Theory: all but exp(-8).
-"""
 LIGHT_CHANGE = 1.5
 """Ratio of the background to the reference, or its inverse, above which the light has changed. By hand."""
 HIDDEN_SHARE = 0.02
@@ -42,16 +37,11 @@ make 0.013."""
 FEWEST_DARK, DARK_AREA = 2, 0.02
 """Spots of the other sign, and their area over that of the contacts, above which they may be contacts. By
 hand: dust that has moved makes 0.007-0.025."""
-UNSURROUNDED_SHARE = 0.5
-"""Share of contacts without background around them above which the frame shows too little. By hand."""
 FAINT = 0.25
 """Brightness over that of the frame's contacts below which several spots are doubted. By hand: light that two
 surfaces of glass reflect makes 0.002, of four or coated mirrors up to 0.2."""
 LEAST_SIDE_PX = 8
 """Rows and columns that a frame needs. Theory: a contact of one pixel and two blur widths on either side."""
-UNEVENNESS = 0.02
-"""Unevenness of the background over the contrast above which the light was not followed. By hand: it moves
-the radius of a contact of two blur widths by 1 %."""
 WAVES = 0.06
 """The same within 32 px: fringes, or a texture. By hand: a texture of 2 % of the light, without a reference,
 makes 0.02 at a contrast of 0.6."""
@@ -210,7 +200,7 @@ def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
     faint = seen.having(Flag.TOO_SMALL | Flag.LOW_SIGNAL)
     specks = faint & (seen.contacts["radius_px"] < SPECK_BLUR_WIDTHS * seen.optics.blur_px)
     n, few = np.count_nonzero(faint), np.count_nonzero(specks)
-    if n >= FEWEST_CONTACTS and (n > SPOILED_SHARE * seen.count or few > DOUBTED_SHARE * seen.count):
+    if n >= FEWEST and (n > SPOILED_SHARE * seen.count or few > DOUBTED_SHARE * seen.count):
         text = f"{n} of {seen.count} contacts are no wider than the blur and hardly stand out of the noise"
         yield Status.FALSE_CANDIDATES, text
 
@@ -219,7 +209,7 @@ def _spoiled(seen: Judged, flag: Flag) -> str:
     """Say how many contacts have a flag, if they are so many, or so large, that they spoil the frame."""
     n, area = seen.flagged(flag), seen.contacts["visible_area_px2"]
     share = float(area[seen.having(flag)].sum() / max(area.sum(), 1e-9))
-    many = n >= FEWEST_CONTACTS and n > SPOILED_SHARE * seen.count
+    many = n >= FEWEST and n > SPOILED_SHARE * seen.count
     return f"{n} of {seen.count} contacts, {100 * share:.3g} % of the area," if many or share > 0.5 else ""
 
 
@@ -232,14 +222,14 @@ def _fitted(e: Columns) -> Iterator[tuple[str, str]]:
         yield Status.UNRESOLVED, text
     used, apart, std = excess_of_counts(e)
     share, z = apart / max(float(e["expected"][used].sum()), 1.0), apart / max(std, 1e-9)
-    if np.count_nonzero(used) >= FEWEST_CONTACTS and abs(z) >= COMMON_SIGMA and abs(share) >= COMMON_AREA:
+    if np.count_nonzero(used) >= FEWEST and abs(z) >= COMMON_SIGMA and abs(share) >= COMMON_AREA:
         text = (
             f"the pixels above half height make areas {100 * share:+.2g} % of those of the fit ({z:+.2g} "
             "standard errors): the edge of the contacts is not the one assumed"
         )
         yield Status.DISAGREES, text
     bare = 1.0 - float(np.mean(e["surrounded"]))
-    if bare > (UNSURROUNDED_SHARE if len(alone) >= FEWEST_CONTACTS else 0.99):
+    if bare > (0.5 if len(alone) >= FEWEST else 0.99):
         text = f"no background is seen around {100 * bare:.0f} % of the contacts"
         yield Status.LITTLE_BACKGROUND, text
 
@@ -249,13 +239,13 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
     foreground, reasons = seen.foreground, Counter(seen.rejected["reason"])
     dust = reasons[Reason.REFERENCE_DUST]
     false = reasons[Reason.INVISIBLE] + reasons[Reason.SCRATCH] + reasons[Reason.CHAIN]
-    if dust > 0.5 * (dust + seen.count) and dust >= FEWEST_CONTACTS:
+    if dust > 0.5 * (dust + seen.count) and dust >= FEWEST:
         text = (
             f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of "
             "another place?"
         )
         yield Status.WRONG_REFERENCE, text
-    if false >= FEWEST_CONTACTS and false > DOUBTED_SHARE * (false + seen.count):
+    if false >= FEWEST and false > DOUBTED_SHARE * (false + seen.count):
         text = (
             f"{false} of {false + seen.count} candidates proved to be no contacts; others may be left among "
             "the contacts"
@@ -274,21 +264,21 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
         yield Status.UNRESOLVED, text
     if seen.evidence:
         faint = int(np.count_nonzero(seen.evidence["brightness"] < FAINT))
-        if faint >= FEWEST_CONTACTS and faint > DOUBTED_SHARE * seen.count:
+        if faint >= FEWEST and faint > DOUBTED_SHARE * seen.count:
             text = (
                 f"{faint} of {seen.count} contacts have less than {FAINT:g} of the brightness of the others: "
                 "reflections and dirt look like that"
             )
             yield Status.FALSE_CANDIDATES, text
     drawn = seen.flagged(Flag.SATURATED | Flag.COUNTED) if seen.fit is not None else 0
-    if drawn >= FEWEST_CONTACTS and drawn > DOUBTED_SHARE * seen.count:
+    if drawn >= FEWEST and drawn > DOUBTED_SHARE * seen.count:
         text = (
             f"{drawn} of {seen.count} contacts are at the full scale of the sensor and no disks: letters and "
             "marks that a program draws into a frame look like that"
         )
         yield Status.FALSE_CANDIDATES, text
     small = seen.flagged(Flag.TOO_SMALL)
-    if foreground.frame_pair.reference is None and FEWEST_CONTACTS <= small > DOUBTED_SHARE * seen.count:
+    if foreground.frame_pair.reference is None and FEWEST <= small > DOUBTED_SHARE * seen.count:
         text = (
             f"{small} of {seen.count} contacts are no wider than the blur: without a reference specks of "
             "dirt look the same"
@@ -351,7 +341,7 @@ def _remarks(seen: Judged) -> Iterator[str]:
         source = "given" if np.isfinite(given) else "estimated from their light"
         joint = None if seen.fit is None else seen.fit.joint
         contrast = foreground.contrast.plateau if joint is None else joint.contrast
-        wide = np.max(seen.contacts["radius_px"]) > PLATEAU_BLURS * DEFAULT_BLUR_PX
+        wide = np.max(seen.contacts["radius_px"]) > CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX
         why = "few to settle" if wide else "small to show"
         yield (
             f"the contacts are too {why} their brightness: the radii depend on a contrast of "

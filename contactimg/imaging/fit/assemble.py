@@ -34,6 +34,7 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
 from contactimg.imaging.pixels.blocks import SignedImage, block_means
+from contactimg.imaging.pixels.robust import ROUGH_RATIO
 from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, REACH_BLUR_WIDTHS
 from contactimg.timings import stage
 
@@ -48,9 +49,6 @@ LEAST_RIM_PEAK = 0.12
 OVER_SURROUNDINGS = 0.8
 """Least height of a peak over the mean residual around it, of its least height over zero. By hand: light that
 no polynomial describes leaves ridges, on which 0.5 takes specks for contacts; 1 loses faint contacts."""
-ROUGH_RATIO = 1.5
-"""Scatter of the residuals around a peak over the noise from which the peak must stand out of that scatter.
-By hand: compression and sharpening ring beside contacts."""
 
 
 @stage("detection")

@@ -37,7 +37,7 @@ from contactimg.imaging.kernels.pairs import (
 from contactimg.imaging.kernels.solve import marginal_variances, solve_coupled
 from contactimg.imaging.pixels.blocks import BLOCK
 from contactimg.imaging.pixels.masks import for_kernel
-from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA, quantile
+from contactimg.imaging.pixels.robust import MAD_TO_STD, QUARTILE_TO_STD, SIGNIFICANT_SIGMA, quantile
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE, EdgeTable, disk_table
 from contactimg.imaging.profile.limits import (
     EDGE_BLUR_WIDTHS,
@@ -59,7 +59,7 @@ RIM_BAND = (0.2, 0.8)
 """Fractions of the contrast between which a pixel is at the rim. By hand."""
 RIM_SAMPLE_PIXELS = 250_000
 """Pixels of an image that are looked at. Accuracy: a thousand at rims give their scatter to 4 %."""
-QUANTILES_TO_STD = {0.25: 1.0 / 0.3186, 0.5: MAD_TO_STD}
+QUANTILES_TO_STD = {0.25: QUARTILE_TO_STD, 0.5: MAD_TO_STD}
 """Standard deviation of normal deviates over quantiles of their size: ``1/Phi^-1(1/2 + share/2)``."""
 PAIR_MARGIN_PX = 2.0  # move of a rim (or 10 % of the blur) after which pairs are searched again; speed only
 BLUR_TOLERANCE = 2e-3  # relative step of the blur at which it is held fixed; accuracy

@@ -38,8 +38,6 @@ HALO_PARTS = 12
 """Parts of the image whose scatter gives the uncertainty, ... By hand."""
 HALO_WIDTHS_PX = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
 """Standard deviations tried. By hand."""
-LARGEST_HALO_FRACTION = 0.6
-"""Largest halo, of the light. By hand: more would be the point spread function itself."""
 LEAST_HALO_FRACTION = 0.01
 """Halo below which none is assumed, of the light. Accuracy."""
 SETTLED_FRACTION = 2e-3
@@ -51,10 +49,9 @@ WIDE_PX = 3.0
 """Width of a Gaussian from which it is applied to means over 2 x 2 pixels. Accuracy: 1.4 % wider."""
 GAP_SHARE = 0.05
 """Share of the blocks used there, those with the least light of contacts. By hand."""
-ILLUMINATION_ROUNDS = 8
-"""Rounds of illumination and fit at most. Accuracy."""
-LARGEST_BACKGROUND_FRACTION = 0.5
-"""Largest remaining illumination that is removed. By hand: more would remove contacts."""
+LARGEST_LEFT = 0.5
+"""Largest halo, of the light, and remaining illumination, of the contrast, that are removed. By hand: more
+would be the point spread function itself, or contacts."""
 LARGEST_GAP_FRACTION = 0.2
 """Light of contacts above which no block is used. By hand."""
 LONGEST_SECANT_RATIO = 4.0
@@ -145,7 +142,7 @@ def remove_background(
                 problem = replace(problem, image=problem.image - np.float32(rest))
         return problem, fit
     removed, last = 0.0, np.inf
-    for _ in range(ILLUMINATION_ROUNDS):
+    for _ in range(ROUNDS):
         gaps = _gaps(problem, fit, BLOCK_PX)
         if gaps is None:
             break
@@ -158,7 +155,7 @@ def remove_background(
         secant = removed / (last - rest) if removed and last != rest else 1.0
         factor = float(np.clip(secant, 1.0, LONGEST_SECANT_RATIO))
         removed, last = factor * rest, rest
-        if removed > LARGEST_BACKGROUND_FRACTION * problem.contrast:
+        if removed > LARGEST_LEFT * problem.contrast:
             break
         left = replace(illumination, coefficients=factor * illumination.coefficients)
         problem = replace(problem, image=left.subtract_from(problem.image))
@@ -224,7 +221,7 @@ def _best_halo(
     scatter = _slope_std(data, halos[best], fraction, parts)
     if fraction < -special.stdtrit(parts - 1, HALO_FALSE_ALARM) * scatter:
         return None
-    return Halo(min(fraction, LARGEST_HALO_FRACTION), widths[best])
+    return Halo(min(fraction, LARGEST_LEFT), widths[best])
 
 
 def subtract_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:

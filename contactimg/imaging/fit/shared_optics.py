@@ -38,7 +38,7 @@ from contactimg.imaging.fit.unseen_contrast import (
     PLATEAU_STD_FRACTION,
     profile_contrast,
 )
-from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA
+from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, MAD_TO_STD, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import (
     FEW,
@@ -64,8 +64,6 @@ LINEAR_STEP = 0.003
 """Relative step below which disks are extrapolated linearly. Accuracy: the error is its square."""
 BLUR_GUESS_FRACTION = 0.5
 """Relative standard deviation of a guessed blur. By hand: right to a factor 2."""
-SPREAD_SIGMA = 2.0
-"""Standard errors from which the contrasts of the contacts differ more than their uncertainties explain."""
 SPREAD_FRACTION = 0.03
 """Spread of the contrasts where too few contacts are wide, and least departure of an odd contrast. By hand:
 less moves the radius of a small contact by 1.5 %."""
@@ -439,7 +437,7 @@ def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[
         expected = float(np.mean(stds[usual] ** 2))
         excess = float(np.var(values[usual])) - expected
         # a variance of n values is known to sqrt(2/n)
-        excess *= excess > SPREAD_SIGMA * expected * np.sqrt(2.0 / np.count_nonzero(usual))
+        excess *= excess > AGREEMENT_SIGMA * expected * np.sqrt(2.0 / np.count_nonzero(usual))
         middle = float(np.average(values[usual], weights=1.0 / (stds[usual] ** 2 + excess)))
     weights = 1.0 / (stds[usual] ** 2 + excess)
     std = float(np.sqrt(excess + 1.0 / weights.sum() + (NEGLIGIBLE_FRACTION * middle) ** 2))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.pixels.masks import Flags, Mask, Values
-from contactimg.imaging.pixels.robust import SAMPLE, median, quantile, reach_std
+from contactimg.imaging.pixels.robust import SAMPLE, SOME, median, quantile, reach_std
 
 BLOCK = 8
 """Side of the blocks, px; a power of 2."""
@@ -24,7 +24,6 @@ LARGEST_ROUNDING = 0.25  # of the range of these blocks: what they differ by mor
 SOME_CLIPPED, MOST_CLIPPED = 0.1, 0.8
 """Share of clipped blocks of an image that matters, and of clipped pixels of such a block. By hand: half of
 the pixels are clipped where a background was subtracted."""
-FEWEST_NEGATIVE = 100  # negative squares that tell their scatter, to 10 % (theory)
 LARGEST_DIRECT_PX = 4  # side up to which block means are computed from pixels, beyond it from smaller blocks
 
 
@@ -187,7 +186,7 @@ class SignedImage:
             if self.valid is not None:
                 means = np.where(np.isfinite(means), means, np.float32(0.0))
             below, noise = means[::3, ::2][means[::3, ::2] < 0.0], max(self.noise / side, self.rounding)
-            if below.size > FEWEST_NEGATIVE:
+            if below.size > SOME:
                 noise = max(reach_std(below, 0.0), noise)
             self._squares[side] = means, noise
         return self._squares[side]

@@ -11,18 +11,27 @@ from numpy.typing import NDArray
 MAD_TO_STD = 1.4826
 """Standard deviation of normal deviates over their median absolute deviation: 1/Phi^-1(3/4)."""
 
+QUARTILE_TO_STD = 1.0 / 0.3186
+"""The same over the lower quartile of the absolute deviations: 1/Phi^-1(5/8)."""
 CLIP_SIGMA = 4.0
 """Robust standard deviations beyond which a value is none of the others. False-alarm rate 6e-5 (theory:
 normal noise)."""
 SIGNIFICANT_SIGMA = 5.0
 """Standard errors beyond which a mean or a covariance is not there by chance. False-alarm rate 6e-7 (theory).
 Also where the mean over a square stands out of the noise."""
+AGREEMENT_SIGMA = 2.0
+"""Standard errors up to which two measures of the same thing agree."""
+ROUGH_RATIO = 1.5
+"""Scatter over the usual one from which it is another one. By hand: compression and sharpening ring beside
+contacts; a frame that differs from the others; light that is not followed makes 1.3, flicker 2.0."""
 LIGHT_SIGMA = 8.0
 """Least summed light of a component or a faint region, in standard deviations of the noise. Noise alone stays
 below 6."""
 
 TAIL_SHARE, TAIL_TO_STD = 0.01, 2.576
 """Share of the values below the centre that make the tail, and its place in standard deviations (theory)."""
+SOME = 60
+"""Values that give a scatter to 10 % (theory: 1/sqrt(2 n))."""
 FEWEST_VALUES = 300
 """Values that give a variance, to 8 % (theory: sqrt(2/n)), or a tail, in which three of them lie."""
 MANY = 160_000

@@ -18,10 +18,10 @@ from scipy import fft, optimize, special
 from threadpoolctl import threadpool_limits
 
 from contactimg.errors import FrameError
-from contactimg.imaging.background.illumination import NEGLIGIBLE
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.limits import LEAST_FRACTION
 from contactimg.imaging.smooth.find_circle import RING_PX, SECTORS, SHORTEST_ARC, Circle, EdgeSamples
 from contactimg.optics.film import ExcessTable
 from contactimg.optics.wide_edge import EdgeLight, edge_light
@@ -351,6 +351,6 @@ def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
         azimuth=np.zeros(len(error)),
         distance=means.loc[there, "distance"].to_numpy(),
         value=means.loc[there, "value"].to_numpy(),
-        weight=1 / np.maximum(error, NEGLIGIBLE * float(np.ptp(means["value"]))),
+        weight=1 / np.maximum(error, LEAST_FRACTION * float(np.ptp(means["value"]))),
         sector=np.zeros(len(error), np.intp),
     )
