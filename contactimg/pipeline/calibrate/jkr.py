@@ -19,7 +19,7 @@ from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_open
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
-from contactimg.pipeline.frame import measure_prepared
+from contactimg.pipeline.frame import count_pixels
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
 from contactimg.plots.calibration import plot_jkr
@@ -100,7 +100,7 @@ def measure_circles(experiment: Experiment, *, workers: int | None = None) -> Ci
     model = EdgeModel(camera.pixel_size, indenter.radius, excess_table(lamp(scene.light)))
 
     def sample(frame: Frame, reference: NDArray | None) -> tuple[dict[str, object], EdgeSamples | None]:
-        measurement = measure_prepared(frame, reference, scene, count_at=0.5)
+        measurement = count_pixels(frame, reference, scene)
         names = ("status", "message", "shift_x_px", "shift_y_px")
         row: dict[str, object] = {"frame": frame.name} | {name: getattr(measurement, name) for name in names}
         contrast, noise = abs(measurement.contrast), measurement.noise

@@ -16,7 +16,7 @@ from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
 from contactimg.imaging.measure import count_again
-from contactimg.pipeline.frame import frame_row, measure_prepared
+from contactimg.pipeline.frame import count_pixels, frame_row
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
 from contactimg.pipeline.measured_series import find_pose, local_law, with_forces, with_pose
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
@@ -92,7 +92,7 @@ def measure_thresholds(
         frame: Frame, reference: NDArray | None
     ) -> tuple[dict[str, object], list[pd.DataFrame], tuple[int, int]]:
         """The row of a frame, its contacts at each threshold, and its shape."""
-        measurement = measure_prepared(frame, reference, scene, count_at=0.5)
+        measurement = count_pixels(frame, reference, scene)
         if not measurement.contrast:
             raise FrameError(measurement.message or "nothing stands out of the noise")
         counted = (count_again(measurement.foreground, float(level)).disks for level in levels)
