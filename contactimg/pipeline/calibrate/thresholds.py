@@ -19,13 +19,13 @@ from contactimg.imaging.measure import count_again
 from contactimg.pipeline.frame import count_pixels, frame_row
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
 from contactimg.pipeline.measured_series import find_pose, local_law, with_forces, with_pose
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.parallel import for_each_frame, measured_and_failed
 from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
 from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
 from contactimg.plots.numbers import number_with_interval, plain_number
-from contactimg.tables import CONTACTS, FAILED, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema
+from contactimg.tables import CONTACTS, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema
 
 Values = NDArray[np.float64]
 
@@ -100,16 +100,12 @@ def measure_thresholds(
         row = frame_row(measurement, frame.name) | {"n_contacts": len(measurement.disks)}
         return row | {"smallest_px": np.nan}, contacts, frame.shape
 
-    parts = list(for_each_frame(experiment, count, workers=workers, shown="measuring frames"))
-    rows = [part.row if isinstance(part, FailedFrame) else part[0] for part in parts]
+    results = for_each_frame(experiment, count, workers=workers, shown="measuring frames")
+    measured, failed = measured_and_failed(results, "no frame could be measured")
+    rows, counted, shapes = zip(*measured, strict=True)
     frames = FRAMES.conform(pd.DataFrame(rows))
     frames["load_N"] = [experiment.load_of(name) for name in frames["frame"]]
-    good = frames["status"] != FAILED
-    if not good.any():
-        raise InputError(f"no frame could be measured; the first: {frames['message'].iloc[0]}")
-    kept = frames[good].reset_index(drop=True)
-    _, counted, shapes = zip(*(part for part in parts if not isinstance(part, FailedFrame)), strict=True)
-    runs = [Run(scene, pd.concat(parts, ignore_index=True), kept) for parts in zip(*counted, strict=True)]
+    runs = [Run(scene, pd.concat(parts, ignore_index=True), frames) for parts in zip(*counted, strict=True)]
     half = int(np.abs(levels - 0.5).argmin())
     _, sites = asperities_and_sites(experiment)
     pose = find_pose(runs[half], sites, scene.pose(shapes[0]))
@@ -119,7 +115,7 @@ def measure_thresholds(
     areas, forces = (
         np.array([table[name].to_numpy(float) for table in sums]) for name in ("area_m2", "force_sum_N")
     )
-    return ThresholdSeries(levels, areas, forces, kept, frames[~good].reset_index(drop=True))
+    return ThresholdSeries(levels, areas, forces, frames, FRAMES.conform(pd.DataFrame(failed)))
 
 
 # --- the calibrations
