@@ -19,7 +19,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from contactimg.analysis.estimates import COVERAGE, NORMAL_95, CoverageEstimate
+from contactimg.analysis.estimates import COVERAGE, CoverageEstimate
 from contactimg.analysis.linear_fit import ROUNDING, LinearFit, Points, fit_linear
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.errors import InputError
@@ -478,7 +478,7 @@ def _draws(fit: LinearFit) -> Values:
 def _from_draws(values: Values) -> CoverageEstimate:
     """The first of the values with the central 95 % interval of the others."""
     low, high = np.quantile(values[1:], [0.5 - COVERAGE / 2, 0.5 + COVERAGE / 2]).tolist()
-    return CoverageEstimate(float(values[0]), (high - low) / 2 / NORMAL_95, low, high)
+    return CoverageEstimate.of_interval(float(values[0]), low, high)
 
 
 def is_asked_for(
