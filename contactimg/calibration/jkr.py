@@ -143,11 +143,11 @@ class JkrSeries:
         terms[..., physical : physical + extra] = self.extra
         return terms
 
-    def slope(self, parameters: Values) -> Values:
-        """Derivative of the load by the radius, N/m."""
-        step = SLOPE_STEP * self.radius
-        up, down = (self.terms(self.radius + sign * step) @ parameters for sign in (1, -1))
-        return np.asarray((up - down) / (2 * step))
+    def slopes(self, radius: Values) -> Values:
+        """Derivatives of the terms by the radius."""
+        step = SLOPE_STEP * radius
+        above, below = self.terms(np.stack([radius + step, radius - step]))
+        return np.asarray((above - below) / (2 * step)[:, None])
 
     def fit(self, *, scatter: float | None = None, prior: bool = True) -> LinearFit:
         """Generalised least squares; without the prior the zero is free.
@@ -166,9 +166,7 @@ class JkrSeries:
             radius = np.maximum(x[: len(self.radius)], 0.5 * self.radius)
             terms = np.zeros((len(x), len(size)))
             if order:
-                step = SLOPE_STEP * radius
-                above, below = self.terms(np.stack([radius + step, radius - step]))
-                terms[: len(radius)] = (above - below) / (2 * step)[:, None]
+                terms[: len(radius)] = self.slopes(radius)
             else:
                 terms[: len(radius)], terms[len(radius) :, -1] = self.terms(radius), 1.0
             return terms / scale / size
@@ -382,7 +380,8 @@ def calibrate_jkr(
     own, edge, asked = series.part(used), None, None
     free = replace(own, zero_std=1.0)
     if pixel_size is not None:
-        shifted = series.with_column(-pixel_size * series.slope(series.part(used).fit().parameters))
+        slope = series.slopes(series.radius) @ series.part(used).fit().parameters
+        shifted = series.with_column(-pixel_size * slope)
         # one load more than a fit without a test needs
         if int(used.sum()) >= shifted.terms(shifted.radius).shape[1] + 2:
             fit, column = shifted.part(used).fit(), shifted.physical + series.extra.shape[1]
