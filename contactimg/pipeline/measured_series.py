@@ -20,7 +20,7 @@ from contactimg.files.runs import apex_record, frame_shift, pose_record
 from contactimg.forces import fill_forces, sphere_radii
 from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
-from contactimg.plausibility import FORCES_OFF_LOAD
+from contactimg.plausibility import FORCES_OFF_LOAD, doubts_about_match, mean_spacing, settle
 from contactimg.pose import Pose, fit
 from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find_centre
 from contactimg.pose.pairs import FEWEST_CONTACTS, PAIRING_FRACTION, pair_points, pairing_distance
@@ -155,6 +155,12 @@ def shown_apex(run: files.Run, pose: Pose | None, asperities: pd.DataFrame | Non
         if apex is not None:
             found.append(apex)
     return min(found, key=lambda apex: np.hypot(*apex.std), default=None)
+
+
+def doubt_match(run: files.Run, pose: Pose, asperities: pd.DataFrame, name: str, **counts: int) -> None:
+    """Stop where too few of the ``measured`` and ``predicted`` contacts of a run are ``matched``."""
+    shown, spacing = shown_apex(run, pose, asperities), mean_spacing(asperities)
+    settle(doubts_about_match(run.scene, **counts, shown=shown, spacing=spacing), name)
 
 
 # --- contacts with sample coordinates and forces
