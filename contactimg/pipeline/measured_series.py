@@ -18,6 +18,7 @@ from contactimg.effects.local_law import LawPlan, decide_law, law_evidence
 from contactimg.engine.calls import in_parallel
 from contactimg.files.runs import apex_record, frame_shift, pose_record
 from contactimg.forces import fill_forces, sphere_radii
+from contactimg.pipeline.background import evenly_spread
 from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.plausibility import FORCES_OFF_LOAD, doubts_about_match, mean_spacing, settle
@@ -341,8 +342,7 @@ class MeasuredSeries:
         most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
         run = replace(self, parts=[self.parts[most]]).in_pixels
         pose = find_pose(run, self.sites, self.scene.pose(shape))
-        places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
-        several = replace(self, parts=[self.parts[k] for k in places])
+        several = replace(self, parts=evenly_spread(self.parts, BLOCK_FRAMES))
         located = with_pose(several.in_pixels, self.sites, pose)
         shown = shown_apex(located, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
