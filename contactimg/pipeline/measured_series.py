@@ -369,35 +369,23 @@ class MeasuredSeries:
         count = -(-len(self.parts) // BLOCK_FRAMES)
         return in_parallel(make, ((block,) for block in self.blocks()), count=count, workers=self.workers)
 
-    def whole(self) -> files.Run:
-        """The run with the tables of all frames in memory."""
-        blocks = [block.run for block in self.blocks()]
-        frames, tables = FRAMES.joined(block.frames for block in blocks), _joined(blocks)
-        law = next((block.law for block in blocks if block.law is not None), None)
-        return files.Run(self.scene, tables.pop(CONTACTS.name), frames, self.pose, tables, law)
-
     @cached_property
     def run(self) -> files.Run:
-        """The tables of the frames, with pose and forces."""
+        """The tables of all frames in memory, with pose and forces."""
         return with_forces(self.located, self.sites, self.law)
 
-    @cached_property
+    @property
     def located(self) -> files.Run:
         """The run without forces."""
         return with_pose(self.in_pixels, self.sites, self.pose)
 
-    @cached_property
+    @property
     def in_pixels(self) -> files.Run:
         """The run in pixels."""
-        tables = _joined([part.tables for part in self.parts])
+        parts, schemas = [part.tables for part in self.parts], (CONTACTS, REJECTED, OUTLINES)
+        tables = {one.name: one.joined(getattr(part, one.name) for part in parts) for one in schemas}
         frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
         return files.Run(self.scene, tables.pop(CONTACTS.name), frames, tables=tables)
-
-
-def _joined(parts: Sequence[files.Run | files.FrameTables]) -> dict[str, pd.DataFrame]:
-    """Name -> the tables of several parts as one: contacts, rejected and outlines."""
-    schemas = (CONTACTS, REJECTED, OUTLINES)
-    return {one.name: one.joined(getattr(part, one.name) for part in parts) for one in schemas}
 
 
 def write_run(

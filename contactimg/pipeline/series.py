@@ -54,7 +54,7 @@ def measure_series(scene: Scene, *, workers: int | None = None) -> files.Run:
     if not isinstance(scene, Scene):
         raise InputError(f"measure_series needs a Scene, got {scene!r}; contactimg.read_scene reads one")
     settle(doubts_about_scene(scene), scene.folder)
-    return measure_parts(files.open_experiment(scene), workers=workers).whole()
+    return measure_parts(files.open_experiment(scene), workers=workers).run
 
 
 def measure_parts(

@@ -247,7 +247,7 @@ def run_modulus(
     series, load = _with_forces(experiment, levels, workers)
     measured, relative = _stated_modulus(experiment), 0.0
     if threshold is None:
-        frames = measure_parts(experiment, workers=workers).whole().frames.set_index("frame")
+        frames = measure_parts(experiment, workers=workers).run.frames.set_index("frame")
         forces = frames.loc[series.frames["frame"], "force_sum_N"].to_numpy(float)
     else:
         forces = series.forces[1]

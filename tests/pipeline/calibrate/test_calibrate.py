@@ -188,7 +188,7 @@ def test_calibrations_prepare_frames_as_process_does(small_series, tmp_path):
     for effects in ({}, {"position_drift": "off", "dust": "off", "saturation": "off"}):
         with_scene(folder, effects=effects)
         experiment = open_experiment(read_scene(folder))
-        frames = measure_parts(experiment, workers=1).whole().frames
+        frames = measure_parts(experiment, workers=1).run.frames
         series = measure_thresholds(experiment, [0.5], workers=1)
         columns = ["contrast", "noise", "shift_x_px", "shift_y_px", "n_contacts"]
         pd.testing.assert_frame_equal(series.frames[columns], frames[columns])
@@ -211,7 +211,7 @@ def test_a_bar_counts_at_no_threshold(small_series, tmp_path):
     )  # frame_1 shows no plateau
     experiment = open_experiment(read_scene(folder))
     run, series = (
-        measure_parts(experiment, workers=1).whole(),
+        measure_parts(experiment, workers=1).run,
         measure_thresholds(experiment, [0.3, 0.5, 0.7]),
     )
     assert run.rejected["reason"].str.startswith("long").sum() == 2
@@ -228,7 +228,7 @@ def test_circles_are_measured_on_frames_prepared_as_process_does(sharp_frames, t
     with_scene(folder, effects={"position_drift": "off"}, measure={"method": "threshold"})
     experiment = open_experiment(read_scene(folder))
     circles = measure_circles(experiment, workers=1).table
-    frames = measure_parts(experiment, workers=1).whole().frames
+    frames = measure_parts(experiment, workers=1).run.frames
     columns = ["frame", "shift_x_px", "shift_y_px"]
     pd.testing.assert_frame_equal(circles[columns], frames[columns])
     assert (frames["shift_x_px"] == 0).all()
