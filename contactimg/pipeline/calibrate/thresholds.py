@@ -25,7 +25,8 @@ from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
 from contactimg.plots.numbers import number_with_interval, plain_number
-from contactimg.tables import CONTACTS, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema
+from contactimg.pose.fit import SIGNIFICANT_FRACTION
+from contactimg.tables import CONTACTS, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema, Status
 
 Values = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ class ThresholdSeries:
     thresholds : ndarray, shape (m,)
     areas : ndarray, shape (m, n), m^2
     forces : ndarray, shape (m, n), N
-        NaN where no asperity radius is known.
+        NaN where fewer than half of the contacts have one, as without their asperities' radii.
     frames : DataFrame
         The frames table's rows of the n frames that could be measured.
     failed : DataFrame
@@ -110,11 +111,14 @@ def measure_thresholds(
     _, sites = asperities_and_sites(experiment)
     pose = find_pose(runs[half], sites, scene.pose(shapes[0]))
     runs = [with_pose(run, sites, pose) for run in runs]
-    law = local_law(runs[half], sites)
-    sums = [with_forces(run, sites, law).frames for run in runs]
+    law, frames = local_law(runs[half], sites), runs[half].frames
+    runs = [with_forces(run, sites, law) for run in runs]
     areas, forces = (
-        np.array([table[name].to_numpy(float) for table in sums]) for name in ("area_m2", "force_sum_N")
+        np.array([run.frames[name].to_numpy(float) for run in runs]) for name in ("area_m2", "force_sum_N")
     )
+    contacts = runs[half].contacts
+    known = contacts["force_N"].notna().groupby(contacts["frame"]).mean()
+    forces[:, frames["frame"].map(known) < SIGNIFICANT_FRACTION] = np.nan
     return ThresholdSeries(levels, areas, forces, frames, FRAMES.conform(pd.DataFrame(failed)))
 
 
@@ -124,18 +128,22 @@ def measure_thresholds(
 def _with_forces(
     experiment: Experiment, levels: ArrayLike, workers: int | None
 ) -> tuple[ThresholdSeries, Values]:
-    """The frames of a series that have a load and forces, and these loads, N."""
+    """The frames of a series that have a load and forces, and these loads, N; others with a load failed."""
     series = measure_thresholds(experiment, levels, workers=workers)
-    good = np.isfinite(series.frames["load_N"].to_numpy(float))
-    if not good.any():
+    loaded, known = series.frames["load_N"].notna(), np.isfinite(series.forces).any(axis=0)
+    if not loaded.any():
         raise InputError("no frame has a load; give loads.csv with the columns frame, load_N")
-    forces, kept = series.forces[:, good], series.frames[good].reset_index(drop=True)
-    if not np.isfinite(forces).any():
+    good, lost = loaded & known, series.frames[loaded & ~known]
+    if not good.any():
         raise InputError(
             "no local force is known: give the radii of the asperities ([asperities] file or radius_m); "
             "without them a threshold is found by `calibrate plateau`"
+            + "".join(f" ({note})" for note in frame_notes(lost[lost["status"] == Status.NO_POSE])[:1])
         )
-    series = replace(series, areas=series.areas[:, good], forces=np.nan_to_num(forces), frames=kept)
+    said = "left out: fewer than half of its contacts have a force; "
+    failed = pd.concat([series.failed, lost.assign(message=lost["frame"] + ": " + said + lost["message"])])
+    forces, kept = np.nan_to_num(series.forces[:, good]), series.frames[good].reset_index(drop=True)
+    series = replace(series, areas=series.areas[:, good], forces=forces, frames=kept, failed=failed)
     return series, kept["load_N"].to_numpy(float)
 
 

@@ -372,6 +372,32 @@ def test_the_modulus_of_disks_takes_one_threshold(small_series, monkeypatch):
     assert counted == [0.5] * 3
 
 
+def test_a_frame_whose_contacts_have_no_forces_is_left_out_and_named(small_series, tmp_path, capsys):
+    folder = copy_of(small_series, tmp_path / "frames")
+    table = pd.read_csv(folder / "asperities.csv")
+    table["radius_m"] *= 1 + 1e-5 * np.arange(len(table))  # so that a contact needs its own asperity
+    table.to_csv(folder / "asperities.csv", index=False)
+    words = ["calibrate", "threshold", folder, "--quiet", "--workers", 1]
+    assert run(*words, "--frames", "frame_[13].tif", "-o", tmp_path / "two") == 0
+    experiment = open_experiment(read_scene(folder))
+    reference, source = experiment.references[0].read().image, experiment.frames[1]
+    image = source.read().image
+    elsewhere = reference.astype(int) + np.roll(image.astype(int) - reference, (37, 23), (0, 1))[::-1]
+    write_frame(Frame(np.clip(elsewhere, 0, 255).astype(image.dtype), name=source.name), source.path)
+    assert run(*words, "-o", tmp_path / "all") == 1
+    record = read_calibration(tmp_path / "all")
+    (said,) = (note for note in record["notes"] if note.startswith("frame_2.tif: left out"))
+    assert "fewer than half of its contacts have a force" in said
+    assert "contacts fall on an asperity" in said
+    assert record["threshold"] == read_calibration(tmp_path / "two")["threshold"]
+    with_scene(folder, measure={"pose": "given"})
+    capsys.readouterr()
+    run("calibrate", "modulus", folder, "--frames", "frame_2.tif", "-o", tmp_path / "one", "--quiet")
+    error = capsys.readouterr().err
+    assert "no local force is known" in error
+    assert error.endswith("[camera] pixel_size_m and centre_m, and [indenter] apex_m)\n")
+
+
 def test_both_on_one_curve_are_refused(threshold_result, tmp_path, capsys):
     folder, out = threshold_result
     both = "cannot both be fitted to the same load curve"
