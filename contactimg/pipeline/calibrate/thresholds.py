@@ -130,7 +130,8 @@ def _with_forces(
 ) -> tuple[ThresholdSeries, Values]:
     """The frames of a series that have a load and forces, and these loads, N; others with a load failed."""
     series = measure_thresholds(experiment, levels, workers=workers)
-    loaded, known = series.frames["load_N"].notna(), np.isfinite(series.forces).any(axis=0)
+    loaded = series.frames["load_N"].notna().to_numpy(bool)
+    known = np.asarray(np.isfinite(series.forces).any(axis=0))
     if not loaded.any():
         raise InputError("no frame has a load; give loads.csv with the columns frame, load_N")
     good, lost = loaded & known, series.frames[loaded & ~known]
