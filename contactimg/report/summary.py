@@ -124,10 +124,10 @@ def headlines(run: Run) -> list[Headline]:
 
 def _force_slope(run: Run) -> CoverageEstimate | None:
     """Slope of the sums of the local forces against the loads; None where there are none."""
-    if run.scene.elastic is None or run.command == "predict":
+    elastic = run.scene.elastic
+    if elastic is None or run.command == "predict":
         return None
     good = run.frames[(run.frames["load_N"] > 0) & (run.frames["force_sum_N"] > 0)]
-    elastic = run.scene.elastic
     relative = 0.0 if elastic.stated_modulus is None else elastic.young_modulus_std / elastic.stated_modulus
     errors = LoadCell.stated(run.scene.load).errors(relative)
     try:
