@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.jkr import FALSE_ALARM_RATE, JkrCalibration, calibrate_jkr, check_loads
-from contactimg.errors import FrameError
+from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
 from contactimg.imaging.smooth.find_circle import EdgeSamples, find_circle, sample_edge
@@ -242,7 +242,12 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated
     series, scene = measure_circles(experiment, workers=workers), experiment.scene
     table = series.table
     chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])
-    calibration = _calibrate(table[chosen], scene)
+    failed = table["message"][table["status"] == FAILED]
+    try:
+        calibration = _calibrate(table[chosen], scene)
+    except InputError as error:
+        lost = f"; {len(failed)} frames without a circle, the first: {failed.iloc[0]}" if len(failed) else ""
+        raise InputError(f"{error}{lost}") from None
     if series.rival is not None:
         rival = _calibrate(series.rival[chosen & np.isfinite(series.rival["radius_m"])], scene)
         calibration = calibration.widened(rival, series.doubt)
@@ -250,8 +255,8 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated
         table.loc[chosen, column] = calibration.points[column].to_numpy()
     notes = calibration_notes(calibration, table, scene)
     record = _jkr_record(calibration, series) | {"notes": notes}
-    failed, figures = bool((table["status"] == FAILED).any()), {"jkr": _jkr_figure(calibration)}
-    return Calibrated(record, {"circles": (CIRCLES, table)}, figures, failed=failed)
+    figures = {"jkr": _jkr_figure(calibration)}
+    return Calibrated(record, {"circles": (CIRCLES, table)}, figures, failed=len(failed) > 0)
 
 
 def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:

@@ -268,6 +268,15 @@ def test_jkr_refusals_say_why(sharp_frames, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_refusal_names_the_frames_that_show_no_circle(sharp_frames, tmp_path, capsys):
+    folder = copy_of(sharp_frames, tmp_path / "frames")
+    for k in (1, 3, 4, 5):
+        (folder / f"frame_{k}.tif").write_bytes((folder / "reference.tif").read_bytes())
+    error = refusal(capsys, "calibrate", "jkr", folder, "-o", tmp_path / "out", "--quiet", "--workers", 1)
+    assert "three different loads or more, got 2" in error
+    assert "4 frames without a circle, the first: frame_1.tif" in error
+
+
 def test_pulls_mean_nothing_to_process(sharp_frames, tmp_path, capsys):
     error = refusal(capsys, "process", sharp_frames, "-o", tmp_path / "out", "--quiet")
     assert "load_N of frame_2.tif must not be negative, got -0.01" in error
