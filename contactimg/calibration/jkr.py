@@ -158,18 +158,14 @@ class JkrSeries:
         if prior and self.zero_std and len(self.load) <= self.terms(self.radius).shape[1]:
             return self._with_unknown_zero()
         scale = float(np.sqrt(np.mean(self.load**2))) or 1.0
-        size = np.abs(self.terms(self.radius)).max(axis=0) / scale
-        size = np.where(size > 0, size, 1.0)
         datum = int(prior and self.zero_std > 0)
 
         def basis(x: Values, order: int) -> Values:
             radius = np.maximum(x[: len(self.radius)], 0.5 * self.radius)
-            terms = np.zeros((len(x), len(size)))
-            if order:
-                terms[: len(radius)] = self.slopes(radius)
-            else:
-                terms[: len(radius)], terms[len(radius) :, -1] = self.terms(radius), 1.0
-            return terms / scale / size
+            terms = self.slopes(radius) if order else self.terms(radius)
+            last = np.zeros((datum, terms.shape[1]))
+            last[:, -1] = 1 - order
+            return np.vstack([terms, last]) / scale
 
         y = self.load / scale
         noise = np.sqrt(CONSTANT_SHARE + (1 - CONSTANT_SHARE) * y**2)
@@ -188,14 +184,14 @@ class JkrSeries:
         lever = stated @ (terms * found.weights[:, None]).T
         leverage = np.clip(np.einsum("nk,kn->n", terms, lever), 0.0, MOST_LEVERAGE)
         own = np.sum((lever * found.residuals / (1 - leverage)) ** 2, axis=1)
-        wider = np.sqrt(np.maximum(own / np.maximum(np.diag(stated), np.finfo(float).tiny), 1.0)) / size
+        wider = np.sqrt(np.maximum(own / np.maximum(np.diag(stated), np.finfo(float).tiny), 1.0))
         covariance = stated * np.outer(wider, wider)
         freedom = float(found.freedom)
         if datum:  # a zero counts as fitted as far as the loads narrow what is stated of it
-            told = 1 - found.covariance[-1, -1] * (scale / self.zero_std) ** 2
+            told = 1 - found.covariance[-1, -1] / self.zero_std**2
             freedom = max(freedom - max(told, 0.0), 1.0)
             covariance = covariance * found.freedom / freedom
-        return replace(found, parameters=found.parameters / size, covariance=covariance, freedom=freedom)
+        return replace(found, covariance=covariance, freedom=freedom)
 
     def _with_unknown_zero(self) -> LinearFit:
         """The fit of as many loads as parameters: they cannot tell the zero, which adds its uncertainty."""

@@ -55,15 +55,17 @@ def test_a_length_in_another_unit_is_refused(length, sentence):
         )
 
 
-def test_change_of_units(rng):
+@pytest.mark.parametrize("zero_std", [0.0, 2e-3])
+def test_change_of_units(rng, zero_std):
     """Every length times l, every pressure times p: loads times p l^2, E times p, w times p l."""
     load = LOADS * (1 + 0.01 * rng.standard_normal(LOADS.size))
     radius = jkr.radius(LOADS, **LAW)
     length, pressure = 7.0, 0.3
-    here = fit(load, radius, radius_std=1e-7)
+    here = fit(load, radius, radius_std=1e-7, load_cell=LoadCell(zero_std))
     there = calibrate_jkr(
         load * pressure * length**2,
         radius * length,
+        load_cell=LoadCell(zero_std * pressure * length**2),
         radius_std=1e-7 * length,
         sphere_radius=LENS * length,
         poisson_ratio=0.5,
