@@ -26,7 +26,7 @@ def sample_series():
 
 @pytest.fixture(scope="module")
 def sample_run(sample_series):
-    return sample_series.whole()
+    return sample_series.run
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def last_frame_seen_by(series, camera, *, flipped=None, **sections):
         name = shift[list(columns).index(flipped)]
         part = replace(part.with_contacts(contacts), row=part.row | {name: -part.row[name]})
     one = replace(series, scene=scene, parts=[part])
-    return one.posed(part.shape).whole()
+    return one.posed(part.shape).run
 
 
 def coupled_and_uncoupled(run):

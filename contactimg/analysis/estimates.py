@@ -186,6 +186,18 @@ class CoverageEstimate(Estimate):
         half = 1.96 * std  # rounded, as stated uncertainties use it
         return cls(value, std, value - half, value + half)
 
+    @classmethod
+    def of_interval(cls, value: float, low: float, high: float) -> "CoverageEstimate":
+        """A number with this 95 % interval.
+
+        Examples
+        --------
+        >>> found = student_estimate(1.0, 0.01, freedom=4)
+        >>> CoverageEstimate.of_interval(1.0, found.low, found.high).std > found.std
+        True
+        """
+        return cls(value, (high - low) / 2 / NORMAL_95, low, high)
+
     def record(self, unit: str) -> dict[str, Any]:
         """The number as ``calibration.json`` states it.
 
@@ -195,33 +207,3 @@ class CoverageEstimate(Estimate):
         10000.0
         """
         return {"value": self.value, "std": self.std, "unit": unit, "low_95": self.low, "high_95": self.high}
-
-
-def coverage_estimate(
-    value: float, std: float, *, freedom: float, known_std: float = 0.0
-) -> CoverageEstimate:
-    """An estimate whose standard deviation was itself estimated, plus an independent known part.
-
-    Parameters
-    ----------
-    value : float
-    std : float
-        Standard deviation; the estimate's ``std`` is larger, by Student's quantile over 1.96.
-    freedom : float
-        Degrees of freedom of ``std``.
-    known_std : float
-        Standard uncertainty of what is common to all data.
-
-    Returns
-    -------
-    CoverageEstimate
-        Its half-widths, Student's for the one part and normal for the other, add in quadrature.
-
-    Examples
-    --------
-    >>> coverage_estimate(1.0, 0.01, freedom=4).high
-    1.02776445
-    """
-    quantile = float(special.stdtrit(freedom, 0.5 + COVERAGE / 2)) if std > 0 else 0.0
-    half = float(np.hypot(quantile * std, NORMAL_95 * known_std))
-    return CoverageEstimate(value, half / NORMAL_95, value - half, value + half)

@@ -8,12 +8,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, FieldOfView, annulus_moments, sum_moments
+from contactimg.analysis.estimates import COVERAGE, NORMAL_95
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
 from contactimg.tables import NORMALISED, PROFILE
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
+
+TAIL = (1 - COVERAGE) / 2
+"""Probability on either side of an interval."""
 
 LEAST_EFFECTIVE_COUNT = 0.5
 """Below this the interval is symmetric. Theory: positive weights leave (sum w)^2/sum w^2 >= 1, so that less
@@ -120,7 +124,7 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
     # no contacts are found in 5 % of the places where -ln 0.05 are expected, 1.96 standard uncertainties, of
     # the mean force of the nearest annuli that have some, the larger of the two
     mean = np.abs(load) / np.maximum(n_forces, 1.0)
-    unseen = float(-np.log(0.05) / special.ndtri(0.975)) * _largest_beside(mean, n_forces)
+    unseen = float(-np.log(0.05)) / NORMAL_95 * _largest_beside(mean, n_forces)
     std = np.hypot(np.sqrt(variance), np.where(n > 0, 0.0, unseen))
     loads = {"pressure_Pa": load, "pressure_std_Pa": std, "pressure_low_Pa": low, "pressure_high_Pa": high}
     columns = {
@@ -151,7 +155,7 @@ def _load_variance(places: Sequence[pd.DataFrame], squares: Values) -> tuple[Val
     area = seen.sum(axis=2, keepdims=True)
     # of the ratio of sums p/area, linearised
     away = p - seen * p.sum(axis=2, keepdims=True) / np.where(area > 0, area, 1.0)
-    student = float(special.stdtrit(groups * (n - 1), 0.975) / special.ndtri(0.975))
+    student = float(special.stdtrit(groups * (n - 1), 1 - TAIL)) / NORMAL_95
     return np.asarray(n / (n - 1) * np.sum(away**2, axis=(1, 2)), np.float64), student
 
 
@@ -163,9 +167,9 @@ def _largest_beside(values: Values, n_forces: Values) -> Values:
 
 
 def weighted_count_interval(
-    total: ArrayLike, variance: ArrayLike, one_more: ArrayLike, *, confidence: float = 0.95
+    total: ArrayLike, variance: ArrayLike, one_more: ArrayLike
 ) -> tuple[Values, Values]:
-    """Interval of the mean of a sum ``sum w_i`` over a Poisson number of contacts.
+    """The 95 % interval of the mean of a sum ``sum w_i`` over a Poisson number of contacts.
 
     Parameters
     ----------
@@ -175,13 +179,11 @@ def weighted_count_interval(
         Their variances: ``sum w_i^2`` of independent contacts, or from a scatter.
     one_more : array_like, shape (n,)
         Weight of the contact that may have been missed by chance; the largest weight is on the safe side.
-    confidence : float
-        Probability that the interval holds the mean.
 
     Returns
     -------
     low, high : ndarray, shape (n,)
-        Of a sum without contacts from 0 to the upper limit ``-ln((1 - confidence)/2) one_more``; NaN for
+        Of a sum without contacts from 0 to the upper limit ``-ln(0.025) one_more``; NaN for
         the limit if ``one_more`` is not positive. Symmetric where weights of both signs all but cancel.
 
     References
@@ -198,15 +200,14 @@ def weighted_count_interval(
     ([0.619, 0.0], [8.767, 3.689])
     """
     y, v, w = np.broadcast_arrays(*(np.asarray(part, np.float64) for part in (total, variance, one_more)))
-    tail = (1 - confidence) / 2
     few = (y**2 < LEAST_EFFECTIVE_COUNT * v) | (y < 0)
-    reach = float(special.ndtri(1 - tail)) * np.sqrt(v)
+    reach = NORMAL_95 * np.sqrt(v)
     positive = np.where(y > 0, y, np.nan)
     scale = np.where(v > 0, v, np.nan) / positive
-    low = np.where(v > 0, np.nan_to_num(scale * special.gammaincinv(positive / scale, tail), nan=0.0), y)
+    low = np.where(v > 0, np.nan_to_num(scale * special.gammaincinv(positive / scale, TAIL), nan=0.0), y)
     more, more_variance = y + w, v + w**2
     upper = np.where(more_variance > 0, more_variance, np.nan) / np.where(more > 0, more, np.nan)
-    high = upper * special.gammaincinv(more / upper, 1 - tail)
+    high = upper * special.gammaincinv(more / upper, 1 - TAIL)
     return np.where(few, y - reach, low), np.where(few, y + reach, high)
 
 

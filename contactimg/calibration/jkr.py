@@ -19,7 +19,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from contactimg.analysis.estimates import COVERAGE, NORMAL_95, CoverageEstimate
+from contactimg.analysis.estimates import COVERAGE, CoverageEstimate
 from contactimg.analysis.linear_fit import ROUNDING, LinearFit, Points, fit_linear
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.errors import InputError
@@ -143,11 +143,11 @@ class JkrSeries:
         terms[..., physical : physical + extra] = self.extra
         return terms
 
-    def slope(self, parameters: Values) -> Values:
-        """Derivative of the load by the radius, N/m."""
-        step = SLOPE_STEP * self.radius
-        up, down = (self.terms(self.radius + sign * step) @ parameters for sign in (1, -1))
-        return np.asarray((up - down) / (2 * step))
+    def slopes(self, radius: Values) -> Values:
+        """Derivatives of the terms by the radius."""
+        step = SLOPE_STEP * radius
+        above, below = self.terms(np.stack([radius + step, radius - step]))
+        return np.asarray((above - below) / (2 * step)[:, None])
 
     def fit(self, *, scatter: float | None = None, prior: bool = True) -> LinearFit:
         """Generalised least squares; without the prior the zero is free.
@@ -158,20 +158,14 @@ class JkrSeries:
         if prior and self.zero_std and len(self.load) <= self.terms(self.radius).shape[1]:
             return self._with_unknown_zero()
         scale = float(np.sqrt(np.mean(self.load**2))) or 1.0
-        size = np.abs(self.terms(self.radius)).max(axis=0) / scale
-        size = np.where(size > 0, size, 1.0)
         datum = int(prior and self.zero_std > 0)
 
         def basis(x: Values, order: int) -> Values:
             radius = np.maximum(x[: len(self.radius)], 0.5 * self.radius)
-            terms = np.zeros((len(x), len(size)))
-            if order:
-                step = SLOPE_STEP * radius
-                above, below = self.terms(np.stack([radius + step, radius - step]))
-                terms[: len(radius)] = (above - below) / (2 * step)[:, None]
-            else:
-                terms[: len(radius)], terms[len(radius) :, -1] = self.terms(radius), 1.0
-            return terms / scale / size
+            terms = self.slopes(radius) if order else self.terms(radius)
+            last = np.zeros((datum, terms.shape[1]))
+            last[:, -1] = 1 - order
+            return np.vstack([terms, last]) / scale
 
         y = self.load / scale
         noise = np.sqrt(CONSTANT_SHARE + (1 - CONSTANT_SHARE) * y**2)
@@ -190,14 +184,14 @@ class JkrSeries:
         lever = stated @ (terms * found.weights[:, None]).T
         leverage = np.clip(np.einsum("nk,kn->n", terms, lever), 0.0, MOST_LEVERAGE)
         own = np.sum((lever * found.residuals / (1 - leverage)) ** 2, axis=1)
-        wider = np.sqrt(np.maximum(own / np.maximum(np.diag(stated), np.finfo(float).tiny), 1.0)) / size
+        wider = np.sqrt(np.maximum(own / np.maximum(np.diag(stated), np.finfo(float).tiny), 1.0))
         covariance = stated * np.outer(wider, wider)
         freedom = float(found.freedom)
         if datum:  # a zero counts as fitted as far as the loads narrow what is stated of it
-            told = 1 - found.covariance[-1, -1] * (scale / self.zero_std) ** 2
+            told = 1 - found.covariance[-1, -1] / self.zero_std**2
             freedom = max(freedom - max(told, 0.0), 1.0)
             covariance = covariance * found.freedom / freedom
-        return replace(found, parameters=found.parameters / size, covariance=covariance, freedom=freedom)
+        return replace(found, covariance=covariance, freedom=freedom)
 
     def _with_unknown_zero(self) -> LinearFit:
         """The fit of as many loads as parameters: they cannot tell the zero, which adds its uncertainty."""
@@ -382,7 +376,8 @@ def calibrate_jkr(
     own, edge, asked = series.part(used), None, None
     free = replace(own, zero_std=1.0)
     if pixel_size is not None:
-        shifted = series.with_column(-pixel_size * series.slope(series.part(used).fit().parameters))
+        slope = series.slopes(series.radius) @ series.part(used).fit().parameters
+        shifted = series.with_column(-pixel_size * slope)
         # one load more than a fit without a test needs
         if int(used.sum()) >= shifted.terms(shifted.radius).shape[1] + 2:
             fit, column = shifted.part(used).fit(), shifted.physical + series.extra.shape[1]
@@ -478,7 +473,7 @@ def _draws(fit: LinearFit) -> Values:
 def _from_draws(values: Values) -> CoverageEstimate:
     """The first of the values with the central 95 % interval of the others."""
     low, high = np.quantile(values[1:], [0.5 - COVERAGE / 2, 0.5 + COVERAGE / 2]).tolist()
-    return CoverageEstimate(float(values[0]), (high - low) / 2 / NORMAL_95, low, high)
+    return CoverageEstimate.of_interval(float(values[0]), low, high)
 
 
 def is_asked_for(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.analysis.estimates import CoverageEstimate, coverage_estimate
+from contactimg.analysis.estimates import CoverageEstimate, student_estimate
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
@@ -93,14 +93,15 @@ def load_slope(
         raise InputError("no load presses: the slope of force sums against loads needs a load above 0")
     square = float(P @ P)
     slope = float(F @ P) / square
-    freedom = P.size - 1
+    freedom, std = P.size - 1, 0.0
+    if freedom:
+        rest = F - slope * P
+        even = float(rest @ rest) / freedom / square
+        own = float(np.sum((P * rest / (1 - P**2 / square)) ** 2)) / square**2
+        std = max(even, own) ** 0.5
     known = abs(slope) * float(np.hypot(relative_std, zero_std * P.sum() / square))
-    if freedom == 0:
-        return coverage_estimate(slope, 0.0, freedom=1, known_std=known)
-    rest = F - slope * P
-    even = float(rest @ rest) / freedom / square
-    own = float(np.sum((P * rest / (1 - P**2 / square)) ** 2)) / square**2
-    return coverage_estimate(slope, max(even, own) ** 0.5, freedom=freedom, known_std=known)
+    found = student_estimate(slope, std, freedom=max(freedom, 1)).widened(known)
+    return CoverageEstimate.of_interval(slope, found.low, found.high)
 
 
 def calibrate_threshold(

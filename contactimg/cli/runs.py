@@ -44,8 +44,6 @@ def overlay(
         Smallest contact radius that counts, in pixels: smaller predicted contacts need not be found on the
         frame.
     """
-    from contactimg.plausibility import doubts_about_match, mean_spacing, settle
-
     measured = files.read_run(run)
     pose = measured.need_pose()
     experiment = files.open_experiment(plausible(measured.scene))
@@ -55,10 +53,8 @@ def overlay(
     with shared.results_in(output, run, measured.scene, inputs, main_files=main_files, then="analyse") as out:
         comparison = pipeline.compare_run(measured, asperities, min_radius_px=min_radius_px, workers=workers)
         counts = comparison.scores[comparison.scores["model"] == "coupled"]
-        shown = pipeline.shown_apex(measured, pose, asperities)
         numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
-        spacing = mean_spacing(asperities)
-        settle(doubts_about_match(measured.scene, **numbers, shown=shown, spacing=spacing), run)
+        pipeline.doubt_match(measured, pose, asperities, run, **numbers)
         made = {"matches": (tables.MATCHES, comparison.matches), "scores": (tables.SCORES, comparison.scores)}
         pipeline.write_results(out.folder, made)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}

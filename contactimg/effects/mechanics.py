@@ -20,12 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.output_change import (
-    WRITTEN,
-    Answer,
-    EffectEstimate,
-    output_changes,
-)
+from contactimg.effects.output_change import WRITTEN, Answer, EffectEstimate, output_changes
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.adhesive import solve_adhesive
@@ -385,11 +380,8 @@ class MechanicalEstimates:
 
     def together(self, left_out: Collection[str], stretch: float = 1.0) -> dict[str, float]:
         """Change of each output if all of some effects are left out, each ``stretch`` times."""
-        found = dict.fromkeys(WRITTEN, 0.0)
-        for comparison in self.compared:
-            change = comparison.change(left_out, stretch)
-            found = {output: found[output] + change[output] for output in WRITTEN}
-        return found
+        changes = [comparison.change(left_out, stretch) for comparison in self.compared]
+        return {output: sum((change[output] for change in changes), 0.0) for output in WRITTEN}
 
 
 def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -> MechanicalEstimates:

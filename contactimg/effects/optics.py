@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS
-from contactimg.effects.output_change import OUTPUTS, POWER, EffectEstimate
+from contactimg.effects.output_change import POWER, EffectEstimate, measured_outputs
 from contactimg.imaging.fit.film_choice import film_makes_contrast
 from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmRim
@@ -306,8 +306,6 @@ def estimate_optics(scene: Scene, contacts: pd.DataFrame) -> tuple[EffectEstimat
 
 def _estimate(effect: str, scene: Scene, camera: Camera | None, shown: Shown) -> EffectEstimate:
     simulate = scene.need("simulate", "the effects of optics and sensor")
-    output = scene.tolerance.output
-    outputs = OUTPUTS if output == "all" else ("force" if output == "profile" else output,)
     parameter = PARAMETER.get(effect)
     if effect in ("shot_noise", "read_noise") and simulate.electrons_per_level == 0:
         return EffectEstimate(effect, 0.0, "electrons_per_level is 0, so there is no noise")
@@ -319,5 +317,6 @@ def _estimate(effect: str, scene: Scene, camera: Camera | None, shown: Shown) ->
     camera.measure(shown)  # tells whether any pixel reaches full scale or zero
     if NO_FILM in reason or (effect == "saturation" and not camera.clipped):
         return EffectEstimate(effect, 0.0, reason)
+    outputs = measured_outputs(scene.tolerance.output)
     changes = {name: camera.change(name, effect, shown) for name in outputs}
     return EffectEstimate(effect, max(changes.values()), reason, changes)

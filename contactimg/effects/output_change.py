@@ -158,9 +158,14 @@ def _basic_changes(without: Contacts, complete: Contacts) -> dict[str, float]:
     }
 
 
+def measured_outputs(output: str) -> tuple[str, ...]:
+    """Those of `OUTPUTS` that tell a requested output: all for ``"all"``, the force for a profile."""
+    return {"all": OUTPUTS, "profile": ("force",)}.get(output, (output,))
+
+
 def chosen_change(changes: Mapping[str, float], output: str) -> float:
-    """The change of one output: that of the force for a profile, the largest of the three for ``"all"``."""
-    return float({**changes, "profile": changes["force"], "all": max(changes.values())}[output])
+    """The change of a requested output, by those of `OUTPUTS`."""
+    return max(float(changes[name]) for name in measured_outputs(output))
 
 
 def _ratio(change: float, size: float) -> float:

@@ -14,7 +14,7 @@ from .export import edits_from_regions as edits_from_regions
 from .export import export_run as export_run
 from .inputs import need_asperities as need_asperities
 from .inputs import scene_asperities as scene_asperities
-from .measured_series import shown_apex as shown_apex
+from .measured_series import doubt_match as doubt_match
 from .measured_series import write_joined_tables as write_joined_tables
 from .measured_series import write_run as write_run
 from .overlay import compare_run as compare_run

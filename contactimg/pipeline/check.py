@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from contactimg.errors import FrameError, InputError
+from contactimg.errors import FrameError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
 from contactimg.imaging.fit.edge_scores import Placement
@@ -27,7 +27,7 @@ from contactimg.imaging.profile.edge_shape import PARAMETERS, edge_profile
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
 from contactimg.pipeline.frame import FrameOptions, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.parallel import for_each_frame, measured_and_failed
 from contactimg.tables import CHECK, DRAWN
 
 MOST_DRAWN, LEAST_DRAWN, DRAWN_SHARE = 60, 8, 0.25
@@ -97,13 +97,9 @@ def check_experiment(
     _, sites = asperities_and_sites(experiment)
     options = FrameOptions.of(experiment.scene, sites)
     call = partial(_check_frame, options=options, seed=seed)
-    parts = list(for_each_frame(experiment, call, workers=workers, shown="checking frames"))
-    failed = [part.row for part in parts if isinstance(part, FailedFrame)]
-    tables = [part for part in parts if not isinstance(part, FailedFrame)]
-    if not tables:
-        raise InputError(
-            f"no frame shows contacts like which others could be drawn; the first: {failed[0]['message']}"
-        )
+    results = for_each_frame(experiment, call, workers=workers, shown="checking frames")
+    nothing = "no frame shows contacts like which others could be drawn"
+    tables, failed = measured_and_failed(results, nothing)
     drawn = DRAWN.joined(table for table, _ in tables)
     classes = summarise_drawn(drawn)
     sentence = _sentence(drawn, classes, float(pd.Series([limit for _, limit in tables]).median()))

@@ -14,6 +14,13 @@ from contactimg.pipeline.pictures import file_stem
 from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED
 from contactimg.tables.outlines import REJECTED_COLOUR, kind_of
 
+SAME_PX = 0.02
+"""Largest change of position or radius of a region that counts as none. Chosen: well above the rounding of
+ImageJ's numbers (1e-4 px), well below what a hand can mean."""
+
+REJECTED_PREFIX = "rejected_"
+"""Prefix of the names of regions that are no contacts; they may be deleted or kept."""
+
 
 def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) -> None:
     """Write the tables of a run in other formats.
@@ -68,7 +75,7 @@ def rejected_regions(rejected: pd.DataFrame) -> list[exports.Region]:
     regions = []
     places = rejected[["x_px", "y_px", "radius_px"]].to_numpy(float).tolist()
     for number, ((x, y, r), reason) in enumerate(zip(places, rejected["reason"], strict=True), start=1):
-        name = f"rejected_{number:04d} {reason.partition(':')[0]}".replace("/", " ")
+        name = f"{REJECTED_PREFIX}{number:04d} {reason.partition(':')[0]}".replace("/", " ")
         regions.append(exports.Region(0, x, y, max(r, 1.0), max(r, 1.0), name=name, colour=REJECTED_COLOUR))
     return regions
 
@@ -97,14 +104,6 @@ def frame_sources(run: Run) -> dict[str, FrameSource]:
     frames = open_experiment(run.scene).frames
     failed = set(run.frames.loc[run.frames["n_contacts"].isna(), "frame"])
     return {frame.name: replace(frame, correct=None) for frame in frames if frame.name not in failed}
-
-
-SAME_PX = 0.02
-"""Largest change of position or radius of a region that counts as none. Chosen: well above the rounding of
-ImageJ's numbers (1e-4 px), well below what a hand can mean."""
-
-REJECTED_PREFIX = "rejected_"
-"""Prefix of the names of regions that are no contacts; they may be deleted or kept."""
 
 
 def edits_from_regions(

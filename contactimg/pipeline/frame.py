@@ -136,8 +136,7 @@ def measure_frame(
         frame = Frame(frame, full_scale=full_scale)  # of masked integers as well
     image = reference.image if isinstance(reference, Frame) else reference
     image = None if image is None else as_pixels(image)
-    film_asked = film_setting(scene, None)
-    measurement = measuring(scene, frame.full_scale, optics)(frame.image, image, film=film_asked)
+    measurement = measure_prepared(frame, image, scene, optics=optics, film=film_setting(scene, None))
     pose = Pose(frame.shape, pixel_size)
     contacts = locate_contacts(contacts_table(measurement, frame.name), pose, shift_px=(0.0, 0.0))
     contacts.attrs |= {"status": str(measurement.status), "message": measurement.message}
@@ -291,7 +290,7 @@ def measure_scene_frame(
     reference : ndarray or None
         Pixels of the reference.
     optics : SharedOptics, optional
-        Contrast and blur from other frames; disks are then fitted, whatever the scene's method.
+        Contrast and blur from other frames.
     edits : tuple of HandEdit
     options : FrameOptions
     """
@@ -309,21 +308,22 @@ def measure_prepared(
     reference: NDArray | None,
     scene: Scene,
     *,
-    count_at: float | None = None,
-    film: FilmSetting | None = None,
     optics: SharedOptics | None = None,
-    edits: Edits = (),
+    **other: Any,
 ) -> ImageMeasurement:
-    """Measure a frame as its scene says (`contactimg.effects.optics.measuring`).
+    """Measure a frame as its scene says (`contactimg.effects.optics.measuring`), with ``optics`` of others.
 
-    With ``count_at`` the pixels above this fraction of the contrast are counted, with
-    ``optics`` disks are fitted, whatever the scene's method. The other parameters are those of
-    `contactimg.imaging.measure.measure_image`.
+    ``other`` are further parameters of `contactimg.imaging.measure.measure_image`, instead of the scene's.
     """
-    other: dict[str, Any] = {} if optics is None else {"method": "disk"}
-    if count_at is not None:
-        other = {"method": "threshold", "threshold": count_at, "blur_px": None}
-    return measuring(scene, frame.full_scale, optics)(frame.image, reference, film=film, edits=edits, **other)
+    return measuring(scene, frame.full_scale, optics)(frame.image, reference, **other)
+
+
+def count_pixels(
+    frame: Frame, reference: NDArray | None, scene: Scene, *, threshold: float = 0.5, edits: Edits = ()
+) -> ImageMeasurement:
+    """Count the pixels of a frame above a fraction of the contrast, whatever the method of its scene."""
+    how: dict[str, Any] = {"method": "threshold", "threshold": threshold, "blur_px": None}
+    return measure_prepared(frame, reference, scene, edits=edits, **how)
 
 
 def frame_row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:

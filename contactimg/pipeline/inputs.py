@@ -34,19 +34,17 @@ def read_reference(experiment: Experiment) -> NDArray | None:
     InputError
         If they differ in size.
     """
-    sources = experiment.references
-    if len(sources) < 2:
-        return sources[0].read().image if sources else None
-    frames = [source.read() for source in sources]
+    frames = [source.read() for source in experiment.references]
+    if len(frames) < 2:
+        return frames[0].image if frames else None
     shapes = {frame.shape for frame in frames}
     if len(shapes) > 1:
         sizes = ", ".join(sorted(f"{columns} x {rows}" for rows, columns in shapes))
         raise InputError(f"the references differ in size ({sizes} pixels); they must show the same field")
     mean, left_out = average_references([frame.image for frame in frames])
     for number in left_out:
-        logger.warning(
-            "%s: left out of the mean of the references; it differs from the others", sources[number].name
-        )
+        name = experiment.references[number].name
+        logger.warning("%s: left out of the mean of the references; it differs from the others", name)
     return mean
 
 

@@ -18,9 +18,10 @@ from contactimg.effects.local_law import LawPlan, decide_law, law_evidence
 from contactimg.engine.calls import in_parallel
 from contactimg.files.runs import apex_record, frame_shift, pose_record
 from contactimg.forces import fill_forces, sphere_radii
+from contactimg.pipeline.background import evenly_spread
 from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
-from contactimg.plausibility import FORCES_OFF_LOAD
+from contactimg.plausibility import FORCES_OFF_LOAD, doubts_about_match, mean_spacing, settle
 from contactimg.pose import Pose, fit
 from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find_centre
 from contactimg.pose.pairs import FEWEST_CONTACTS, PAIRING_FRACTION, pair_points, pairing_distance
@@ -155,6 +156,12 @@ def shown_apex(run: files.Run, pose: Pose | None, asperities: pd.DataFrame | Non
         if apex is not None:
             found.append(apex)
     return min(found, key=lambda apex: np.hypot(*apex.std), default=None)
+
+
+def doubt_match(run: files.Run, pose: Pose, asperities: pd.DataFrame, name: str, **counts: int) -> None:
+    """Stop where too few of the ``measured`` and ``predicted`` contacts of a run are ``matched``."""
+    shown, spacing = shown_apex(run, pose, asperities), mean_spacing(asperities)
+    settle(doubts_about_match(run.scene, **counts, shown=shown, spacing=spacing), name)
 
 
 # --- contacts with sample coordinates and forces
@@ -335,8 +342,7 @@ class MeasuredSeries:
         most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
         run = replace(self, parts=[self.parts[most]]).in_pixels
         pose = find_pose(run, self.sites, self.scene.pose(shape))
-        places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
-        several = replace(self, parts=[self.parts[k] for k in places])
+        several = replace(self, parts=evenly_spread(self.parts, BLOCK_FRAMES))
         located = with_pose(several.in_pixels, self.sites, pose)
         shown = shown_apex(located, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
@@ -363,35 +369,23 @@ class MeasuredSeries:
         count = -(-len(self.parts) // BLOCK_FRAMES)
         return in_parallel(make, ((block,) for block in self.blocks()), count=count, workers=self.workers)
 
-    def whole(self) -> files.Run:
-        """The run with the tables of all frames in memory."""
-        blocks = [block.run for block in self.blocks()]
-        frames, tables = FRAMES.joined(block.frames for block in blocks), _joined(blocks)
-        law = next((block.law for block in blocks if block.law is not None), None)
-        return files.Run(self.scene, tables.pop(CONTACTS.name), frames, self.pose, tables, law)
-
     @cached_property
     def run(self) -> files.Run:
-        """The tables of the frames, with pose and forces."""
+        """The tables of all frames in memory, with pose and forces."""
         return with_forces(self.located, self.sites, self.law)
 
-    @cached_property
+    @property
     def located(self) -> files.Run:
         """The run without forces."""
         return with_pose(self.in_pixels, self.sites, self.pose)
 
-    @cached_property
+    @property
     def in_pixels(self) -> files.Run:
         """The run in pixels."""
-        tables = _joined([part.tables for part in self.parts])
+        parts, schemas = [part.tables for part in self.parts], (CONTACTS, REJECTED, OUTLINES)
+        tables = {one.name: one.joined(getattr(part, one.name) for part in parts) for one in schemas}
         frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
         return files.Run(self.scene, tables.pop(CONTACTS.name), frames, tables=tables)
-
-
-def _joined(parts: Sequence[files.Run | files.FrameTables]) -> dict[str, pd.DataFrame]:
-    """Name -> the tables of several parts as one: contacts, rejected and outlines."""
-    schemas = (CONTACTS, REJECTED, OUTLINES)
-    return {one.name: one.joined(getattr(part, one.name) for part in parts) for one in schemas}
 
 
 def write_run(

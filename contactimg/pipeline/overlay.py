@@ -89,7 +89,8 @@ def compare_run(
     if not (loaded & good).any():
         raise InputError("there is nothing to compare: no frame with a load could be measured")
     frames = run.frames[loaded & good]
-    matches, scores, left_out = list[pd.DataFrame](), list[dict[str, Any]](), dict[str, list[str]]()
+    matches, scores, left_out = list[pd.DataFrame](), list[dict[str, Any]](), dict[str, str]()
+    seen, plans = dict[str, dict[str, dict[str, pd.DataFrame]]](), dict[str, Plan]()
     sites = contact_sites(asperities, run.scene)
     surfaces = {model: (scene_of_model(run.scene, model), asperities) for model in COMPARED_MODELS}
     jobs = [
@@ -97,25 +98,25 @@ def compare_run(
         for frame, load in zip(frames["frame"], frames["load_N"].tolist(), strict=True)
         for model in COMPARED_MODELS
     ]
-    predicted: dict[str, dict[str, Prediction]] = {frame: {} for frame in frames["frame"]}
-    for (model, frame, *_), one in zip(jobs, predict_in_view(surfaces, jobs, workers=workers), strict=True):
-        if isinstance(one, Prediction):
-            predicted[frame][model] = one
-        else:
-            left_out.setdefault(frame, []).append(f"{model}: {one}")
-    seen: dict[str, dict[str, dict[str, pd.DataFrame]]] = {}
     (rows, columns), contacts = pose.shape, run.contacts
     inside = contacts["x_px"].between(-0.5, columns - 0.5) & contacts["y_px"].between(-0.5, rows - 0.5)
     contacts = contacts[inside]
-    coupled = ((frame, models["coupled"].plan) for frame, models in predicted.items() if "coupled" in models)
-    plans = {frame: plan for frame, plan in coupled if plan is not None}
-    for frame, models in predicted.items():
+    solutions = predict_in_view(surfaces, jobs, workers=workers)
+    # the solutions of a frame, one a model, follow each other
+    for frame, *found in zip(frames["frame"], *[solutions] * len(COMPARED_MODELS), strict=True):
+        models = dict(zip(COMPARED_MODELS, found, strict=True))
+        solved = {model: one for model, one in models.items() if isinstance(one, Prediction)}
+        if len(solved) < len(models):
+            reasons = [f"{model}: {one}" for model, one in models.items() if model not in solved]
+            left_out[frame] = "; ".join(reasons)
         measured = contacts[contacts["frame"] == frame].reset_index(drop=True)
-        if "coupled" in models and measured["force_N"].notna().any():
-            # both sides follow one law
-            scene = plans[frame].apply(run.scene) if frame in plans else run.scene
-            measured = local_forces(scene, measured, sites)[0]
-        for model, prediction in models.items():
+        if "coupled" in solved:
+            scene, plan = run.scene, solved["coupled"].plan
+            if plan is not None:
+                scene, plans[frame] = plan.apply(scene), plan
+            if measured["force_N"].notna().any():  # both sides follow one law
+                measured = local_forces(scene, measured, sites)[0]
+        for model, prediction in solved.items():
             lengths = {"pixel_size": pose.pixel_size, "min_radius_px": min_radius_px}
             pairs, kinds, score = compare_frame(measured, prediction.contacts, **lengths)
             seen.setdefault(frame, {})[model] = kinds
@@ -123,8 +124,7 @@ def compare_run(
             if model == "coupled":
                 matches.append(pairs)
     table = SCORES.conform(pd.DataFrame(scores, columns=list(SCORES.columns)))
-    reasons = {name: "; ".join(why) for name, why in left_out.items()}
-    return Comparison(MATCHES.joined(matches), table, seen, plans, reasons)
+    return Comparison(MATCHES.joined(matches), table, seen, plans, left_out)
 
 
 def compare_frame(

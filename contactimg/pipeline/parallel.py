@@ -1,7 +1,7 @@
 """The one loop over the frames of an experiment."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from contactimg.engine.calls import in_parallel
 from contactimg.engine.processes import end_if_asked
 from contactimg.engine.progress import counted
-from contactimg.errors import FrameError
+from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameSource, PartStore, edits_file
 from contactimg.pipeline.inputs import read_reference
 from contactimg.tables import Status
@@ -102,6 +102,23 @@ def for_each_frame(
     for result in counted(results, shown, len(jobs)):
         end_if_asked()
         yield result
+
+
+def measured_and_failed(
+    results: Iterable[Result | FailedFrame], nothing: str
+) -> tuple[list[Result], list[dict[str, Any]]]:
+    """The results of `for_each_frame`, and the rows of the frames that failed.
+
+    Raises
+    ------
+    InputError
+        If there is no result: ``nothing``, and the first reason.
+    """
+    every = list(results)
+    failed = [one.row for one in every if isinstance(one, FailedFrame)]
+    if len(failed) == len(every):
+        raise InputError(f"{nothing}; the first: {failed[0]['message']}")
+    return [one for one in every if not isinstance(one, FailedFrame)], failed
 
 
 def _lost_frame(error: Exception, source: FrameSource, *_arguments: Any) -> FailedFrame:

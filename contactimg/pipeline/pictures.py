@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, FrameTables, write_palette_image
+from contactimg.pipeline.background import evenly_spread
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.plots.overlay import (
     COUPLED,
@@ -120,9 +121,8 @@ def draw_frames(
 @stage("pictures")
 def series_stretch(sources: Sequence[FrameSource]) -> tuple[float, float]:
     """Grey levels that are shown black and white in every frame of a series."""
-    step = max(1, len(sources) // SAMPLED_FRAMES)
     levels = []
-    for source in sources[::step]:
+    for source in evenly_spread(sources, SAMPLED_FRAMES):
         with suppress(FrameError):
             levels.append(black_and_white(source.read().image))
     known = [one for one in levels if one]

@@ -54,7 +54,7 @@ def measure_series(scene: Scene, *, workers: int | None = None) -> files.Run:
     if not isinstance(scene, Scene):
         raise InputError(f"measure_series needs a Scene, got {scene!r}; contactimg.read_scene reads one")
     settle(doubts_about_scene(scene), scene.folder)
-    return measure_parts(files.open_experiment(scene), workers=workers).whole()
+    return measure_parts(files.open_experiment(scene), workers=workers).run
 
 
 def measure_parts(
@@ -118,10 +118,9 @@ def _measure_frames(
     frames, edits, method = experiment.frames, edits_by_frame(experiment), options.scene.measure.method
     numbers, alone = range(len(frames)), partial(measure_scene_frame, options=options)
     parts: dict[int, MeasuredFrame] = {}
-    failed: dict[int, MeasuredFrame] = {}
 
     def measured(call: Measure, optics: Mapping[int, SharedOptics | None]) -> dict[int, MeasuredFrame]:
-        """The frames of these numbers, measured with optics of others; those that fail go to ``failed``."""
+        """The frames of these numbers with optics of others, but for failures of those measured before."""
         again = "again: " if optics.keys() & parts.keys() else ""
         jobs = [(frames[k], own, edits.get(frames[k].name, ())) for k, own in optics.items()]
         shown = "" if again else "measuring frames"
@@ -129,18 +128,22 @@ def _measure_frames(
         found: dict[int, MeasuredFrame] = {}
         for k, result in zip(optics, results, strict=True):
             part = MeasuredFrame.of(result)
-            (failed if isinstance(result, FailedFrame) else found)[k] = part
             part.log(again)
+            if part.shape is None and k in parts and parts[k].shape is not None:
+                logger.warning("%s; its measurement before is kept", part.row["message"])
+            else:
+                found[k] = part
         return found
 
     counts_pixels = method == "threshold" and options.scene.images.background != "pooled"
     sample = background.evenly_spread(numbers, len(frames) if counts_pixels else background.MOST_VIEWS)
     parts |= measured(alone, dict.fromkeys(sample))
-    if len(parts) < background.FEWEST_FRAMES or len({part.shape for part in parts.values()}) > 1:
-        parts |= measured(alone, {k: None for k in numbers if k not in parts | failed})
-    if not parts:
-        raise InputError(f"no frame could be measured; the first: {failed[0].row['message']}")
-    shown = {k: part for k, part in _of_usual_shape(parts).items() if background.is_measured(part)}
+    shapes = Counter(part.shape for part in parts.values() if part.shape)
+    if len(shapes) != 1 or shapes.total() < background.FEWEST_FRAMES:
+        parts |= measured(alone, {k: None for k in numbers if k not in parts})
+    if not (usual := _of_usual_shape(parts)):
+        raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
+    shown = {k: part for k, part in usual.items() if background.is_measured(part)}
     pool = background.pool_background(experiment, options, shown, workers=workers)
     if pool is not None and pool.spots >= background.FEWEST_FALSE_SPOTS:
         fault = f"the reference shows {pool.spots} spots like contacts that no frame confirms"
@@ -161,12 +164,12 @@ def _measure_frames(
             logger.info("the pooled background gains nothing; the reference is used")
             pool = None
     parts |= measured(call, lent)
-    others = [k for k in numbers if k not in parts | failed]
+    others = [k for k in numbers if k not in parts]
     parts |= measured(call, dict.fromkeys(others, common))
     if pool is not None:  # frames of which the pool tells nothing
-        parts |= measured(alone, {k: None for k in others if k not in parts})
-        parts = {k: part.with_remarks(pool.remarks_on(k)) for k, part in parts.items()}
-    return _in_order(parts, failed, frames)
+        parts |= measured(alone, {k: None for k in others if parts[k].shape is None})
+        parts |= {k: part.with_remarks(pool.remarks_on(k)) for k, part in parts.items() if part.shape}
+    return _in_order(parts, frames)
 
 
 def _lent_optics(
@@ -211,20 +214,20 @@ def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
 
 
 def _of_usual_shape(parts: Mapping[int, MeasuredFrame]) -> dict[int, MeasuredFrame]:
-    """The frames that have as many rows and columns as most."""
-    (usual, _), *_ = Counter(part.shape for part in parts.values()).most_common(1)
+    """The frames that have as many rows and columns as most; none if all failed."""
+    counts = Counter(part.shape for part in parts.values() if part.shape)
+    usual = max(counts, key=counts.__getitem__, default=())
     return {k: part for k, part in parts.items() if part.shape == usual}
 
 
 def _in_order(
-    parts: Mapping[int, MeasuredFrame], failed: dict[int, MeasuredFrame], frames: Sequence[files.FrameSource]
+    parts: Mapping[int, MeasuredFrame], frames: Sequence[files.FrameSource]
 ) -> tuple[list[MeasuredFrame], tuple[int, int]]:
     """All frames and their usual shape; those of another shape are failures."""
-    usual = _of_usual_shape(parts)
+    whole, usual = dict(parts), _of_usual_shape(parts)
     rows, columns = next(iter(usual.values())).shape or (0, 0)
-    for k in parts.keys() - usual.keys():
-        size = "{1} x {0}".format(*parts[k].shape or (0, 0))
-        odd = f"has {size} pixels, the other frames {columns} x {rows}"
-        failed[k] = MeasuredFrame.of(FailedFrame.of(frames[k].name, FrameError(odd)))
-    whole = usual | failed
+    for k, part in parts.items():
+        if part.shape is not None and k not in usual:
+            odd = f"has {part.shape[1]} x {part.shape[0]} pixels, the other frames {columns} x {rows}"
+            whole[k] = MeasuredFrame.of(FailedFrame.of(frames[k].name, FrameError(odd)))
     return [whole[k] for k in range(len(frames))], (rows, columns)

@@ -81,15 +81,14 @@ def prepare_tradeoff(
             load = largest_load(scene)
     else:
         load = finite_number(load, "load", "N")
-    case = Case(scene, scene_asperities(scene), load, measured=_own_frame(scene, load))
-    return applicable_knobs(case, knobs)
+    asperities = scene_asperities(scene)
+    renderable = None not in (scene.simulate, scene.camera, scene.elastic) and asperities is not None
+    measured = None if renderable else _own_frame(scene, load)
+    return applicable_knobs(Case(scene, asperities, load, measured=measured), knobs)
 
 
 def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
-    """A measured frame of the scene, if none can be rendered: at the given load, or the last one."""
-    renderable = scene.simulate is not None and scene.camera is not None and scene.elastic is not None
-    if renderable and scene_asperities(scene) is not None:
-        return None
+    """A measured frame of the scene: at the given load, or the last one; None without files of frames."""
     try:
         experiment = open_experiment(scene, pulled=True)
     except InputError:

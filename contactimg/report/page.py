@@ -107,7 +107,7 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
         embed_picture(path, caption=summary.caption_of_frame(run, frame), most_bytes=most_bytes)
         for frame, path in shown
     ]
-    parts: dict[str, list[Part]] = {"overlay": [], "analyse": [], "calibrate": []}
+    parts: dict[str, list[Part]] = {command: [] for command in SHOWN_COMMANDS}
     used = run.provenance["configuration"].get("options", {}).get("calibration")
     if used:
         table = in_display_units(_numbers(used["record"]))

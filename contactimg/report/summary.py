@@ -11,6 +11,7 @@ from contactimg.errors import InputError
 from contactimg.files import Run
 from contactimg.files.atomic import first_names
 from contactimg.plots.numbers import number_with_interval, number_with_std, plain_number
+from contactimg.pose.fit import SIGNIFICANT_FRACTION
 from contactimg.report.units import display_unit
 from contactimg.scene import Scene
 from contactimg.tables import Status
@@ -123,11 +124,16 @@ def headlines(run: Run) -> list[Headline]:
 
 
 def _force_slope(run: Run) -> CoverageEstimate | None:
-    """Slope of the sums of the local forces against the loads; None where there are none."""
-    if run.scene.elastic is None or run.command == "predict":
-        return None
-    good = run.frames[(run.frames["load_N"] > 0) & (run.frames["force_sum_N"] > 0)]
+    """Slope of the sums of the local forces against the loads; None where there are none.
+
+    A frame counts if half of its contacts have a force, or more.
+    """
     elastic = run.scene.elastic
+    if elastic is None or run.command == "predict":
+        return None
+    known = run.contacts["force_N"].notna().groupby(run.contacts["frame"]).mean()
+    good = run.frames[(run.frames["load_N"] > 0) & (run.frames["force_sum_N"] > 0)]
+    good = good[good["frame"].map(known) >= SIGNIFICANT_FRACTION]
     relative = 0.0 if elastic.stated_modulus is None else elastic.young_modulus_std / elastic.stated_modulus
     errors = LoadCell.stated(run.scene.load).errors(relative)
     try:

@@ -3,7 +3,6 @@
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import cv2
@@ -18,9 +17,8 @@ from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.fit.shapes import render_ellipse
 from contactimg.imaging.measure import ImageMeasurement, count_again
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.calibrate.thresholds import THRESHOLDS
-from contactimg.pipeline.frame import Edits, FrameOptions, measure_prepared
+from contactimg.pipeline.frame import Edits, FrameOptions, count_pixels, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites, read_reference
 from contactimg.tables.outlines import Outline
 
@@ -64,9 +62,9 @@ class FrameView:
         reference, frame = read_reference(experiment), experiment.frames[number].read()
         _, sites = asperities_and_sites(experiment)
         options = FrameOptions.of(experiment.scene, sites)
-        measure = partial(measure_prepared, frame, reference, options.scene, film=options.film)
-        blur = measure(optics=SharedOptics()).optics.blur_px
-        counted = measure(count_at=0.5)
+        shown = frame, reference, options.scene
+        blur = measure_prepared(*shown, method="disk", film=options.film).optics.blur_px
+        counted = count_pixels(*shown)
         return cls(frame, reference, counted, blur if np.isfinite(blur) else DEFAULT_BLUR_PX, options)
 
     @property
@@ -92,11 +90,9 @@ class FrameView:
             that `calibrate threshold` and `calibrate plateau` see, without edits; unit of the areas; plateau:
             its lowest threshold, that of the slowest fall and the highest one, None where there is none.
         """
-        counts, areas, scanned = [], [], []
+        counts, areas, scanned, shown = [], [], [], (self.frame, self.reference, self.options.scene)
         for threshold in THRESHOLDS.tolist():
-            disks = measure_prepared(
-                self.frame, self.reference, self.options.scene, count_at=threshold, edits=edits
-            ).disks
+            disks = count_pixels(*shown, threshold=threshold, edits=edits).disks
             seen = count_again(self.counted.foreground, threshold).disks if self.counted.contrast else disks
             counts.append(len(disks))
             areas.append(float(np.pi * np.sum(disks["radius_px"] ** 2)))

@@ -291,7 +291,7 @@ class Session:
         folder.mkdir()
         write_run(series, folder)
         with self._lock:
-            self.shown = Shown(series.whole(), folder, edits, scene)
+            self.shown = Shown(series.run, folder, edits, scene)
 
 
 def _meaning(row: dict[Any, Any]) -> tuple[Any, ...]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from contactimg.analysis.estimates import coverage_estimate, student_estimate
+from contactimg.analysis.estimates import CoverageEstimate, student_estimate
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.calibration.jkr import calibrate_jkr, classify_branches
 from contactimg.calibration.plateau import find_plateau
@@ -55,15 +55,17 @@ def test_a_length_in_another_unit_is_refused(length, sentence):
         )
 
 
-def test_change_of_units(rng):
+@pytest.mark.parametrize("zero_std", [0.0, 2e-3])
+def test_change_of_units(rng, zero_std):
     """Every length times l, every pressure times p: loads times p l^2, E times p, w times p l."""
     load = LOADS * (1 + 0.01 * rng.standard_normal(LOADS.size))
     radius = jkr.radius(LOADS, **LAW)
     length, pressure = 7.0, 0.3
-    here = fit(load, radius, radius_std=1e-7)
+    here = fit(load, radius, radius_std=1e-7, load_cell=LoadCell(zero_std))
     there = calibrate_jkr(
         load * pressure * length**2,
         radius * length,
+        load_cell=LoadCell(zero_std * pressure * length**2),
         radius_std=1e-7 * length,
         sphere_radius=LENS * length,
         poisson_ratio=0.5,
@@ -192,14 +194,20 @@ def test_of_one_load_only_the_modulus_is_uncertain():
 
 
 def test_student_and_known_parts_add_in_quadrature():
-    found = coverage_estimate(2.0, 0.1, freedom=3, known_std=0.2)
-    half = np.hypot(0.1 * stats.t.ppf(0.975, 3), 0.2 * stats.norm.ppf(0.975))
-    assert (found.low, found.high) == pytest.approx((2 - half, 2 + half), rel=1e-12)
+    load, forces = np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.11, 0.19, 0.32, 0.41])
+    found, square = load_slope(forces, load, relative_std=0.02), load @ load
+    rest = forces - found.value * load
+    even, own = rest @ rest / 3 / square, np.sum((load * rest / (1 - load**2 / square)) ** 2) / square**2
+    student = stats.t.ppf(0.975, 3) * np.sqrt(max(even, own))
+    half = np.hypot(student, 0.02 * found.value * stats.norm.ppf(0.975))
+    assert (found.low, found.high) == pytest.approx((found.value - half, found.value + half), rel=1e-12)
+    assert student > 0.3 * half  # neither part hides the other
 
 
 def test_a_calibrated_std_is_that_of_a_normal_distribution_with_the_same_interval():
-    calibrated, analysed = coverage_estimate(5.0, 2.0, freedom=3), student_estimate(5.0, 2.0, freedom=3)
-    assert (calibrated.low, calibrated.high) == pytest.approx((analysed.low, analysed.high), rel=1e-12)
+    analysed = student_estimate(5.0, 2.0, freedom=3)
+    calibrated = CoverageEstimate.of_interval(5.0, analysed.low, analysed.high)
+    assert (calibrated.low, calibrated.high) == (analysed.low, analysed.high)
     assert analysed.std == 2.0
     # t(0.975, 3) = 3.182446, z(0.975) = 1.959964
     assert calibrated.std == pytest.approx(2.0 * 3.182446 / 1.959964, rel=1e-6)

@@ -95,6 +95,21 @@ def test_five_loads_with_a_zero_or_a_gain_off_state_what_they_do_not_know():
         assert sum(abs(one.value - E) < 2 * one.std for one in found) >= 10
 
 
+def test_three_loads_cannot_tell_the_zero_and_state_what_they_do_not_know():
+    """With the zero three loads fit three numbers without a residual, which would leave no uncertainty."""
+    three, cell, rng = np.array([0.05, 0.2, 0.5]), LoadCell(1e-2, gain_std=0.0), np.random.default_rng(5)
+    radius, sample = jkr.radius(three, **LAW), {"sphere_radius": 0.1288, "poisson_ratio": 0.5}
+    found = [
+        calibrate_jkr(three + 1e-2 * zero, radius, **sample, thickness=10.0, load_cell=cell).young_modulus
+        for zero in rng.standard_normal(12)
+    ]
+    assert sum(one.low < E < one.high for one in found) >= 10  # 9 or fewer have a probability of 2 %
+    # P = K a^3/R - ... a^(3/2): what a zero of one standard uncertainty makes of the first term
+    terms = np.column_stack([radius**3, radius**1.5])
+    change = np.linalg.lstsq(terms, np.full(3, 1e-2), rcond=None)[0][0] * 0.1288 * 0.75 * 0.75
+    assert min(one.std for one in found) > abs(change) > 0.02 * E
+
+
 def test_the_gain_goes_into_the_modulus_in_full():
     exact, one_percent = (
         calibration(FIVE, load_cell=LoadCell(zero_std=0.0, gain_std=gain)) for gain in (0.0, 0.01)

@@ -231,13 +231,13 @@ def test_frames_leave_their_tables_in_the_store(stored):
             pd.testing.assert_frame_equal(one, other, check_exact=True)
         assert repr(part.row) == repr(whole.row)
         assert part.with_remarks("remark").row["message"].endswith("remark")
-    pd.testing.assert_frame_equal(kept.whole().contacts, held.whole().contacts, check_exact=True)
-    pd.testing.assert_frame_equal(kept.whole().frames, held.whole().frames, check_exact=True)
+    pd.testing.assert_frame_equal(kept.run.contacts, held.run.contacts, check_exact=True)
+    pd.testing.assert_frame_equal(kept.run.frames, held.run.frames, check_exact=True)
 
 
 def test_blocks_of_frames_give_the_tables_of_all(tiny_series, tmp_path, monkeypatch):
     parts = series.measure_parts(open_experiment(read_scene(tiny_series)), workers=1)
-    whole = parts.whole()
+    whole = parts.run
     monkeypatch.setattr(measured_series, "BLOCK_FRAMES", 1)
     for folder in ("alone", "together"):
         (tmp_path / folder).mkdir()

@@ -157,13 +157,34 @@ def test_measured_again_on_the_pooled_background_only_where_something_changed(se
         patch.setattr(background_module, "measure_scene_frame", counting)
         for _ in range(2):
             store = PartStore(tmp_path / "store", record, resumes=False)
-            runs.append(measure_parts(experiment, workers=1, store=store).whole())
+            runs.append(measure_parts(experiment, workers=1, store=store).run)
             calls.append("end")
     assert calls.index("end") >= 7
     assert calls[calls.index("end") :] == ["end", "end"]
     for run in runs:
         pd.testing.assert_frame_equal(run.contacts, pooled.contacts, check_exact=True)
         pd.testing.assert_frame_equal(run.frames, pooled.frames, check_exact=True)
+
+
+def test_a_frame_that_fails_on_the_pooled_background_keeps_its_measurement(
+    series, pooled, monkeypatch, caplog
+):
+    measure = background_module.measure_on_pool
+
+    def failing(frame, *arguments, **options):
+        if frame.name == "frame_3.tif":
+            raise MemoryError
+        return measure(frame, *arguments, **options)
+
+    monkeypatch.setattr(background_module, "measure_on_pool", failing)
+    with caplog.at_level("WARNING"):
+        frames = measured(series).frames.set_index("frame")
+    assert "frame_3.tif: cannot be measured (MemoryError: ); its measurement before is kept" in caplog.text
+    assert (frames["status"] == "ok").all()
+    on_pool = frames["message"].str.contains("background pooled")
+    assert on_pool.index[~on_pool].tolist() == ["frame_3.tif"]
+    whole = pooled.frames.set_index("frame")["area_m2"]
+    np.testing.assert_allclose(frames["area_m2"], whole, rtol=0.01)
 
 
 def test_of_a_long_series_only_the_frames_of_the_pool_are_measured_twice(tmp_path):

@@ -207,7 +207,7 @@ def under_other_laws(folder, switch):
     for state in ("on", "off"):
         effects = series.scene.effects.model_copy(update={switch: state})
         one = replace(series, scene=series.scene.model_copy(update={"effects": effects}))
-        yield replace(one, law=local_law(one.located, one.sites)).whole().frames.set_index("frame")
+        yield replace(one, law=local_law(one.located, one.sites)).run.frames.set_index("frame")
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ import io
 import json
 import re
 import tempfile
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -16,8 +17,10 @@ from small_series import TINY, copy_of, write_small_series
 
 from contactimg.cli import main
 from contactimg.errors import InputError
+from contactimg.files import read_run
 from contactimg.report import build_report
 from contactimg.report.page import LEAST_WIDTH_PX, embed_picture
+from contactimg.report.summary import headlines
 
 HOSTILE = '<script>alert(1)<b>&".tif'  # the name of a frame of the run
 SECTIONS = ["summary", "frames", "overlays", "flags", "failed", "provenance"]
@@ -70,6 +73,22 @@ def html(run):
 @pytest.fixture(scope="module")
 def page(html):
     return Page(html)
+
+
+def test_frames_whose_contacts_lack_forces_do_not_enter_the_slope(run):
+    def slope(run):
+        name, text, _ = headlines(run)[0]
+        return name, float(text.split()[0])
+
+    whole = read_run(run)
+    last, contacts = whole.contacts["frame"] == "frame_3.tif", whole.contacts.copy()
+    contacts.loc[contacts.index[last][::3], "force_N"] = np.nan  # of a third: said in its message
+    assert slope(replace(whole, contacts=contacts)) == slope(whole) == ("ΣF/P", pytest.approx(1, abs=0.02))
+    contacts.loc[last & (contacts["label"] > 10), "force_N"] = np.nan
+    frames = whole.frames.assign(
+        force_sum_N=whole.frames["force_sum_N"].mask(whole.frames["load_N"] > 0.03, 0.01)
+    )
+    assert slope(replace(whole, contacts=contacts, frames=frames)) == ("ΣF/P", pytest.approx(1, abs=0.02))
 
 
 def test_every_part_is_there(page):

@@ -35,9 +35,8 @@ from contactimg.pipeline.analyse.places import (
     usable_frames,
 )
 from contactimg.pipeline.analyse.sheared import Sheared, analyse_shear
-from contactimg.pipeline.measured_series import shown_apex
+from contactimg.pipeline.measured_series import doubt_match
 from contactimg.pipeline.results import reservations, write_results
-from contactimg.plausibility import doubts_about_match, mean_spacing, settle
 from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile, plot_sheared_areas
 from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE, RESULTS, RUN_MODELS
@@ -225,10 +224,8 @@ def _doubt_match(place: Place, contacts: pd.DataFrame, frames: pd.DataFrame, min
         for table in (place.contacts, contacts[contacts["place"] == place.name])
     )
     counts = {"measured": len(ours), "predicted": len(theirs), "matched": len(ours.dropna().merge(theirs))}
-    shown = shown_apex(Run(place.scene, place.contacts, place.frames), place.pose, place.asperities)
-    spacing = mean_spacing(place.asperities)
-    doubts = doubts_about_match(place.scene, **counts, shown=shown, spacing=spacing)
-    settle(doubts, place.name)
+    run = Run(place.scene, place.contacts, place.frames)
+    doubt_match(run, place.pose, place.asperities, place.name, **counts)
 
 
 def _lacking(place: Place) -> list[str]:

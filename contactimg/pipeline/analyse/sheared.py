@@ -14,7 +14,7 @@ from contactimg.errors import ContactimgError
 from contactimg.files.runs import frame_shift
 from contactimg.frame import Frame
 from contactimg.pipeline.analyse.places import Place, fit_or_note
-from contactimg.pipeline.frame import measure_prepared
+from contactimg.pipeline.frame import count_pixels
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.shear.followed import ShearLaws, fit_beta, fit_shear_laws, follow_contacts
 from contactimg.shear.laws import RateLaw, fit_strength
@@ -156,7 +156,7 @@ def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> 
         frame: Frame, reference: NDArray | None, spots: Values, contacts: Values, numbers: dict[str, float]
     ) -> Values:
         """Limits of the radii at the spots of a frame; the cheaper count subtracts the same background."""
-        seen = measure_prepared(frame, reference, scene, count_at=0.5).foreground
+        seen = count_pixels(frame, reference, scene).foreground
         image, valid = seen.image * np.float32(seen.frame_pair.unit), seen.frame_pair.valid
         return limit_radii(image, spots, contacts=contacts, **numbers, valid=valid)
 

@@ -19,8 +19,8 @@ from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_open
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
-from contactimg.pipeline.frame import measure_prepared
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.frame import count_pixels
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame, measured_and_failed
 from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.laws import LINE_POINTS
@@ -99,52 +99,45 @@ def measure_circles(experiment: Experiment, *, workers: int | None = None) -> Ci
     indenter = scene.need("indenter", "measuring a smooth contact")
     model = EdgeModel(camera.pixel_size, indenter.radius, excess_table(lamp(scene.light)))
 
-    def sample(frame: Frame, reference: NDArray | None) -> tuple[dict[str, object], EdgeSamples | None]:
-        measurement = measure_prepared(frame, reference, scene, count_at=0.5)
+    def sample(frame: Frame, reference: NDArray | None) -> tuple[dict[str, object], EdgeSamples]:
+        """The row of a frame, and the pixels about the edge of its contact."""
+        measurement = count_pixels(frame, reference, scene)
+        contrast, noise = abs(measurement.contrast), measurement.noise
+        if not contrast:
+            raise FrameError(measurement.message or "nothing stands out of the noise")
+        image = measurement.difference * np.float32(np.sign(measurement.contrast))
+        valid = np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
+        circle = find_circle(image, contrast)
+        for _ in range(2):  # the second time about the circle that a sharp edge gives
+            outside_px = model.film_px(circle.radius_px) + BEYOND_FILM_PX
+            samples = sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
+            circle = fit_circle(samples, model, opening=np.inf)
         names = ("status", "message", "shift_x_px", "shift_y_px")
         row: dict[str, object] = {"frame": frame.name} | {name: getattr(measurement, name) for name in names}
-        contrast, noise = abs(measurement.contrast), measurement.noise
-        try:
-            if not contrast:
-                raise FrameError(measurement.message or "nothing stands out of the noise")
-            image = measurement.difference * np.float32(np.sign(measurement.contrast))
-            valid = np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
-            circle = find_circle(image, contrast)
-            for _ in range(2):  # the second time about the circle that a sharp edge gives
-                outside_px = model.film_px(circle.radius_px) + BEYOND_FILM_PX
-                samples = sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
-                circle = fit_circle(samples, model, opening=np.inf)
-            return row, sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
-        except FrameError as error:
-            return row | FailedFrame.of(frame.name, error).row, None
+        return row, sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
 
-    parts = [
-        (part.row, None) if isinstance(part, FailedFrame) else part
-        for part in for_each_frame(experiment, sample, workers=workers, shown="measuring frames")
-    ]
-    sampled = [samples for _, samples in parts if samples is not None]
-    if not sampled:
-        raise InputError(f"no frame shows a contact circle; the first: {parts[0][0]['message']}")
+    parts = list(for_each_frame(experiment, sample, workers=workers, shown="measuring frames"))
+    sampled = [samples for _, samples in measured_and_failed(parts, "no frame shows a contact circle")[0]]
     by_size = sorted(sampled, key=lambda one: one.circle.radius_px)
     # the frames with the middle, the smallest and the largest contact
     chosen = [by_size[k] for k in dict.fromkeys((len(by_size) // 2, 0, len(by_size) - 1))]
     opening = NO_FILM if scene.effects.film == "off" else choose_opening(chosen, model)
 
     def circles(value: float) -> pd.DataFrame:
-        rows = [_with_circle(row, samples, model, value) for row, samples in parts]
-        loads = [experiment.load_of(str(row["frame"])) for row, _ in parts]
-        return CIRCLES.conform(pd.DataFrame(rows)).assign(load_N=loads)
+        rows = [
+            part.row if isinstance(part, FailedFrame) else _with_circle(*part, model, value) for part in parts
+        ]
+        table = CIRCLES.conform(pd.DataFrame(rows))
+        return table.assign(load_N=[experiment.load_of(name) for name in table["frame"]])
 
     rival = circles(opening.rival) if opening.doubt > FALSE_ALARM_RATE else None
     return CircleSeries(circles(opening.value), opening.value, opening.doubt, rival)
 
 
 def _with_circle(
-    row: dict[str, object], samples: EdgeSamples | None, model: EdgeModel, opening: float
+    row: dict[str, object], samples: EdgeSamples, model: EdgeModel, opening: float
 ) -> dict[str, object]:
     """The frame's row with its circle."""
-    if samples is None:
-        return row
     try:
         circle = fit_circle(samples, model, opening=opening, blur_px=samples.circle.blur_px)
     except Exception as error:  # whatever it is, the other frames are not concerned
@@ -249,7 +242,12 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated
     series, scene = measure_circles(experiment, workers=workers), experiment.scene
     table = series.table
     chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])
-    calibration = _calibrate(table[chosen], scene)
+    failed = table["message"][table["status"] == FAILED]
+    try:
+        calibration = _calibrate(table[chosen], scene)
+    except InputError as error:
+        lost = f"; {len(failed)} frames without a circle, the first: {failed.iloc[0]}" if len(failed) else ""
+        raise InputError(f"{error}{lost}") from None
     if series.rival is not None:
         rival = _calibrate(series.rival[chosen & np.isfinite(series.rival["radius_m"])], scene)
         calibration = calibration.widened(rival, series.doubt)
@@ -257,8 +255,8 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated
         table.loc[chosen, column] = calibration.points[column].to_numpy()
     notes = calibration_notes(calibration, table, scene)
     record = _jkr_record(calibration, series) | {"notes": notes}
-    failed, figures = bool((table["status"] == FAILED).any()), {"jkr": _jkr_figure(calibration)}
-    return Calibrated(record, {"circles": (CIRCLES, table)}, figures, failed=failed)
+    figures = {"jkr": _jkr_figure(calibration)}
+    return Calibrated(record, {"circles": (CIRCLES, table)}, figures, failed=len(failed) > 0)
 
 
 def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:

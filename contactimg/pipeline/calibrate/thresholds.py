@@ -16,16 +16,17 @@ from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
 from contactimg.imaging.measure import count_again
-from contactimg.pipeline.frame import frame_row, measure_prepared
+from contactimg.pipeline.frame import count_pixels, frame_row
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
 from contactimg.pipeline.measured_series import find_pose, local_law, with_forces, with_pose
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.parallel import for_each_frame, measured_and_failed
 from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
 from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
 from contactimg.plots.numbers import number_with_interval, plain_number
-from contactimg.tables import CONTACTS, FAILED, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema
+from contactimg.pose.fit import SIGNIFICANT_FRACTION
+from contactimg.tables import CONTACTS, FORCE_SUMS, FRAMES, THRESHOLD_CURVE, Schema, Status
 
 Values = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ class ThresholdSeries:
     thresholds : ndarray, shape (m,)
     areas : ndarray, shape (m, n), m^2
     forces : ndarray, shape (m, n), N
-        NaN where no asperity radius is known.
+        NaN where fewer than half of the contacts have one, as without their asperities' radii.
     frames : DataFrame
         The frames table's rows of the n frames that could be measured.
     failed : DataFrame
@@ -92,7 +93,7 @@ def measure_thresholds(
         frame: Frame, reference: NDArray | None
     ) -> tuple[dict[str, object], list[pd.DataFrame], tuple[int, int]]:
         """The row of a frame, its contacts at each threshold, and its shape."""
-        measurement = measure_prepared(frame, reference, scene, count_at=0.5)
+        measurement = count_pixels(frame, reference, scene)
         if not measurement.contrast:
             raise FrameError(measurement.message or "nothing stands out of the noise")
         counted = (count_again(measurement.foreground, float(level)).disks for level in levels)
@@ -100,26 +101,25 @@ def measure_thresholds(
         row = frame_row(measurement, frame.name) | {"n_contacts": len(measurement.disks)}
         return row | {"smallest_px": np.nan}, contacts, frame.shape
 
-    parts = list(for_each_frame(experiment, count, workers=workers, shown="measuring frames"))
-    rows = [part.row if isinstance(part, FailedFrame) else part[0] for part in parts]
+    results = for_each_frame(experiment, count, workers=workers, shown="measuring frames")
+    measured, failed = measured_and_failed(results, "no frame could be measured")
+    rows, counted, shapes = zip(*measured, strict=True)
     frames = FRAMES.conform(pd.DataFrame(rows))
     frames["load_N"] = [experiment.load_of(name) for name in frames["frame"]]
-    good = frames["status"] != FAILED
-    if not good.any():
-        raise InputError(f"no frame could be measured; the first: {frames['message'].iloc[0]}")
-    kept = frames[good].reset_index(drop=True)
-    _, counted, shapes = zip(*(part for part in parts if not isinstance(part, FailedFrame)), strict=True)
-    runs = [Run(scene, pd.concat(parts, ignore_index=True), kept) for parts in zip(*counted, strict=True)]
+    runs = [Run(scene, pd.concat(parts, ignore_index=True), frames) for parts in zip(*counted, strict=True)]
     half = int(np.abs(levels - 0.5).argmin())
     _, sites = asperities_and_sites(experiment)
     pose = find_pose(runs[half], sites, scene.pose(shapes[0]))
     runs = [with_pose(run, sites, pose) for run in runs]
-    law = local_law(runs[half], sites)
-    sums = [with_forces(run, sites, law).frames for run in runs]
+    law, frames = local_law(runs[half], sites), runs[half].frames
+    runs = [with_forces(run, sites, law) for run in runs]
     areas, forces = (
-        np.array([table[name].to_numpy(float) for table in sums]) for name in ("area_m2", "force_sum_N")
+        np.array([run.frames[name].to_numpy(float) for run in runs]) for name in ("area_m2", "force_sum_N")
     )
-    return ThresholdSeries(levels, areas, forces, kept, frames[~good].reset_index(drop=True))
+    contacts = runs[half].contacts
+    known = contacts["force_N"].notna().groupby(contacts["frame"]).mean()
+    forces[:, frames["frame"].map(known) < SIGNIFICANT_FRACTION] = np.nan
+    return ThresholdSeries(levels, areas, forces, frames, FRAMES.conform(pd.DataFrame(failed)))
 
 
 # --- the calibrations
@@ -128,18 +128,23 @@ def measure_thresholds(
 def _with_forces(
     experiment: Experiment, levels: ArrayLike, workers: int | None
 ) -> tuple[ThresholdSeries, Values]:
-    """The frames of a series that have a load and forces, and these loads, N."""
+    """The frames of a series that have a load and forces, and these loads, N; others with a load failed."""
     series = measure_thresholds(experiment, levels, workers=workers)
-    good = np.isfinite(series.frames["load_N"].to_numpy(float))
-    if not good.any():
+    loaded = series.frames["load_N"].notna().to_numpy(bool)
+    known = np.asarray(np.isfinite(series.forces).any(axis=0))
+    if not loaded.any():
         raise InputError("no frame has a load; give loads.csv with the columns frame, load_N")
-    forces, kept = series.forces[:, good], series.frames[good].reset_index(drop=True)
-    if not np.isfinite(forces).any():
+    good, lost = loaded & known, series.frames[loaded & ~known]
+    if not good.any():
         raise InputError(
             "no local force is known: give the radii of the asperities ([asperities] file or radius_m); "
             "without them a threshold is found by `calibrate plateau`"
+            + "".join(f" ({note})" for note in frame_notes(lost[lost["status"] == Status.NO_POSE])[:1])
         )
-    series = replace(series, areas=series.areas[:, good], forces=np.nan_to_num(forces), frames=kept)
+    said = "left out: fewer than half of its contacts have a force; "
+    failed = pd.concat([series.failed, lost.assign(message=lost["frame"] + ": " + said + lost["message"])])
+    forces, kept = np.nan_to_num(series.forces[:, good]), series.frames[good].reset_index(drop=True)
+    series = replace(series, areas=series.areas[:, good], forces=forces, frames=kept, failed=failed)
     return series, kept["load_N"].to_numpy(float)
 
 
@@ -251,7 +256,7 @@ def run_modulus(
     series, load = _with_forces(experiment, levels, workers)
     measured, relative = _stated_modulus(experiment), 0.0
     if threshold is None:
-        frames = measure_parts(experiment, workers=workers).whole().frames.set_index("frame")
+        frames = measure_parts(experiment, workers=workers).run.frames.set_index("frame")
         forces = frames.loc[series.frames["frame"], "force_sum_N"].to_numpy(float)
     else:
         forces = series.forces[1]

@@ -188,7 +188,7 @@ def test_calibrations_prepare_frames_as_process_does(small_series, tmp_path):
     for effects in ({}, {"position_drift": "off", "dust": "off", "saturation": "off"}):
         with_scene(folder, effects=effects)
         experiment = open_experiment(read_scene(folder))
-        frames = measure_parts(experiment, workers=1).whole().frames
+        frames = measure_parts(experiment, workers=1).run.frames
         series = measure_thresholds(experiment, [0.5], workers=1)
         columns = ["contrast", "noise", "shift_x_px", "shift_y_px", "n_contacts"]
         pd.testing.assert_frame_equal(series.frames[columns], frames[columns])
@@ -211,7 +211,7 @@ def test_a_bar_counts_at_no_threshold(small_series, tmp_path):
     )  # frame_1 shows no plateau
     experiment = open_experiment(read_scene(folder))
     run, series = (
-        measure_parts(experiment, workers=1).whole(),
+        measure_parts(experiment, workers=1).run,
         measure_thresholds(experiment, [0.3, 0.5, 0.7]),
     )
     assert run.rejected["reason"].str.startswith("long").sum() == 2
@@ -228,7 +228,7 @@ def test_circles_are_measured_on_frames_prepared_as_process_does(sharp_frames, t
     with_scene(folder, effects={"position_drift": "off"}, measure={"method": "threshold"})
     experiment = open_experiment(read_scene(folder))
     circles = measure_circles(experiment, workers=1).table
-    frames = measure_parts(experiment, workers=1).whole().frames
+    frames = measure_parts(experiment, workers=1).run.frames
     columns = ["frame", "shift_x_px", "shift_y_px"]
     pd.testing.assert_frame_equal(circles[columns], frames[columns])
     assert (frames["shift_x_px"] == 0).all()
@@ -266,6 +266,15 @@ def test_jkr_refusals_say_why(sharp_frames, tmp_path, capsys):
     sentence = "three different loads or more, got 1"
     assert sentence in refusal(capsys, "calibrate", "jkr", folder, "-o", tmp_path / "out", "--quiet")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_refusal_names_the_frames_that_show_no_circle(sharp_frames, tmp_path, capsys):
+    folder = copy_of(sharp_frames, tmp_path / "frames")
+    for k in (1, 3, 4, 5):
+        (folder / f"frame_{k}.tif").write_bytes((folder / "reference.tif").read_bytes())
+    error = refusal(capsys, "calibrate", "jkr", folder, "-o", tmp_path / "out", "--quiet", "--workers", 1)
+    assert "three different loads or more, got 2" in error
+    assert "4 frames without a circle, the first: frame_1.tif" in error
 
 
 def test_pulls_mean_nothing_to_process(sharp_frames, tmp_path, capsys):
@@ -370,6 +379,32 @@ def test_the_modulus_of_disks_takes_one_threshold(small_series, monkeypatch):
     result = thresholds.run_modulus(open_experiment(read_scene(small_series)), threshold=None, workers=1)
     assert result.record["method"] == "disk"
     assert counted == [0.5] * 3
+
+
+def test_a_frame_whose_contacts_have_no_forces_is_left_out_and_named(small_series, tmp_path, capsys):
+    folder = copy_of(small_series, tmp_path / "frames")
+    table = pd.read_csv(folder / "asperities.csv")
+    table["radius_m"] *= 1 + 1e-5 * np.arange(len(table))  # so that a contact needs its own asperity
+    table.to_csv(folder / "asperities.csv", index=False)
+    words = ["calibrate", "threshold", folder, "--quiet", "--workers", 1]
+    assert run(*words, "--frames", "frame_[13].tif", "-o", tmp_path / "two") == 0
+    experiment = open_experiment(read_scene(folder))
+    reference, source = experiment.references[0].read().image, experiment.frames[1]
+    image = source.read().image
+    elsewhere = reference.astype(int) + np.roll(image.astype(int) - reference, (37, 23), (0, 1))[::-1]
+    write_frame(Frame(np.clip(elsewhere, 0, 255).astype(image.dtype), name=source.name), source.path)
+    assert run(*words, "-o", tmp_path / "all") == 1
+    record = read_calibration(tmp_path / "all")
+    (said,) = (note for note in record["notes"] if note.startswith("frame_2.tif: left out"))
+    assert "fewer than half of its contacts have a force" in said
+    assert "contacts fall on an asperity" in said
+    assert record["threshold"] == read_calibration(tmp_path / "two")["threshold"]
+    with_scene(folder, measure={"pose": "given"})
+    capsys.readouterr()
+    run("calibrate", "modulus", folder, "--frames", "frame_2.tif", "-o", tmp_path / "one", "--quiet")
+    error = capsys.readouterr().err
+    assert "no local force is known" in error
+    assert error.endswith("[camera] pixel_size_m and centre_m, and [indenter] apex_m)\n")
 
 
 def test_both_on_one_curve_are_refused(threshold_result, tmp_path, capsys):
