@@ -82,7 +82,7 @@ class Reason(enum.StrEnum):
     SCRATCH = "piece of a scratch"
     """It fits badly and is far longer than wide."""
     CHAIN = "one of several faint specks side by side"
-    """Narrower than the blur and hardly above the noise, beside another such speck: a piece of a ring, a
+    """Far narrower than the blur and hardly above the noise, beside another such speck: a piece of a ring, a
     reflection, or other light wider than they are."""
     UNNECESSARY = "not needed to explain the pixels"
     """The fit describes the pixels as well without it."""

@@ -34,7 +34,7 @@ from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, erase_disks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
-from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching
+from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching, label_groups
 from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -60,6 +60,9 @@ PLACE = ("x_px", "y_px", "radius_px")
 """Columns that say where a candidate is."""
 LOW_SIGNAL_SIGMA = 10.0
 """Light below which a contact has the flag LOW_SIGNAL. By hand: twice the detection limit."""
+SPECK_BLUR_WIDTHS = 0.75
+"""Radius over blur below which faint contacts are specks. Theory: they show a quarter of their contrast. By
+hand: pieces of rings and reflections are narrower, contacts of half the brightness of the others wider."""
 LEAST_LIGHT_SIGMA, LEAST_POOR_LIGHT_SIGMA = 2.0, 5.0
 """Light below which a disk is left out, and below which one that fits badly is. By hand."""
 LEAST_VISIBLE = 0.1
@@ -353,13 +356,17 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     covariance = np.linalg.pinv(fit.information[:, :4, :4], hermitian=True)
     variance = covariance[:, RADIUS, RADIUS] * covariance[:, CONTRAST, CONTRAST]
     known = 1.0 - covariance[:, RADIUS, CONTRAST] ** 2 / np.maximum(variance, 1e-300)
-    chained, faint = nothing.copy(), (radius < blur) & (radius < 2.0 * std * LOW_SIGNAL_SIGMA)
-    chained[faint] = count_touching(disks[faint], CLEAR_BLUR_WIDTHS * blur) > 0
+    chained, signal = nothing.copy(), radius / (2.0 * std)
+    # two of them may be a pair of small contacts, unless they are even smaller
+    faint = (radius < blur) & (signal < LOW_SIGNAL_SIGMA)
+    group = label_groups(disks[faint], CLEAR_BLUR_WIDTHS * blur)
+    usual = np.where(radius[faint] < SPECK_BLUR_WIDTHS * blur, 1, 2)
+    chained[faint] = np.bincount(group)[group] > usual
     return {
         "radius": radius,
         "std": std,
         "blur": np.full(len(disks), blur),
-        "signal": radius / (2.0 * std),
+        "signal": signal,
         "light": radius / (2.0 * std * np.sqrt(np.clip(known, 1e-6, 1.0))),
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring)) / height,
         "own_rise": own_rise(foreground, places, blur),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.detect.candidates import ODD_RATIO, dark_spots, measure_contrast
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.evidence.background_left import UNEVENNESS, inspect_background
-from contactimg.imaging.evidence.rules import PLACE, Columns, Judged, excess_of_counts
+from contactimg.imaging.evidence.rules import PLACE, SPECK_BLUR_WIDTHS, Columns, Judged, excess_of_counts
 from contactimg.imaging.fit.edge_profile import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
@@ -23,9 +23,6 @@ SPOILED_SHARE = 0.2
 DOUBTED_SHARE = 0.05
 """Share of the candidates that prove to be no contacts, or of the bright pixels that belong to none, above
 which others may be false or missing. By hand."""
-SPECK_BLUR_WIDTHS = 2.0 / 3.0
-"""Radius over blur below which faint contacts are doubted sooner. Theory: they show a fifth of their
-contrast. By hand: reflections of 5 % do, contacts of half the brightness of the others are wider."""
 LIGHT_CHANGE = 1.5
 """Ratio of the background to the reference, or its inverse, above which the light has changed. By hand."""
 HIDDEN_SHARE = 0.02

@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from contactimg.imaging.detect.inscribed_disks import (
     LARGEST_WHOLE_HOLES,
@@ -43,7 +41,7 @@ from contactimg.imaging.fit.shapes import (
     fit_ellipse,
     render_ellipse,
 )
-from contactimg.imaging.kernels.pairs import count_touching, find_pairs
+from contactimg.imaging.kernels.pairs import count_touching, label_groups
 from contactimg.imaging.pixels.masks import nearest_pixels
 from contactimg.imaging.profile.limits import (
     FIT_BLUR_WIDTHS,
@@ -393,10 +391,7 @@ def _groups_with(bad: NDArray[np.bool_], disks: NDArray, gap: float) -> Iterator
     """Groups of disks with gaps below ``gap``, directly or through others, that contain a bad one."""
     if not bad.any():
         return
-    pairs = find_pairs(disks, 0.5 * gap)
-    n = len(disks)
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    labels = connected_components(graph, directed=False)[1]
+    labels = label_groups(disks, gap)
     order = np.argsort(labels, kind="stable")
     for label in np.unique(labels[bad]):
         yield order[slice(*np.searchsorted(labels[order], [label, label + 1]))]

@@ -2,6 +2,8 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from contactimg.compiled import lengthened, njit
 from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, LEAST_VISIBLE
@@ -91,6 +93,13 @@ def _deep_pairs(disks: NDArray, deepest: float) -> NDArray[np.int64]:
 def count_touching(disks: NDArray, space: float) -> NDArray[np.int64]:
     """Number of other disks whose rim comes closer than ``space`` to that of each disk."""
     return np.bincount(find_pairs(disks, 0.5 * space).ravel(), minlength=len(disks))
+
+
+def label_groups(disks: NDArray, gap: float) -> NDArray[np.int64]:
+    """Number of the group of each disk: disks with gaps below ``gap``, directly or through others."""
+    pairs, n = find_pairs(disks, 0.5 * gap), len(disks)
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
 
 def visible_share(disks: NDArray) -> NDArray[np.float64]:
