@@ -205,7 +205,7 @@ def check(
         forms |= {"rms_px": ".3f", "within_1_std": ".0%", "within_2_std": ".0%"}
         echo_table(f"{folder}, contacts drawn", result.classes[[*forms]], left=0, forms=forms)
         say(result.sentence)
-        say(*(f"{row.frame}: not checked, {row.message}" for row in result.failed.itertuples()))
+        say(*(f"not checked: {row.message}" for row in result.failed.itertuples()))
     return 1 if len(result.failed) else 0
 
 
