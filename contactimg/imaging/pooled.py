@@ -388,22 +388,22 @@ class PooledBackground:
     ----------
     total : ndarray of float32, shape (rows, columns)
         Sum of the views that show a pixel, grey levels.
-    count : ndarray of uint8, shape (rows, columns)
+    count : ndarray of int16, shape (rows, columns)
         How many do.
     """
 
     total: Values
-    count: NDArray[np.uint8]
+    count: NDArray[np.int16]
 
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> "PooledBackground":
         """The sums without any view."""
-        return cls(np.zeros(shape, np.float32), np.zeros(shape, np.uint8))
+        return cls(np.zeros(shape, np.float32), np.zeros(shape, np.int16))
 
     def plus(self, view: View, weight: int = 1) -> "PooledBackground":
         """The sums with one view more, which counts like ``weight`` views; -1 takes it out again."""
-        seen = view.seen.astype(np.int16) * weight
-        return PooledBackground(self.total + view.image * seen, (self.count + seen).astype(np.uint8))
+        seen = view.seen.astype(np.int16) * np.int16(weight)
+        return PooledBackground(self.total + view.image * seen, self.count + seen)
 
     def without_rings(self, templates: sparse.csc_array, correction: NDArray) -> "PooledBackground":
         """The sums without the rings that the errors of the radii of one view leave; minus: with them."""

@@ -70,6 +70,15 @@ def pooled_of(views, sign=1):
     return pooled, agreement
 
 
+def test_any_number_of_views_may_be_summed(rng):
+    view = View.plain(exposed(rng))
+    pooled = PooledBackground.empty(SHAPE).plus(view, 300)
+    assert (pooled.count == 300).all()
+    # the sum has single precision
+    assert pooled.mean() == pytest.approx(view.image, rel=1e-6)
+    assert (pooled.plus(view, -45).count == 255).all()
+
+
 def test_mean_of_shifted_views_has_the_noise_of_a_mean(shifted_views):
     pooled, _ = pooled_of(shifted_views)
     inner = (slice(10, -10), slice(10, -10))
