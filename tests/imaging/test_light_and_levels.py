@@ -169,6 +169,24 @@ def test_a_frame_on_a_white_page_is_measured_as_without_the_page(plain, with_ref
     )
 
 
+@pytest.mark.parametrize("full_scale", [255 / 999, 255e-6, 4095 / 65535, 1.0])
+def test_white_pixels_are_at_any_full_scale(plain, full_scale):
+    """Levels that single precision rounds down, as it does half of all, are at full scale as well."""
+
+    def stored(image, gain=1):
+        levels = np.clip(image.astype(float) * gain, 0, 255)
+        return np.pad(levels, 40, constant_values=255.0) * (full_scale / 255.0)
+
+    page = measure_image(stored(plain.frame), stored(plain.reference), full_scale=full_scale)
+    assert page.status == Status.OK
+    place = {name: plain.truth[name] + 40 for name in ("x_px", "y_px")}
+    assert min(shares(plain.truth.assign(**place), page.disks)) > 0.95
+    bright = measure_image(stored(plain.frame, 2), stored(plain.reference, 2), full_scale=full_scale)
+    assert bright.status == Status.SATURATED
+    white = np.full((24, 32), full_scale)
+    assert measure_image(white, full_scale=full_scale).status == Status.WHITE
+
+
 def test_a_white_contact_at_the_border_is_no_margin():
     """A margin reaches all four sides, and what it surrounds is one convex region."""
     y, x = np.mgrid[:240, :320]

@@ -131,14 +131,14 @@ class FramePair:
         whole = image.dtype.kind == "u"
         if full_scale is None:
             full_scale = np.iinfo(image.dtype).max if whole else np.inf
-        scale = float(full_scale)
+        scale = float(np.float32(full_scale))  # as the pixels are stored and compared
         valid = _finite([image] if reference is None else [image, reference])
         frame = _fill_holes(image, valid)
         other = None if reference is None else _fill_holes(reference, valid)
         unlit = other is not None and _constant(other) and float(other[0, 0]) in (0.0, scale)
         if unlit:
             other = None
-        full = np.isfinite(scale) and float((image if whole else frame).max()) >= scale
+        full = np.isfinite(scale) and float(frame.max()) >= scale
         saturated = (frame >= np.float32(scale)).view(np.uint8) if full else None
         defect = _defect(frame, other, valid, scale) or (Status.BAD_REFERENCE if unlit else "")
         unit = _unit(image, frame, other)
@@ -146,8 +146,9 @@ class FramePair:
             exact = np.float64 if unit < np.finfo(np.float32).tiny else np.float32
             frame = np.divide(frame, exact(unit), out=frame)
             other = None if other is None else (other / exact(unit)).astype(np.float32, copy=False)
+            scale = float(np.float32(np.float32(scale) / exact(unit)))
         black = 0.0 if whole or float(frame.min()) >= 0 else -np.inf
-        return cls(frame, other, valid, saturated, unit, defect, scale / unit, black, whole)
+        return cls(frame, other, valid, saturated, unit, defect, scale, black, whole)
 
 
 def _finite(arrays: list[NDArray]) -> Mask:
