@@ -345,8 +345,10 @@ def _without_shift(contacts: Columns, known: KnownEdge) -> Columns:
         name: np.maximum(contacts[name] - known.shift_px, 0.1 * contacts[name])
         for name in ("radius_px", "semi_major_px", "semi_minor_px")
     }
-    ratio = (moved["radius_px"] / np.maximum(contacts["radius_px"], 1e-9)) ** 2
-    return contacts | moved | {name: contacts[name] * ratio for name in ("area_px2", "visible_area_px2")}
+    ratio = moved["radius_px"] / np.maximum(contacts["radius_px"], 1e-9)
+    lengths, areas = ("perimeter_px", "area_std_px2"), ("area_px2", "visible_area_px2")
+    powers = dict.fromkeys(lengths, ratio) | dict.fromkeys(areas, ratio**2)
+    return contacts | moved | {name: contacts[name] * power for name, power in powers.items()}
 
 
 def _without_sensor(pair: FramePair) -> FramePair:

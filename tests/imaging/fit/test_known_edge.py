@@ -22,6 +22,11 @@ def test_a_known_edge_moves_all_radii_and_settles_soft_edges():
     assert (settled.disks["edge_shift_px"].abs() >= 0.05).all()
     area = np.pi * settled.disks["radius_px"] ** 2
     assert settled.disks["area_px2"].to_numpy() == pytest.approx(area.to_numpy())
+    # an area pi a^2 has the uncertainty 2 pi a da, and the disk of that radius the perimeter 2 pi a
+    disk = settled.disks[settled.disks["shape"] == "disk"]
+    perimeter = 2.0 * np.pi * disk["radius_px"]
+    assert disk["perimeter_px"].to_numpy() == pytest.approx(perimeter.to_numpy())
+    assert disk["area_std_px2"].to_numpy() == pytest.approx((perimeter * disk["radius_std_px"]).to_numpy())
 
 
 def test_without_an_uncertainty_nothing_is_known():
