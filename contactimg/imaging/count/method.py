@@ -112,7 +112,7 @@ def measure_by_count(
         own_optics=SharedOptics(max(foreground.shown.plateau, 1e-9), own_std, blur_std_px=np.nan),
         unmatched=unmatched,
         # the centre of a disk of radius a behind a blur s reaches 1 - exp(-a^2/(2 s^2)) of the contrast
-        smallest_px=float(DEFAULT_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
+        smallest_px=float(blur * np.sqrt(-2.0 * np.log1p(-fraction))),
         remark=_remark_on_threshold(contacts, crossing),
         rim_height=rim_height,
     )

@@ -101,3 +101,15 @@ def test_light_that_is_not_behind_the_rims_is_said(rng):
     assert "pixel count" in found.message
     error, disks = errors_and_shifts(truth, found)
     assert np.mean(np.abs(error) < 2 * disks["radius_std_px"].to_numpy()) > 0.9
+
+
+@pytest.mark.parametrize("blur", [0.8, 4.0])
+def test_the_smallest_contact_counted_reaches_the_threshold_behind_its_blur(blur, rng):
+    """``1 - exp(-a^2/(2 s^2)) = 1/2`` at the centre: a = 1.18 s."""
+    optics = Optics(shape=(600, 800), dust=0, sigma=blur)
+    truth = scatter(40, optics, rng, radii=(14.0, 30.0), touching=0.0)
+    frame, reference = render(truth, optics, rng)
+    found = measure_image(frame, reference, method="threshold")
+    assert found.smallest_px == pytest.approx(1.18 * blur, rel=0.15)
+    given = measure_image(frame, reference, method="threshold", blur_px=blur)
+    assert given.smallest_px == pytest.approx(1.1774 * np.hypot(blur, 12**-0.5), rel=1e-4)
