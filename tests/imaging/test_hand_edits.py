@@ -3,12 +3,13 @@
 import numpy as np
 import pandas as pd
 import pytest
+from camera_worlds import make_scene
 from contact_frames import Optics, match, render
 
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.tables import Flag, Reason
+from contactimg.tables import Flag, Reason, Status
 
 METHODS = pytest.mark.parametrize("method", ["disk", "threshold"])
 OPTICS = Optics(shape=(160, 220), dust=0)
@@ -43,6 +44,21 @@ def test_an_excluded_contact_is_rejected_by_hand_and_the_others_stay(pair, metho
     np.testing.assert_allclose(
         result.disks["radius_px"], alone.disks.loc[others, "radius_px"].to_numpy(), atol=0.02
     )
+
+
+@METHODS
+def test_what_is_excluded_is_no_background(method):
+    """The light of a large spot that is no contact, as a hand has said, spoils nothing of the frame."""
+    scene = make_scene("plain", 25, 3)
+    alone = measure_image(scene.frame, scene.reference, method=method)
+    x, y, radius = alone.disks.nlargest(1, "radius_px")[["x_px", "y_px", "radius_px"]].to_numpy()[0]
+    assert radius > 15.0
+    edit = HandEdit("exclude", 1, float(x), float(y))
+    found = measure_image(scene.frame, scene.reference, method=method, edits=[edit])
+    assert (alone.status, found.status) == (Status.OK, Status.OK)
+    assert len(found.disks) == len(alone.disks) - 1
+    assert "background" not in found.message
+    assert "belong to no contact" not in found.message
 
 
 @METHODS

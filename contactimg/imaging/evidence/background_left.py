@@ -69,7 +69,7 @@ def inspect_background(
     background : ndarray of bool
         Blocks on which the light was followed.
     disks : ndarray, shape (n, 3)
-        x, y, radius (px) of contacts and rejected objects.
+        x, y, radius (px) of contacts, and of what was excluded by hand.
     reach_px : float
         Distance from their rims up to which they reach.
     contrast : float

@@ -205,6 +205,7 @@ def judge_contacts(
     table["flags"] = np.sum([np.where(shown(e), int(flag), 0) for flag, shown in FLAGS], axis=0)
     found, kept = _join_parts(foreground, result, e, table, reason)
     kept = kept[np.lexsort([table["x_px"][kept], table["y_px"][kept]])]
+    explained = np.union1d(found, np.flatnonzero(e["excluded"]))
     contacts = {name: values[kept] for name, values in table.items()}
     contacts["visible_area_px2"] = visible_areas(contacts, foreground.image.shape)
     dropped = problem.in_frame(result.dropped[:, [X, Y]]), result.dropped[:, RADIUS] * binning
@@ -230,14 +231,15 @@ def judge_contacts(
         smallest_px=result.smallest * binning,
         fit=result,
         evidence={name: values[kept] for name, values in e.items()},
-        unexplained=_unexplained_share(foreground, result, found) if binning == 1 else 0.0,
+        unexplained=_unexplained_share(foreground, result, explained) if binning == 1 else 0.0,
     )
 
 
 def _unexplained_share(foreground: Foreground, result: FrameFit, found: NDArray[np.intp]) -> float:
     """Share of the bright pixels, of every fourth row and column, that no contact explains.
 
-    ``found`` are the rows of all disks whose light belongs to a contact; several may be parts of one.
+    ``found`` are the rows of all disks whose light belongs to a contact, of which several may be parts, or to
+    something excluded by hand.
     """
     problem, fit, bright = result.problem, result.fit, foreground.bright
     erase_disks(problem, fit, ~np.isin(np.arange(len(fit.disks)), found))

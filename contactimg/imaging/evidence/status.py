@@ -124,9 +124,11 @@ def _background(seen: Judged) -> Iterator[tuple[str, str]]:
     """Defects of the background that is left outside the contacts and what the blur spreads of them."""
     foreground, fit = seen.foreground, seen.fit
     blur = DEFAULT_BLUR_PX if fit is None else fit.fit.blur * fit.problem.binning
+    by_hand = seen.rejected["reason"] == Reason.BY_HAND  # no background either
+    places = [np.append(seen.contacts[name], seen.rejected[name][by_hand]) for name in PLACE]
     left = inspect_background(
         foreground.image, foreground.frame_pair.valid, foreground.difference.illumination.background,
-        np.column_stack([seen.contacts[name] for name in PLACE]),
+        np.column_stack(places),
         reach_px=EDGE_BLUR_WIDTHS * blur, contrast=foreground.contrast.plateau,
     )  # fmt: skip
     if seen.count and fit is None and left.free_share < LEAST_FREE:
