@@ -376,8 +376,10 @@ def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedO
     if blur_px is not None:
         blur_px = finite_number(blur_px, "blur_px", "px")
         prior = replace(prior, blur_px=blur_px, blur_std_px=0.0, correlation=0.0)
+    # other frames may have shown edges as sharp as their pixels
+    sharp = blur_px is None and prior.blur_px == 0
     for name, value in (("contrast", prior.contrast), ("blur_px", prior.blur_px)):
-        if not np.isnan(value) and not 0 < value < np.inf:
+        if not (np.isnan(value) or 0 < value < np.inf or (name == "blur_px" and sharp)):
             raise InputError(f"a given {name} must be a positive number, got {value!r}")
     return prior
 

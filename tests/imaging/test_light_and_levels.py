@@ -1,5 +1,7 @@
 """Frames of ordinary cameras and files: dark corners, clipped background, white margins, few grey levels."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -235,6 +237,18 @@ def test_a_thresholded_frame_says_so_and_loses_no_region(plain, kind):
     assert found.status != Status.OK
     assert "grey levels apart" in found.message
     assert "grey levels apart" not in measure_image(plain.frame).message
+
+
+def test_the_optics_of_a_thresholded_frame_serve_others():
+    """Its edges are as sharp as its pixels: a blur of 0, which another frame takes as it is."""
+    frames = [make_scene("thresholded, no ref", 25, seed).frame for seed in (1, 2)]
+    lent = measure_image(frames[0], polarity="bright").own_optics
+    assert lent.blur_px == 0.0
+    alone, helped = (
+        measure_image(frames[1], polarity="bright", optics=optics).disks["radius_px"].to_numpy()
+        for optics in (None, replace(lent, edge=None, blur_std_px=0.1))
+    )
+    assert helped == pytest.approx(alone, rel=0.01)
 
 
 def test_a_disk_without_a_radius_is_fitted_with_its_neighbour():

@@ -373,6 +373,8 @@ def test_what_cannot_be_measured_is_refused(usual):
             measure_image(frame, wrong)
     with pytest.raises(InputError, match="blur_px must be a number of px, got 'sharp'"):
         measure_image(frame, reference, blur_px="sharp")
+    with pytest.raises(InputError, match="a given blur_px must be a positive number, got 0"):
+        measure_image(frame, reference, blur_px=0)
     with pytest.raises(InputError, match="linearity must be a fraction of the contrast"):
         measure_image(frame, reference, linearity=None)
     edit = HandEdit("exclude", 1, 50.0, 60.0)

@@ -74,6 +74,9 @@ ten times that."""
 LEAST_PRIOR_STD = np.array([0.05, 0.4])
 """Uncertainty of ln C, and of the blur relative to it, from which prior knowledge is a guess that small
 contacts need not be drawn to. By hand: a guess has 0.5 of the blur, a pooled series 0.1 and less."""
+LEAST_BLUR_PX = 0.1
+"""Blur at which its uncertainty is taken where it is narrower. Accuracy: keeps that finite, as edges as sharp
+as the pixels have a blur of 0."""
 LEAST_WIDTH_RATIO = 0.05  # of the variances of disk and blur; keeps the uncertainty finite
 CONTROL = FitControl(free_blur=False, iterations=6, tolerance=0.003)
 
@@ -122,7 +125,7 @@ class JointFit:
             contrast_std=self.contrast * float(std[0]),
             spread=self.spread,
             blur_px=float(sigma) * binning,
-            blur_std_px=float(std[1] * self.fit.blur / max(sigma, 0.1)) * binning,
+            blur_std_px=float(std[1] * self.fit.blur / max(sigma, LEAST_BLUR_PX)) * binning,
             correlation=float(covariance[0, 1] / (std[0] * std[1])),
         )
 
@@ -160,7 +163,7 @@ class OpticsPrior:
             std[0] = max(optics.contrast_relative_std, NEGLIGIBLE_FRACTION)
         if given[1]:
             mean[1] = np.hypot(optics.blur_px / binning, np.sqrt(PIXEL_VARIANCE))
-            slope = optics.blur_px / binning**2 / mean[1]
+            slope = max(optics.blur_px / binning, LEAST_BLUR_PX) / (binning * mean[1])
             std[1] = max(optics.blur_std_px * slope, NEGLIGIBLE_FRACTION * mean[1])
         correlation = np.eye(2)
         if given.all():
