@@ -96,7 +96,9 @@ class EdgeSamples:
         return np.stack([once.real, once.imag, np.ones(len(once)), twice.real, twice.imag])
 
 
-def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
+def find_circle(
+    image: NDArray[np.float32], plateau: float, *, valid: NDArray[np.bool_] | None = None
+) -> Circle:
     """Rough circle of the widest contact of an image.
 
     Parameters
@@ -105,6 +107,8 @@ def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
         Difference image, the contact positive.
     plateau : float
         Grey level of the contact.
+    valid : ndarray of bool, shape (rows, columns), optional
+        False where the image has a hole: the outline of that is none of the contact.
 
     Returns
     -------
@@ -125,24 +129,24 @@ def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
     >>> round(found.x_px), round(found.y_px), bool(abs(found.radius_px - 30) < 1)
     (60, 42, True)
     """
-    # closes holes and specks; an outline within two blurs of the border of the image is the border. By hand
+    # closes holes and specks; an outline within two blurs of what is not seen is none of the contact. By hand
     smooth = cv2.GaussianBlur(image, (0, 0), DEFAULT_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
     mask = (smooth > 0.5 * plateau).astype(np.uint8)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not (plateau > 0 and outlines):
         raise FrameError("nothing stands out of the noise")
-    outline = max(outlines, key=cv2.contourArea)[:, 0, :].astype(float)
-    rows, columns = image.shape
-    margin = 2.0 * DEFAULT_BLUR_PX
-    inside = (outline >= margin) & (outline < np.array([columns, rows]) - margin)
-    outline = outline[inside.all(axis=1)]
+    outline = max(outlines, key=cv2.contourArea)[:, 0, :]
+    seen = np.ones(image.shape, np.uint8) if valid is None else valid.astype(np.uint8)
+    around = np.ones((2 * int(2.0 * DEFAULT_BLUR_PX) + 1,) * 2, np.uint8)
+    seen = np.asarray(cv2.erode(seen, around, borderType=cv2.BORDER_CONSTANT, borderValue=0), np.uint8)
+    outline = outline[seen[outline[:, 1], outline[:, 0]] > 0].astype(float)
     if len(outline) < 2 * np.pi * SMALLEST_RADIUS_PX * SHORTEST_ARC:
         raise FrameError(f"the contact's edge is not in the field: {len(outline)} px of it are seen")
     x, y, radius = _circle_through(outline)
     distance = np.hypot(outline[:, 0] - x, outline[:, 1] - y)
     scatter = MAD_TO_STD * float(np.median(np.abs(distance - np.median(distance))))
     visible = len(np.unique(_sectors(np.arctan2(outline[:, 1] - y, outline[:, 0] - x)))) / SECTORS
-    if radius < SMALLEST_RADIUS_PX or not radius < 10 * max(rows, columns):
+    if radius < SMALLEST_RADIUS_PX or not radius < 10 * max(image.shape):
         raise FrameError(f"the widest contact has a radius of {radius:.3g} px: no wide smooth contact")
     if visible < SHORTEST_ARC:
         raise FrameError(f"only {visible:.0%} of the contact's edge are seen; {SHORTEST_ARC:.0%} are needed")

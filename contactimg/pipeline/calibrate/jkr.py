@@ -106,8 +106,9 @@ def measure_circles(experiment: Experiment, *, workers: int | None = None) -> Ci
         if not contrast:
             raise FrameError(measurement.message or "nothing stands out of the noise")
         image = measurement.difference * np.float32(np.sign(measurement.contrast))
-        valid = np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
-        circle = find_circle(image, contrast)
+        seen = measurement.foreground.difference.valid
+        valid = None if seen is None else seen > 0
+        circle = find_circle(image, contrast, valid=valid)
         for _ in range(2):  # the second time about the circle that a sharp edge gives
             outside_px = model.film_px(circle.radius_px) + BEYOND_FILM_PX
             samples = sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)

@@ -174,6 +174,19 @@ def test_half_a_contact_is_enough(rng):
     assert np.abs(errors(circle, truth)).max() < 5 * max(circle.radius_std_px, circle.centre_std_px)
 
 
+def test_the_outline_of_a_hole_is_none_of_the_contact():
+    image, truth = frame({}, film="off")
+    valid = np.ones(image.shape, np.bool_)
+    valid[:, : int(truth["x_px"] - 0.2 * truth["radius_px"])] = False
+    image[~valid] = 0.0
+    found = find_circle(image, 60.0, valid=valid)
+    # a rough circle is good to about a pixel
+    assert np.hypot(found.x_px - truth["x_px"], found.y_px - truth["y_px"]) < 1.5
+    assert found.radius_px == pytest.approx(truth["radius_px"], abs=1.5)
+    # points of the circle at cos t > -0.2: 1 - acos(0.2)/pi
+    assert found.arc == pytest.approx(0.56, abs=0.03)
+
+
 @pytest.mark.parametrize("hidden", [0.3, 0.9])
 def test_sectors_that_show_no_edge_are_left_out(hidden):
     image, truth = frame({}, film="off")

@@ -181,6 +181,22 @@ def test_one_bad_frame_is_named_and_the_others_count(sharp_frames, tmp_path, cap
     assert record["quality"]["frames_used"] == 5
 
 
+def test_a_circle_half_of_which_no_light_reaches_is_measured_on_the_other_half(sharp_frames, tmp_path):
+    folder = copy_of(sharp_frames, tmp_path / "frames")
+    truth = pd.read_csv(folder / "truth.csv")
+    dark = int(truth["x_px"].min()) - 12
+    for path in (*folder.glob("frame_*.tif"), folder / "reference.tif"):
+        (source,) = list_frames(path)
+        frame = source.read()
+        image = frame.image.copy()
+        image[:, :dark] = 0
+        write_frame(Frame(image, frame.name, frame.full_scale), path)
+    found = measure_circles(open_experiment(read_scene(folder), pulled=True), workers=1).table
+    off = found["radius_px"] - truth["radius_px"]
+    assert (off.abs() < 5.0 * found["radius_std_m"] / 48e-6).all()
+    assert (found["arc"] < 0.6).all()
+
+
 def test_calibrations_prepare_frames_as_process_does(small_series, tmp_path):
     folder = copy_of(small_series, tmp_path / "frames")
     with_scene(folder, measure={"method": "threshold", "threshold": 0.5})
