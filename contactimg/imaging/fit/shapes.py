@@ -302,9 +302,11 @@ def _fit_one(
     # variances are larger by the noise that pixels share
     chi_square = max(float(fit.chi_square[row]), 1.0)
     bare = float(np.linalg.pinv(fit.information[row, :4, :4])[RADIUS, RADIUS])
+    if not bare > 0.0:  # no pixel shows it
+        return None
     ellipse = fit_ellipse(
         window, start, blur=fit.blur, prior=(float(mean), float(spread)), covariance=covariance,
-        inflation=max(float(fit.std[row, RADIUS] ** 2) / max(bare * chi_square, 1e-300), 1.0),
+        inflation=max(float(fit.std[row, RADIUS] ** 2) / (bare * chi_square), 1.0),
     )  # fmt: skip
     finite = np.isfinite(ellipse.parameters).all() and np.isfinite(ellipse.covariance).all()
     return ellipse if finite else None
