@@ -61,6 +61,19 @@ def test_what_is_excluded_is_no_background(method):
     assert "belong to no contact" not in found.message
 
 
+@pytest.mark.parametrize(
+    "how", [{"method": "threshold"}, *({"shape": x} for x in ("auto", "ellipse", "free"))]
+)
+def test_a_contact_drawn_where_no_pixel_is_seen_is_named(pair, how):
+    frame = pair[0].astype(np.float32)
+    frame[100:, :40] = np.nan
+    edits = [HandEdit("add", 7, 15.0, 125.0, 6.0), HandEdit("add", 8, -30.0, 50.0, 6.0)]
+    found, alone = (measure_image(frame, pair[1], edits=each, **how) for each in (edits, []))
+    said = "these edits match no contact: row 7 (add at (15, 125)), row 8 (add at (-30, 50))"
+    assert found.message == f"{alone.message}; {said}"
+    assert len(found.disks) == len(alone.disks)
+
+
 @METHODS
 def test_a_contact_drawn_again_is_measured_and_marked(pair, method):
     edits = HandEdit("exclude", 1, 180.0, 45.0), HandEdit("add", 2, 181.0, 44.0, 9.0)

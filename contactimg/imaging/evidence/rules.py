@@ -166,7 +166,9 @@ RULES: list[Rule] = [
     (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
     (Reason.CHAIN, lambda e: e["chained"]),
 ]
-"""Reasons of rejection, in order; those after the first do not hold for what was drawn by hand."""
+"""Reasons of rejection, in order."""
+HOLD_FOR_ALL = (Reason.BY_HAND, Reason.OUT_OF_SIGHT)
+"""Those that hold for what was drawn by hand as well: no pixel shows what is out of sight."""
 
 FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
     (Flag.EDGE, lambda e: e["cut"]),
@@ -201,7 +203,7 @@ def judge_contacts(
     reason = np.where(np.isfinite(places).all(axis=1), "", Reason.NOISE).astype(object)
     for name, holds in RULES:
         now = holds(e) & (reason == "")
-        reason[now & (~e["manual"] | (name == Reason.BY_HAND))] = name
+        reason[now & (~e["manual"] | (name in HOLD_FOR_ALL))] = name
     table["flags"] = np.sum([np.where(shown(e), int(flag), 0) for flag, shown in FLAGS], axis=0)
     found, kept = _join_parts(foreground, result, e, table, reason)
     kept = kept[np.lexsort([table["x_px"][kept], table["y_px"][kept]])]
