@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from camera_worlds import make_scene
 from contact_frames import Optics, match, render
+from shape_frames import ellipse, frame, triangle
 
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.measure import measure_image
@@ -72,6 +73,23 @@ def test_a_contact_drawn_where_no_pixel_is_seen_is_named(pair, how):
     said = "these edits match no contact: row 7 (add at (15, 125)), row 8 (add at (-30, 50))"
     assert found.message == f"{alone.message}; {said}"
     assert len(found.disks) == len(alone.disks)
+
+
+@pytest.mark.parametrize("radius", [14.0, 18.0, 26.0])
+def test_a_contact_of_several_disks_is_excluded_as_a_whole(radius, rng):
+    """The disks that cover a triangle are one contact, and no part of it stays behind."""
+    places = [(40, 40, 9.0), (110, 38, 7.0), (45, 110, 8.0), (165, 100, radius)]
+    shapes = [ellipse(1.0)] * 3 + [triangle()]
+    image, reference, areas = frame(shapes, places, angles=[0.0, 0.0, 0.0, 0.4], rng=rng, shape=(160, 230))
+    alone = measure_image(image, reference)
+    odd = at(alone.disks, 165, 100)
+    assert len(alone.disks) == 4
+    assert odd["area_px2"] == pytest.approx(areas[3], rel=0.15)
+    edit = HandEdit("exclude", 1, float(odd["x_px"]), float(odd["y_px"]))
+    found = measure_image(image, reference, edits=[edit])
+    assert len(found.disks) == 3
+    excluded = found.rejected[found.rejected["reason"] == Reason.BY_HAND]
+    assert excluded["radius_px"].tolist() == pytest.approx([odd["radius_px"]], abs=0.1)
 
 
 @METHODS

@@ -206,8 +206,8 @@ def judge_contacts(
         reason[now & (~e["manual"] | (name in HOLD_FOR_ALL))] = name
     table["flags"] = np.sum([np.where(shown(e), int(flag), 0) for flag, shown in FLAGS], axis=0)
     found, kept = _join_parts(foreground, result, e, table, reason)
+    places = np.column_stack([table[name] for name in PLACE])
     kept = kept[np.lexsort([table["x_px"][kept], table["y_px"][kept]])]
-    explained = np.union1d(found, np.flatnonzero(e["excluded"]))
     contacts = {name: values[kept] for name, values in table.items()}
     contacts["visible_area_px2"] = visible_areas(contacts, foreground.image.shape)
     dropped = problem.in_frame(result.dropped[:, [X, Y]]), result.dropped[:, RADIUS] * binning
@@ -233,7 +233,7 @@ def judge_contacts(
         smallest_px=result.smallest * binning,
         fit=result,
         evidence={name: values[kept] for name, values in e.items()},
-        unexplained=_unexplained_share(foreground, result, explained) if binning == 1 else 0.0,
+        unexplained=_unexplained_share(foreground, result, found) if binning == 1 else 0.0,
     )
 
 
@@ -259,9 +259,10 @@ def _join_parts(
     """Make one contact of free shape of those in a region that is no union of disks.
 
     It has the pixels of the region above half of the contrast. Contacts that touch leave a notch between
-    them, and fill the region. Returned are the rows that are not rejected and those that are left of them:
-    several disks of a bright region that are all within the noise are so because each can take the place of
-    the others, and are not rejected.
+    them, and fill the region. Returned are the rows whose light is that of a contact or was excluded by hand,
+    and those that stand for a contact: several disks of a bright region that are all within the noise are so
+    because each can take the place of the others, and are not rejected. Who excludes a part of a contact by
+    hand means all of it.
     """
     half = 0.5 * (result.problem.contrast if result.joint is None else result.joint.contrast)
     regions, runs = label_runs(foreground.image, half)
@@ -273,7 +274,8 @@ def _join_parts(
     light = regions["flux"] / np.sqrt(np.maximum(regions["area"], 1.0))
     bright = (alike > 1) & (alike == every) & (light > LEAST_POOR_LIGHT_SIGMA * foreground.noise)
     reason[inside & noise & np.append(bright, False)[own]] = ""
-    found = np.flatnonzero(reason == "")
+    by_hand = reason == Reason.BY_HAND
+    found = np.flatnonzero((reason == "") | by_hand)
     own, kept = own[found], np.ones(len(found), np.bool_)
     for k in np.flatnonzero(np.bincount(own[own >= 0], minlength=len(regions)) > 1):
         rows, region = found[own == k], regions[k]
@@ -301,7 +303,9 @@ def _join_parts(
             largest = rows[np.argmax(area)]
             _count_region(table, largest, rows, region, float(filled.sum()))
             kept[(own == k) & (found != largest)] = False
-    return found, found[kept]
+            reason[rows] = ""
+            reason[largest] = Reason.BY_HAND if by_hand[rows].any() else ""
+    return found, found[kept & (reason[found] == "")]
 
 
 def _count_region(
