@@ -356,7 +356,7 @@ def _without_sensor(pair: FramePair) -> FramePair:
     if pair.trivial:
         return pair
     images = [image for image in (pair.frame, pair.reference) if image is not None]
-    gains = mosaic_gains(images[-1])
+    gains = mosaic_gains(images[-1], pair.valid)
     if gains is not None:
         images = [divide_by_mosaic(image, gains) for image in images]
     repaired, defects = zip(*(repair_defects(image, pair.valid) for image in images), strict=True)

@@ -79,6 +79,26 @@ def test_gains_of_a_colour_mosaic_are_found_and_taken_out(rng):
     assert np.ptp([even[i::2, j::2].mean() for i in (0, 1) for j in (0, 1)]) < 0.5
 
 
+def test_a_mask_hides_nothing_of_a_colour_mosaic():
+    """Holes are filled with one level, of which the gains of a mosaic are 1."""
+    scene = make_scene("Bayer", 140, 3)
+    hidden = int(0.6 * scene.frame.shape[1])
+    frame = scene.frame.astype(np.float32)
+    frame[:, :hidden] = np.nan
+    found = measure_image(frame, scene.reference, full_scale=255.0)
+    assert found.status == Status.HOLES
+    truth, disks = scene.truth, found.disks
+    whole, seen = (
+        truth[truth.x_px - truth.radius_px > hidden + 4],
+        disks[disks.x_px - disks.radius_px > hidden],
+    )
+    assert len(seen) == len(whole)
+    std = np.sqrt(np.sum(seen["area_std_px2"] ** 2))
+    assert abs(seen["area_px2"].sum() - whole["area_px2"].sum()) < 3.0 * std
+    # the noise of the frame without the mask
+    assert found.noise == pytest.approx(measure_image(scene.frame, scene.reference).noise, rel=0.05)
+
+
 def test_a_colour_whose_pixels_are_black_tells_no_gain(rng):
     gains = np.tile(BAYER, (SHAPE[0] // 2, SHAPE[1] // 2))
     image = noisy(np.maximum(90 * gains - 62, 0), rng, noise=1.0)

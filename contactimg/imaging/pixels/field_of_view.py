@@ -146,19 +146,28 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
     return np.where(mask > 0, middle, image), mask
 
 
-def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
+def mosaic_gains(image: NDArray, valid: Mask = None) -> NDArray[np.float64] | None:
     """Relative gains of the four pixels of a colour mosaic, shape (2, 2); None for a plain sensor.
 
-    Each is the median ratio of its pixels to the mean of their square of four. Where most pixels of a colour
-    are black they tell none.
+    Each is the median ratio of its pixels to the mean of their square of four, without holes. Where most
+    pixels of a colour are black they tell none.
     """
     rows, columns = (size // 2 * 2 for size in image.shape)
     if not rows * columns:
         return None
     every = max(int(np.sqrt(rows * columns / 4 / SAMPLE)), 1)
-    phases = np.stack([image[y:rows:2, x:columns:2][::every, ::every] for y, x in np.ndindex(2, 2)])
-    phases = np.asarray(phases, np.float32)
-    mean, levels = phases.mean(axis=0), phases.mean(axis=(1, 2))
+
+    def of_colours(pixels: NDArray) -> NDArray:
+        return np.stack(
+            [pixels[y:rows:2, x:columns:2][::every, ::every].ravel() for y, x in np.ndindex(2, 2)]
+        )
+
+    phases = np.asarray(of_colours(image), np.float32)
+    if valid is not None:
+        phases = phases[:, of_colours(valid).all(axis=0)]
+    if not phases.size:
+        return None
+    mean, levels = phases.mean(axis=0), phases.mean(axis=1)
     if np.ptp(levels) < 0.5 * MOSAIC_STEP * levels.mean():
         return None
     bright = mean > max(0.2 * quantile(mean, 0.9), 1e-6)
