@@ -267,7 +267,7 @@ class EdgeScores:
     own_response : ndarray, shape (m, 3, 18)
         Their derivatives by the shared quantities.
     kept : ndarray of bool, shape (n,)
-        Which of the contacts asked for these are: those without a masked pixel.
+        Which of the contacts asked for these are: those with few masked pixels.
     least_factor : float
         Factor of the variances at least, for noise that neighbouring pixels share.
     """

@@ -11,6 +11,9 @@ from contactimg.compiled import njit
 
 INNER_NODES = 6
 """Steps inside; accuracy: the plateau of a contact is smooth."""
+MOST_HIDDEN = 0.02
+"""Share of masked pixels, dead ones here and there, up to which a disk is summed over the others. Accuracy:
+steps become shorter by as much."""
 
 
 def radial_nodes(inner: NDArray[np.float64], step: float, count: int) -> NDArray[np.float64]:
@@ -44,8 +47,8 @@ def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
     """Residuals of each disk, shared between the two nodes about each pixel: shape (n, INNER_NODES + count).
 
     Their product with a template at the nodes is the sum over pixels of residual times template. Residuals
-    are clipped at ``clip``. ``steps`` are those of the profiles and of the sums. The sums of a disk with a
-    masked pixel are NaN.
+    are clipped at ``clip``. ``steps`` are those of the profiles and of the sums. Masked pixels are passed
+    over; the sums of a disk with more than `MOST_HIDDEN` of them are NaN.
     """
     rows, columns = image.shape
     sums = np.zeros((len(disks), INNER_NODES + count))
@@ -55,15 +58,18 @@ def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
         reach = inner[i] + steps[1] * (count - 1) - 1e-9
         top, bottom = _window(y, reach, rows)
         first, last = _window(x, reach, columns)
+        within = hidden = 0
         for row in range(top, bottom):
             dy2 = (row - y) ** 2
             for column in range(first, last):
                 r2 = (column - x) ** 2 + dy2
                 if r2 >= reach**2:
                     continue
-                r = np.sqrt(r2)
+                within += 1
                 if masked and valid[row, column] == 0:
-                    sums[i, 0] = np.nan
+                    hidden += 1
+                    continue
+                r = np.sqrt(r2)
                 place = _place(r, inner[i], steps[0])
                 k = int(place)
                 level = c * (profiles[i, k] + (place - k) * (profiles[i, k + 1] - profiles[i, k]))
@@ -72,6 +78,8 @@ def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
                 k = int(place)
                 sums[i, k] += (1.0 - place + k) * rest
                 sums[i, k + 1] += (place - k) * rest
+        if hidden > MOST_HIDDEN * within:
+            sums[i, 0] = np.nan
     return sums
 
 

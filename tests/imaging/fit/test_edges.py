@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from camera_worlds import make_scene
 from edge_frames import CASES, OPTICS, edge_frame, errors
 
 from contactimg.imaging.contrast.noise import Noise
@@ -11,6 +12,7 @@ from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.edge_profile import LearnedEdge, describe_edge
 from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
+from contactimg.imaging.kernels.radial_sums import INNER_NODES, sum_residuals
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.blurred_disk import blurred_disk
 from contactimg.imaging.profile.edge_shape import (
@@ -213,3 +215,31 @@ def test_few_contacts_learn_nothing():
     result = measure_image(frame, reference)
     assert len(errors(truth, result.disks)[0]) == 8
     assert "edges show" not in result.message
+
+
+@pytest.mark.parametrize("world", ["dome", "gamma 0.45"])
+def test_dead_pixels_hide_no_edge(world, rng):
+    """Three pixels of a thousand: hardly a contact is without one in its window."""
+    scene = make_scene(world, 140, 3)
+    frame = scene.frame.astype(np.float32)
+    whole = measure_image(frame, scene.reference, full_scale=255.0)
+    frame[rng.random(frame.shape) < 0.003] = np.nan
+    found = measure_image(frame, scene.reference, full_scale=255.0)
+    assert whole.own_optics.edge.families
+    assert found.own_optics.edge.families == whole.own_optics.edge.families
+    assert found.disks["area_px2"].sum() == pytest.approx(whole.disks["area_px2"].sum(), rel=3e-3)
+
+
+def test_residuals_of_a_disk_are_summed_beside_few_masked_pixels():
+    image, disk = np.full((61, 61), 2.0, np.float32), np.array([[30.0, 30.0, 8.0, 0.0]])
+    valid, nodes = np.ones(image.shape, np.uint8), np.zeros((1, INNER_NODES + 60))
+
+    def total():
+        return sum_residuals(image, valid, disk, np.array([4.0]), nodes, (0.5, 0.5), 30, 5.0).sum()
+
+    every = total()  # twice the pixels nearer than 4 + 29/2
+    assert every == pytest.approx(2.0 * np.pi * 18.5**2, rel=0.02)
+    valid[30, 26:34] = 0
+    assert total() == pytest.approx(every - 2.0 * 8)
+    valid[20:26, 26:34] = 0
+    assert np.isnan(total())
