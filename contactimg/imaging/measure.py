@@ -234,10 +234,11 @@ def measure_image(
     _check_types(optics=(optics, SharedOptics), film=(film, FilmSetting, FilmRim), edits=(edits, Sequence))
     edits = () if edits is None else edits
     _check_types(**{f"edits[{n}]": (edit, HandEdit) for n, edit in enumerate(edits)})
-    if not (isinstance(linearity, Real) and 0 <= linearity < 1):
-        raise InputError(
-            f"linearity must be a fraction of the contrast, 0 <= linearity < 1, got {linearity!r}"
-        )
+    for name, fraction in (("linearity", linearity), ("threshold_std", threshold_std)):
+        if not (isinstance(fraction, Real) and 0 <= fraction < 1):
+            raise InputError(f"{name} must be a fraction of the contrast, 0 <= {name} < 1, got {fraction!r}")
+    if full_scale is not None and not (isinstance(full_scale, Real) and full_scale > 0):
+        raise InputError(f"full_scale must be a grey level above zero, got {full_scale!r}")
     keep_freed_memory()
     prior = _prior_optics(optics, blur_px)
     pair = _without_sensor(FramePair.of(image, _match_levels(image, reference), full_scale))

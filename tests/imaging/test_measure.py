@@ -377,6 +377,11 @@ def test_what_cannot_be_measured_is_refused(usual):
         measure_image(frame, reference, blur_px=0)
     with pytest.raises(InputError, match="linearity must be a fraction of the contrast"):
         measure_image(frame, reference, linearity=None)
+    with pytest.raises(InputError, match=r"0 <= threshold_std < 1, got -0\.1"):
+        measure_image(frame, reference, method="threshold", threshold_std=-0.1)
+    for wrong in (0, "8 bit", float("nan")):
+        with pytest.raises(InputError, match="full_scale must be a grey level above zero"):
+            measure_image(frame, reference, full_scale=wrong)
     edit = HandEdit("exclude", 1, 50.0, 60.0)
     for name, wrong, said in (
         ("optics", 1.5, "optics must be of type SharedOptics, got 1.5"),
