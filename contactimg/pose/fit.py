@@ -15,6 +15,7 @@ from scipy.ndimage import uniform_filter
 from scipy.spatial import KDTree
 from scipy.special import bdtrc
 
+from contactimg.errors import InputError
 from contactimg.pose.pairs import (
     FEWEST_CONTACTS,
     MAD_TO_STD,
@@ -152,6 +153,10 @@ def _in_plane(
     """Contacts from the centre of the image (px) and targets (m) as complex numbers; pairing distance (m)."""
     spots = np.asarray(targets, float).reshape(-1, 2)
     points = np.column_stack([x_px, y_px]) - guess.image_centre
+    for places in (points, spots):
+        if not np.isfinite(places).all():
+            wrong = places[~np.isfinite(places)][0]
+            raise InputError(f"a pose needs finite x_px, y_px and targets, got {wrong}; leave these rows out")
     return as_complex(points), as_complex(spots), pairing_distance(spots, guess)
 
 
