@@ -110,3 +110,5 @@ def test_refusals():
         hertz.radius(1.0, sphere_radius=1.0, contact_modulus=0.0)
     with pytest.raises(InputError, match="must not be negative or NaN"):
         hertz.load(np.nan, **LENS)
+    with pytest.raises(InputError, match=r"load must be positive, got 0\.0 N"):
+        hertz.annulus([0.1, 0.0], roughness=1e-6, **LENS)
