@@ -123,6 +123,11 @@ def fit_pose(
     Returns
     -------
     PoseFit
+
+    Raises
+    ------
+    InputError
+        If a place is not finite.
     """
     points, spots, gate = _in_plane(x_px, y_px, targets, guess)
     best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan)
