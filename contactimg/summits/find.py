@@ -15,7 +15,7 @@ from skimage.segmentation import watershed
 from contactimg.errors import InputError
 from contactimg.pose.apex import SIGNIFICANT_STDS
 from contactimg.pose.pairs import MAD_TO_STD
-from contactimg.summits.base import ROUNDS, Base, Form, HeightMap, fit_base, refit_base
+from contactimg.summits.base import FORM_TERMS, ROUNDS, Base, Form, HeightMap, fit_base, refit_base
 from contactimg.tables import SUMMITS
 
 Values = NDArray[np.float64]
@@ -236,6 +236,8 @@ def find_summits(
         raise InputError(f"the depth of the fit must be above 0 and at most 1, got {depth!r}")
     if not (np.isfinite(least_height) and least_height >= 0):
         raise InputError(f"the least height must be 0 or more, got {least_height!r} m")
+    if form not in FORM_TERMS:
+        raise InputError(f"form must be one of {', '.join(map(repr, FORM_TERMS))}, got {form!r}")
     base = fit_base(surface, form)
     labels, smoothed = _divide(surface.heights - base.heights, base, least_height)
     feet = ndimage.binary_dilation(labels > 0, iterations=LAGS)

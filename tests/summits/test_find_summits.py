@@ -105,10 +105,9 @@ def test_second_fits_of_an_asperity_are_dropped_in_little_time():
     pixels = [np.ones(20, bool), np.ones(10, bool)]
     fits = []
     for k, place in enumerate(1e-4 * np.stack(np.divmod(np.arange(20_000), 200), axis=1)):
-        sphere = np.array(
-            [*place, 4e-6, 1e4]
-        )  # half the radius of its patch: sqrt(2 x 0.5 x 4e-6/1e4)/2 = 10 um
-        twin = sphere + [(9.9e-6, 10.1e-6)[k % 2], 0, 0, 0]
+        sphere = np.array([*place, 4e-6, 1e4])
+        # half the radius of its patch is sqrt(2 x 0.5 x 4e-6/1e4)/2 = 10 um
+        twin = sphere + np.array([(9.9e-6, 10.1e-6)[k % 2], 0, 0, 0])
         for n, one in enumerate((sphere, twin) if k < 2 else (sphere,)):
             fits.append(_Fit(SphereFit(one, np.eye(4), pixels[n], np.zeros(20), 1.0), None, 1.0))
     began = time.perf_counter()
@@ -173,6 +172,11 @@ def test_lengths_may_be_in_any_unit(rng):
     other = find_summits(HeightMap(heights * 1e3, (PIXEL * 1e3, PIXEL * 1e3))).table
     for name in ("x_m", "height_m", "radius_m", "height_std_m", "radius_std_m"):
         np.testing.assert_allclose(other[name], one[name] * 1e3, rtol=1e-6)
+
+
+def test_an_unknown_form_is_refused():
+    with pytest.raises(InputError, match="form must be one of 'none', 'plane', 'sphere', got 'flat'"):
+        find_summits(HeightMap(np.zeros((20, 20)), (PIXEL, PIXEL)), form="flat")
 
 
 @pytest.mark.parametrize(
