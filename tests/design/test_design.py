@@ -143,6 +143,10 @@ def test_one_cap_follows_its_own_law_only():
     assert found.residual < 1e-3
     with pytest.raises(InputError, match=r"the law needs 3 caps, and there are 1; from 0\.001"):
         design_heights(power(f"A = {1.5 * factor} P^0.7", 0.01), **how)
+    found = design_heights(power(f"A = {1.5 * factor} P^0.7", 0.01), nearest=True, **how)
+    assert found.status.startswith("the wanted law is not possible: the law needs 3 caps")
+    alone = factor * found.law["load_N"] ** (2 / 3)
+    np.testing.assert_allclose(found.law["coupled_area_m2"], alone, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
