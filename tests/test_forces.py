@@ -29,6 +29,11 @@ def test_hertz_by_hand():
     assert table["force_std_N"][0] == pytest.approx(0.05 * 1.44e-3, rel=1e-12)
 
 
+def test_a_negative_work_of_adhesion_is_refused():
+    with pytest.raises(InputError, match="work_of_adhesion must not be negative or NaN, got -0"):
+        assign_forces(contacts([3e-5], [3e-7]), 1e-4, contact_modulus=4e6, work_of_adhesion=-0.05)
+
+
 def test_radii_alone_give_forces():
     table = assign_forces(pd.DataFrame({"radius_m": [3e-5]}), 1e-4, contact_modulus=4e6)
     assert table["force_N"].tolist() == pytest.approx([4 * 4e6 * 2.7e-14 / 3e-4])
