@@ -306,7 +306,7 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
     DataFrame
         A frame that was not measured, or whose sums are those of its contacts to rounding, is as it was. The
         others get the sums of their contacts; their standard uncertainties keep their ratio to the sum, or
-        stay as they were where the sum is zero.
+        stay as they were where the sum is zero. A force is NaN where there are contacts but none has one.
     """
     groups = contacts.assign(visible_area_m2=_visible_areas(contacts)).groupby("frame")
     new = frames.reset_index(drop=True).copy()
@@ -314,10 +314,11 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
     new.loc[measured, "n_contacts"] = groups.size().reindex(new["frame"][measured], fill_value=0).to_numpy()
     for total, part, std in SUMS:
         stated = frames[total].to_numpy(float)
-        summed = groups[part].sum().reindex(new["frame"], fill_value=0.0).to_numpy()
+        # NaN if no contact of a frame has one
+        summed = groups[part].sum(min_count=1).reindex(new["frame"], fill_value=0.0).to_numpy(float)
         other = measured & np.isfinite(stated) & ~np.isclose(summed, stated, rtol=ROUNDING, atol=0)
         new.loc[other, total] = summed[other]
-        scaled = other & (stated > 0) & (summed > 0)
+        scaled = other & (stated > 0) & ~(summed <= 0)
         if std is not None:
             new.loc[scaled, std] *= summed[scaled] / stated[scaled]
     return new

@@ -88,6 +88,16 @@ def test_the_sum_of_areas_counts_what_the_image_shows():
     assert again["area_m2"][0] == pytest.approx(1.5 * np.pi * 9e-10)
 
 
+def test_the_sum_of_forces_of_which_none_is_known_is_not_zero():
+    frames = {"frame": ["a", "b"], "n_contacts": 2, "force_sum_N": 1e-3, "force_sum_std_N": 1e-4}
+    left = CONTACTS.conform({"frame": ["a"], "area_m2": [1e-10], "force_N": [np.nan]})
+    again = sums_of_contacts(left, FRAMES.conform(pd.DataFrame(frames)))
+    assert again["n_contacts"].tolist() == [1, 0]
+    # as `total_force` says it of the same contacts, and of none
+    assert again["force_sum_N"].tolist() == pytest.approx([np.nan, 0.0], nan_ok=True)
+    assert again["force_sum_std_N"].tolist() == pytest.approx([np.nan, 1e-4], nan_ok=True)
+
+
 def test_lengths_and_areas_in_pixels_become_metres():
     table = CONTACTS.conform({"x_px": [3.0], "y_px": [1.0], "radius_px": [2.0], "visible_area_px2": [5.0]})
     found = locate_contacts(table, Pose((3, 5), 1e-6), shift_px=(0.0, 0.0)).iloc[0]
