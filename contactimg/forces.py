@@ -24,6 +24,7 @@ from contactimg.effects import local_law
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
+from contactimg.surfaces import of_asperities
 from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
 
 ROUNDING = 1e-9
@@ -354,11 +355,11 @@ def local_forces(
 
 def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
     """Composite radius R of each contact: that of its asperity, or of all, or NaN."""
-    radii = np.full(len(contacts), common_radius(scene, sites))
-    if sites is not None:
-        matched = contacts["asperity"].notna().to_numpy()
-        radii[matched] = sites["radius_m"].to_numpy(float)[contacts["asperity"][matched].to_numpy(int)]
-    return radii
+    common = common_radius(scene, sites)
+    if sites is None:
+        return np.full(len(contacts), common)
+    own = of_asperities(sites["radius_m"], contacts["asperity"])
+    return np.where(np.isnan(own), common, own)
 
 
 def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:

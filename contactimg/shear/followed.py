@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.shear.laws import Decrease, RateLaw, fit_decrease, fit_rate_law, half_axes_along
+from contactimg.surfaces import of_asperities
 from contactimg.tables import FOLLOWED
 
 Values = NDArray[np.float64]
@@ -72,7 +73,7 @@ def follow_contacts(
         place = table[axis].to_numpy(float).reshape(len(touched), len(shots))
         first = place[np.arange(len(touched)), np.isfinite(place).argmax(axis=1)]
         table[f"displacement_{axis}"] = (place - first[:, None]).ravel()
-        table[axis] = _expected(place, asperities[axis].to_numpy(float)[touched]).ravel()
+        table[axis] = _expected(place, of_asperities(asperities[axis], pd.Series(touched))).ravel()
     return FOLLOWED.conform(table)
 
 
