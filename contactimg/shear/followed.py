@@ -190,6 +190,8 @@ def fit_beta(laws: Sequence[ShearLaws], *, confidence: float = 0.95) -> RateLaw:
     them. It acts on the sum of their areas alike, so the relative uncertainty of its rate is added to that of
     beta.
     """
+    if not laws:
+        raise InputError("beta takes the laws of one normal load or more, got none")
     table = pd.concat([one.contacts for one in laws])
     law = fit_rate_law(
         table["area"],

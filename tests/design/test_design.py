@@ -237,3 +237,10 @@ def test_points_of_a_law_increase():
         with pytest.raises(InputError, match="two points or more"):
             WantedLaw(np.array(load), np.array(area))
     assert isinstance(LAWS["linear"].at(pd.Series([0.1])), np.ndarray)
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array, pd.Series])
+def test_points_of_a_law_may_come_in_any_kind_of_list(kind):
+    assert WantedLaw(kind([1, 2, 4]), kind([1, 3, 4])).at([1.5, 3.0]).tolist() == [2.0, 3.5]
+    with pytest.raises(InputError, match="an area for each load, got 2 areas and 3 loads"):
+        WantedLaw(kind([1, 2, 4]), kind([1, 3]))
