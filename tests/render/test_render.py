@@ -310,6 +310,22 @@ def test_film_with_rough_edges_and_no_contacts_in_view():
     assert np.abs(rough - smooth).max() > 10
 
 
+def test_an_ellipse_is_as_large_as_its_axes_whatever_its_radius():
+    axes = {"shape": "ellipse", "semi_major_px": 8.0, "semi_minor_px": 6.0, "angle_rad": 0.3}
+    shot = shoot(one_contact(40.0, 30.0, 5.0).assign(**axes), exact_scene())
+    light = shot.frame.image.astype(float) - 80
+    # an edge of 1024 sectors: 1e-3 of the area
+    assert light.sum() / 100 == pytest.approx(np.pi * 48, rel=1e-3)
+    assert shot.contacts["radius_px"][0] == pytest.approx(48**0.5)
+
+
+@pytest.mark.parametrize("change", [{"angle_rad": np.nan}, {"semi_major_px": np.nan}, {"semi_minor_px": 0.0}])
+def test_an_ellipse_without_its_axes_is_refused(change):
+    axes = {"shape": "ellipse", "semi_major_px": 8.0, "semi_minor_px": 6.0, "angle_rad": 0.3} | change
+    with pytest.raises(InputError, match="row 0 is an ellipse and needs half-axes above 0 and an angle"):
+        shoot(one_contact().assign(**axes), make_scene())
+
+
 @pytest.mark.parametrize(("blur_px", "supersampling"), [(0.0, 1), (1.4, 3), (1.4, 4), (3.0, 4)])
 def test_the_middle_of_a_wide_contact_is_bright_also_where_it_is_that_of_a_pixel(blur_px, supersampling):
     keys = {"shape": (181, 201), "blur_px": blur_px, "supersampling": supersampling}
