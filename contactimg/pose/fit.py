@@ -333,8 +333,9 @@ def _voters(
     points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
 ) -> tuple[Points, list[tuple[complex, bool]]]:
     """Points that vote, and what they vote on; nothing if there are too few of them."""
-    distance = np.sort(np.abs(points[:, None] - points[None, :]), axis=1)
-    densest = points[np.argmin(distance[:, min(VOTING_POINTS, len(points)) - 1])]
+    places = as_real(points)
+    distance = KDTree(places).query(places, k=[min(VOTING_POINTS, len(points))])[0]
+    densest = points[np.argmin(distance)]
     ranked = points[np.argsort(np.abs(points - densest))]
     for count in range(min(VOTING_POINTS, len(points)), FEWEST_CONTACTS - 1, -5):
         reach = float(np.abs(ranked[:count] - ranked[:count].mean()).max()) * guess.pixel_size
