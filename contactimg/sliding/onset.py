@@ -20,7 +20,7 @@ from scipy.linalg.blas import dger
 from scipy.optimize import nnls
 
 from contactimg.errors import ConvergenceError, InputError, finite_number
-from contactimg.mechanics.checks import positive
+from contactimg.mechanics.checks import checked_poisson_ratio, positive
 
 Values = NDArray[np.float64]
 
@@ -313,7 +313,7 @@ def tangential_compliance(
            [1.59154943, 9.375     ]])
     """
     x, y, a = checked_contacts(contacts)
-    nu = _poisson_ratio(poisson_ratio)
+    nu = checked_poisson_ratio(poisson_ratio)
     modulus = finite_number(contact_modulus, "contact_modulus", "Pa")
     G = positive("contact_modulus", modulus, "Pa") * (1 - nu) / 2
     dx, dy = x - x[:, None], y - y[:, None]
@@ -436,10 +436,3 @@ def _per_contact(name: str, values: ArrayLike, C: Values) -> Values:
     if given.shape not in ((), (len(C),)) or not np.isfinite(given).all():
         raise InputError(f"{name} must be one finite number, or one for each of the {len(C)} contacts, in m")
     return np.broadcast_to(given, len(C))
-
-
-def _poisson_ratio(value: float) -> float:
-    nu = finite_number(value, "poisson_ratio", "1")
-    if not -1 < nu <= 0.5:
-        raise InputError(f"poisson_ratio must be above -1 and at most 0.5, got {nu!r}")
-    return nu

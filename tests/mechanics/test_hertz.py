@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from contactimg import InputError, hertz
+from contactimg import InputError, hertz, sphere
 from contactimg.mechanics.hertz import displacement_factor
 
 LENS = {"sphere_radius": 0.1288, "contact_modulus": 4e6}
@@ -101,6 +101,14 @@ def test_annulus_is_where_the_leading_gap_equals_the_roughness():
         (3 * np.pi / (8 * np.sqrt(2))) ** (2 / 3) * 0.1288 ** (5 / 9) * 3e-5 ** (2 / 3) * (K / 0.2) ** (1 / 9)
     )
     assert width == pytest.approx(paper, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array])
+@pytest.mark.parametrize("law", [hertz.load, hertz.radius, hertz.peak_pressure, sphere.load, sphere.radius])
+def test_each_contact_may_have_a_sphere_of_its_own(law, kind):
+    both = law(1e-5, sphere_radius=kind([1e-4, 2e-4]), contact_modulus=4e6)
+    alone = [float(law(1e-5, sphere_radius=radius, contact_modulus=4e6)) for radius in (1e-4, 2e-4)]
+    np.testing.assert_allclose(both, alone, rtol=ROUNDING)
 
 
 def test_refusals():
