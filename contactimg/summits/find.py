@@ -327,15 +327,12 @@ def _fit_patch(  # noqa: PLR0917 - the pixels of a region and how they are fitte
 def _without_twins(fits: list[_Fit], depth: float) -> list[_Fit]:
     """The fits from the one with the most pixels down, without those whose summit is that of one before."""
     fits = sorted(fits, key=lambda fit: -int(fit.whole.pixels.sum()))
-    if not fits:
-        return fits
-    x, y, heights, curvatures = np.transpose([fit.whole.sphere for fit in fits])
-    places = np.column_stack([x, y])
-    near = KDTree(places).query_ball_point(places, TWICE * np.sqrt(2 * depth * heights / curvatures))
-    kept = np.zeros(len(fits), dtype=np.bool_)
-    for k, others in enumerate(near):
-        kept[k] = not kept[others].any()
-    return [fit for fit, one in zip(fits, kept, strict=True) if one]
+    spheres, kept = np.reshape([fit.whole.sphere for fit in fits], (-1, 4)), set[int]()
+    reach = TWICE * np.sqrt(2 * depth * spheres[:, 2] / spheres[:, 3])
+    for k, near in enumerate(KDTree(spheres[:, :2]).query_ball_point(spheres[:, :2], reach)):
+        if kept.isdisjoint(near):
+            kept.add(k)
+    return [fits[k] for k in sorted(kept)]
 
 
 def _why_not(fit: _Fit | None, surface: HeightMap, least_height: float) -> str:
