@@ -24,6 +24,7 @@ from contactimg.effects import local_law
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
+from contactimg.surfaces import of_asperities
 from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
 
 ROUNDING = 1e-9
@@ -306,7 +307,7 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
     DataFrame
         A frame that was not measured, or whose sums are those of its contacts to rounding, is as it was. The
         others get the sums of their contacts; their standard uncertainties keep their ratio to the sum, or
-        stay as they were where the sum is zero.
+        stay as they were where the sum is zero. A force is NaN where there are contacts but none has one.
     """
     groups = contacts.assign(visible_area_m2=_visible_areas(contacts)).groupby("frame")
     new = frames.reset_index(drop=True).copy()
@@ -314,10 +315,11 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
     new.loc[measured, "n_contacts"] = groups.size().reindex(new["frame"][measured], fill_value=0).to_numpy()
     for total, part, std in SUMS:
         stated = frames[total].to_numpy(float)
-        summed = groups[part].sum().reindex(new["frame"], fill_value=0.0).to_numpy()
+        # NaN if no contact of a frame has one
+        summed = groups[part].sum(min_count=1).reindex(new["frame"], fill_value=0.0).to_numpy(float)
         other = measured & np.isfinite(stated) & ~np.isclose(summed, stated, rtol=ROUNDING, atol=0)
         new.loc[other, total] = summed[other]
-        scaled = other & (stated > 0) & (summed > 0)
+        scaled = other & (stated > 0) & ~(summed <= 0)
         if std is not None:
             new.loc[scaled, std] *= summed[scaled] / stated[scaled]
     return new
@@ -353,11 +355,11 @@ def local_forces(
 
 def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
     """Composite radius R of each contact: that of its asperity, or of all, or NaN."""
-    radii = np.full(len(contacts), common_radius(scene, sites))
-    if sites is not None:
-        matched = contacts["asperity"].notna().to_numpy()
-        radii[matched] = sites["radius_m"].to_numpy(float)[contacts["asperity"][matched].to_numpy(int)]
-    return radii
+    common = common_radius(scene, sites)
+    if sites is None:
+        return np.full(len(contacts), common)
+    own = of_asperities(sites["radius_m"], contacts["asperity"])
+    return np.where(np.isnan(own), common, own)
 
 
 def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:

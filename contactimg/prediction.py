@@ -478,7 +478,7 @@ def find_touching_load(
 
 def load_name(load: float) -> str:
     """One unique name a load, from its shortest exact decimal form."""
-    return f"load_{load!r}N"
+    return f"load_{float(load)!r}N"
 
 
 def see_contacts(

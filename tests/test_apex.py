@@ -47,6 +47,8 @@ def test_a_region_that_the_view_cuts_is_within_its_uncertainty(pressed, cut):
     found = find_apex(*(column[seen] for column in pressed), in_view=lambda x, _y: x > cut)
     assert np.hypot(*np.subtract(found.place, APEX)) < 3 * np.hypot(*found.std)
     assert np.hypot(*found.std) < 2e-4
+    # so is the radius of the lens; at the second cut it is off by seven times its statistical error
+    assert abs(found.radius - LENS - 1e-4) < 3 * found.radius_std < 0.3 * LENS
 
 
 def test_few_contacts_and_a_gap_that_does_not_open_show_none(pressed):

@@ -29,6 +29,11 @@ def test_hertz_by_hand():
     assert table["force_std_N"][0] == pytest.approx(0.05 * 1.44e-3, rel=1e-12)
 
 
+def test_a_negative_work_of_adhesion_is_refused():
+    with pytest.raises(InputError, match="work_of_adhesion must not be negative or NaN, got -0"):
+        assign_forces(contacts([3e-5], [3e-7]), 1e-4, contact_modulus=4e6, work_of_adhesion=-0.05)
+
+
 def test_radii_alone_give_forces():
     table = assign_forces(pd.DataFrame({"radius_m": [3e-5]}), 1e-4, contact_modulus=4e6)
     assert table["force_N"].tolist() == pytest.approx([4 * 4e6 * 2.7e-14 / 3e-4])
@@ -81,6 +86,16 @@ def test_the_sum_of_areas_counts_what_the_image_shows():
     row = FRAMES.conform({"frame": ["a"], "n_contacts": [3], "area_m2": [0.0]})
     again = sums_of_contacts(table.assign(frame="a"), row)
     assert again["area_m2"][0] == pytest.approx(1.5 * np.pi * 9e-10)
+
+
+def test_the_sum_of_forces_of_which_none_is_known_is_not_zero():
+    frames = {"frame": ["a", "b"], "n_contacts": 2, "force_sum_N": 1e-3, "force_sum_std_N": 1e-4}
+    left = CONTACTS.conform({"frame": ["a"], "area_m2": [1e-10], "force_N": [np.nan]})
+    again = sums_of_contacts(left, FRAMES.conform(pd.DataFrame(frames)))
+    assert again["n_contacts"].tolist() == [1, 0]
+    # as `total_force` says it of the same contacts, and of none
+    assert again["force_sum_N"].tolist() == pytest.approx([np.nan, 0.0], nan_ok=True)
+    assert again["force_sum_std_N"].tolist() == pytest.approx([np.nan, 1e-4], nan_ok=True)
 
 
 def test_lengths_and_areas_in_pixels_become_metres():

@@ -55,6 +55,30 @@ def test_pairs_have_the_least_cost_of_all_assignments(rng):
         assert cost == pytest.approx(brute_force_cost(points, targets, 0.4), rel=1e-12)
 
 
+@pytest.mark.parametrize("limit", [1.0, 1e6, np.inf])
+def test_a_limit_far_beyond_all_distances_does_not_blur_them(limit, rng):
+    places, order = rng.uniform(0, 1e-4, (40, 2)), rng.permutation(40)
+    i, j, distance = pair_points(places, places[order] + 1e-7, max_distance=limit)
+    assert len(i) == 40
+    np.testing.assert_array_equal(order[j], i)
+    np.testing.assert_allclose(distance, np.sqrt(2) * 1e-7, rtol=1e-6)
+
+
+@pytest.mark.parametrize("limit", [None, 1e-5])
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_contact_without_a_place_is_refused_on_either_side(side, limit):
+    tables = [pd.DataFrame({"x_m": [0.0, 1e-4], "y_m": 0.0, "radius_m": 1e-5}) for _ in range(2)]
+    tables[side].loc[1, "x_m"] = np.nan
+    with pytest.raises(InputError, match="each contact needs its place"):
+        match_contacts(*tables, max_distance=limit)
+
+
+def test_a_pose_needs_finite_places():
+    guess = Pose(SHAPE, 6e-6, (0.0, 0.0))
+    with pytest.raises(InputError, match="finite x_px, y_px and targets, got nan"):
+        fit_pose([1.0, np.nan, 7.0], [1.0, 2.0, 3.0], np.eye(4, 2), guess, largest_shift=1e-4)
+
+
 def test_pairs_are_one_to_one_and_within_reach(rng):
     points, targets = rng.random((200, 2)), rng.random((150, 2))
     i, j, distance = pair_points(points, targets, max_distance=0.05)

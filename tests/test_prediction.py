@@ -216,6 +216,11 @@ def test_names_of_loads_are_unique():
     assert len({load_name(load) for load in loads}) == len(set(loads))
 
 
+@pytest.mark.parametrize("kind", [np.float64, np.float32, int])
+def test_the_name_of_a_load_does_not_tell_its_type(kind):
+    assert load_name(kind(2)) == "load_2.0N"
+
+
 def test_seen_contacts_stand_where_the_pose_puts_them(asperities):
     scene = scene_with()
     contacts = predict_contacts(scene, asperities, load=0.02).contacts

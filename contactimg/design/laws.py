@@ -21,9 +21,9 @@ class WantedLaw:
 
     Parameters
     ----------
-    load : ndarray, shape (k,), N
+    load : array_like, shape (k,), N
         Increasing, two at least: the range from the first to the last, and points between.
-    area : ndarray, shape (k,), m^2
+    area : array_like, shape (k,), m^2
         Increasing. Between the points the law is a straight line.
     power : bool
         Whether it is a straight line in the logarithms instead.
@@ -40,13 +40,19 @@ class WantedLaw:
     power: bool = False
 
     def __post_init__(self) -> None:
-        for name, values in (("load_N", self.load), ("area_m2", self.area)):
+        for key, name in (("load", "load_N"), ("area", "area_m2")):
+            values = np.atleast_1d(np.asarray(getattr(self, key), dtype=np.float64))
+            object.__setattr__(self, key, values)
             if not (np.isfinite(values).all() and (values > 0).all()):
                 raise InputError(f"a law needs positive numbers, got {name} = {values.tolist()[:9]}")
             if len(values) < 2 or not (np.diff(values) > 0).all():
                 raise InputError(
                     f"a law needs two points or more with increasing {name}, got {values.tolist()[:9]}"
                 )
+        if len(self.load) != len(self.area):
+            raise InputError(
+                f"a law needs an area for each load, got {len(self.area)} areas and {len(self.load)} loads"
+            )
 
     @classmethod
     def parse(

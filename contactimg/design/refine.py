@@ -78,6 +78,8 @@ def refine(
         iterations += 1
         J, r = best.gradient, np.log(best.areas / wanted)
         square = J @ J.T
+        if not square.any():  # equal caps alike: no height changes the area
+            break
         damped = square + damping * np.trace(square) / len(r) * np.eye(len(r))
         step = -J.T @ np.linalg.solve(damped, r)
         touching = np.concatenate([one.penetration[one.touching] for one in best.solutions])

@@ -16,6 +16,7 @@ from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import decide
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz, sphere
+from contactimg.mechanics.checks import non_negative
 from contactimg.mechanics.layer import LARGEST_RATIO, layer_factors
 from contactimg.scene import Scene
 
@@ -225,4 +226,5 @@ def adhesive_pull(radius: ArrayLike, *, contact_modulus: float, work_of_adhesion
     >>> adhesive_pull([2e-5], contact_modulus=4e6, work_of_adhesion=0.05).round(7)
     array([0.0002005])
     """
-    return np.sqrt(8 * np.pi * work_of_adhesion * contact_modulus * np.asarray(radius, float) ** 3)
+    w = non_negative("work_of_adhesion", work_of_adhesion, "J/m^2")
+    return np.sqrt(8 * np.pi * w * contact_modulus * np.asarray(radius, float) ** 3)

@@ -165,7 +165,7 @@ def measured_outputs(output: str) -> tuple[str, ...]:
 
 def chosen_change(changes: Mapping[str, float], output: str) -> float:
     """The change of a requested output, by those of `OUTPUTS`."""
-    return max(float(changes[name]) for name in measured_outputs(output))
+    return float(np.max([changes[name] for name in measured_outputs(output)]))  # NaN if one of them is
 
 
 def _ratio(change: float, size: float) -> float:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.errors import InputError
+from contactimg.errors import InputError, finite_number
 
 
 def positive(name: str, value: ArrayLike, unit: str) -> Any:
@@ -24,3 +24,11 @@ def non_negative(name: str, values: ArrayLike, unit: str) -> NDArray[np.float64]
     if wrong.any():
         raise InputError(f"{name} must not be negative or NaN, got {float(array[wrong].flat[0])!r} {unit}")
     return array
+
+
+def checked_poisson_ratio(value: float) -> float:
+    """``value`` as a float, or an `InputError` where no elastic body has this Poisson's ratio."""
+    nu = finite_number(value, "poisson_ratio", "1")
+    if not -1 < nu <= 0.5:
+        raise InputError(f"poisson_ratio must be above -1 and at most 0.5, got {nu!r}")
+    return nu

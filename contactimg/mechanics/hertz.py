@@ -197,7 +197,7 @@ def peak_pressure(load: ArrayLike, *, sphere_radius: float, contact_modulus: flo
     45400.0
     """
     a = radius(load, sphere_radius=sphere_radius, contact_modulus=contact_modulus)
-    return 1.5 / np.pi * (_stiffness(contact_modulus) / sphere_radius) * a
+    return 1.5 / np.pi * (_stiffness(contact_modulus) / positive("sphere_radius", sphere_radius, "m")) * a
 
 
 def pressure(r: ArrayLike, *, radius: float, sphere_radius: float, contact_modulus: float) -> Values:
@@ -382,7 +382,8 @@ def annulus(load: ArrayLike, *, sphere_radius: float, contact_modulus: float, ro
     >>> round(float(annulus(0.5, sphere_radius=0.1288, contact_modulus=4e6, roughness=30e-6)) * 1e3, 2)
     1.65
     """
-    a = radius(load, sphere_radius=sphere_radius, contact_modulus=contact_modulus)
-    sigma = positive("roughness", roughness, "m")
+    P, sigma = positive("load", load, "N"), positive("roughness", roughness, "m")
+    a = radius(P, sphere_radius=sphere_radius, contact_modulus=contact_modulus)
     # the definition is edge_gap(Delta) = sigma, solved for Delta
-    return (3 * np.pi * sphere_radius * sigma / (8 * np.sqrt(2))) ** (2 / 3) / np.cbrt(a)
+    R = positive("sphere_radius", sphere_radius, "m")
+    return (3 * np.pi * R * sigma / (8 * np.sqrt(2))) ** (2 / 3) / np.cbrt(a)

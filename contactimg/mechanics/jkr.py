@@ -364,8 +364,11 @@ def gap(
     return hertz.gap(r, radius=a, sphere_radius=R) + opened
 
 
-def _refuse_below(fine: NDArray[np.bool_], values: Values, name: str, limit: float, unit: str) -> None:
+def _refuse_below(fine: NDArray[np.bool_], values: Values, name: str, limit: ArrayLike, unit: str) -> None:
     """Refuse values beyond pull-off (NaN included)."""
     if not np.all(fine):
-        wrong = float(np.asarray(values)[~np.asarray(fine)].flat[0])
-        raise ModelRangeError(f"{name} must not be below pull-off, {limit:.6g} {unit}, got {wrong!r} {unit}")
+        least, wrong = (
+            float(np.broadcast_to(each, np.shape(fine))[~np.asarray(fine)].flat[0])
+            for each in (limit, values)
+        )
+        raise ModelRangeError(f"{name} must not be below pull-off, {least:.6g} {unit}, got {wrong!r} {unit}")

@@ -28,7 +28,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import j0, j1, roots_legendre
 
 from contactimg.errors import InputError, ModelRangeError
-from contactimg.mechanics.checks import non_negative, positive
+from contactimg.mechanics.checks import checked_poisson_ratio, non_negative, positive
 
 Values = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def response(wavenumber: ArrayLike, *, poisson_ratio: float = 0.5) -> Values:
 
 def missing_response(q: Values, poisson_ratio: float) -> Values:
     """1 - L, multiplied through by ``exp(-2q)`` so that nothing overflows or cancels."""
-    decay, kappa = np.exp(-2 * q), 3 - 4 * poisson_ratio
+    decay, kappa = np.exp(-2 * q), 3 - 4 * checked_poisson_ratio(poisson_ratio)
     square = 1 + kappa**2 + 4 * q**2
     return decay * (2 * kappa * decay + square + 4 * q) / (kappa * (1 + decay**2) + decay * square)
 
@@ -213,7 +213,7 @@ def layer_factors(radius_over_thickness: ArrayLike, *, poisson_ratio: float = 0.
     if np.any(ratio > LARGEST_RATIO):
         raise ModelRangeError(
             f"contact radii of up to {LARGEST_RATIO:g} thicknesses of the layer are within the model, got "
-            f"{float(np.max(ratio)):.3g}"
+            f"{float(np.max(ratio)):.6g}"
         )
     factors = factor_table(poisson_ratio)(ratio)
     return np.asarray(factors[..., 0]), np.asarray(factors[..., 1])

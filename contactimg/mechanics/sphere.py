@@ -215,8 +215,8 @@ def load(radius: ArrayLike, *, sphere_radius: float, contact_modulus: float) -> 
     >>> round(float(load(33e-6, **where) / hertz.load(33e-6, **where)), 3)
     1.047
     """
-    E = positive("contact_modulus", contact_modulus, "Pa")
-    return E * sphere_radius**2 * scaled_load(_inside(radius, sphere_radius))
+    E, R = positive("contact_modulus", contact_modulus, "Pa"), positive("sphere_radius", sphere_radius, "m")
+    return E * R**2 * scaled_load(_inside(radius, sphere_radius))
 
 
 def radius(load: ArrayLike, *, sphere_radius: float, contact_modulus: float) -> Values:

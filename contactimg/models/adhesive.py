@@ -20,9 +20,10 @@ from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, Caps
 from contactimg.models.conditions import ContactConditions
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.dense_balance import Balance, BalanceEquations
-from contactimg.models.interacting import check_layer, solve_interacting
+from contactimg.models.interacting import check_layer, check_start, solve_interacting
 from contactimg.models.scaled_problem import ScaledProblem, check_choice, scale_problem
 from contactimg.models.solution import InteractingSolution
+from contactimg.surfaces import check_asperities
 
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -137,8 +138,10 @@ def solve_adhesive(
         indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation, poisson_ratio
     )
     conditions.check()
+    asperities = check_asperities(asperities)
     if not len(asperities):
         raise InputError("the asperity table is empty: no asperity can adhere")
+    check_start(start, len(asperities))
     # the unit of height: the depth under the load without adhesion, that prescribed, or that of adhesion
     radius, E = float(np.median(asperities["radius_m"])), conditions.contact_modulus
     hertz = (0.75 * abs(load or 0.0) / E / np.sqrt(radius)) ** (2 / 3)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from contactimg.errors import InputError
+from contactimg.mechanics.checks import checked_poisson_ratio
 from contactimg.models.proof import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
 from contactimg.surfaces import LENGTH_RANGE_M
 
@@ -42,8 +43,7 @@ class ContactConditions:
         """Refuse values that define no contact problem."""
         if not (np.isfinite(self.contact_modulus) and self.contact_modulus > 0):
             raise InputError(f"contact_modulus must be a positive modulus, got {self.contact_modulus!r} Pa")
-        if not -1 < self.poisson_ratio <= 0.5:
-            raise InputError(f"poisson_ratio must lie between -1 and 0.5, got {self.poisson_ratio!r}")
+        checked_poisson_ratio(self.poisson_ratio)
         if not self.thickness > 0:
             raise InputError(f"thickness must be positive (inf for a half-space), got {self.thickness!r} m")
         if (self.load is None) == (self.indentation is None):

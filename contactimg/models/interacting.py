@@ -132,11 +132,7 @@ def solve_interacting(
     problem = scale_problem(asperities, conditions)
     if not problem.touches:
         return problem.untouched(coupling=coupling)
-    if start is not None and start.force.size != len(asperities):
-        raise InputError(
-            f"start must be a solution of the same table of {len(asperities)} asperities, "
-            f"got one of {start.force.size}"
-        )
+    check_start(start, len(asperities))
     seed = None if start is None or not start.force.any() else start.force[problem.order] / problem.force_unit
     layered = coupling != "none" and np.isfinite(thickness)
     kernel = Kernel.of_thickness(thickness / problem.length, poisson_ratio, between=layered)
@@ -154,6 +150,14 @@ def solve_interacting(
     how = {"coupling": coupling, "iterations": steps, "residual": iterate.residual}
     solution = problem.record(iterate.carried, radius, penetration, iterate.indentation, **how)
     return replace(solution, status=_prove(solution, problem, system, tolerance))
+
+
+def check_start(start: InteractingSolution | None, count: int) -> None:
+    """Refuse to start from the solution of a table of another length."""
+    if start is not None and start.force.size != count:
+        raise InputError(
+            f"start must be a solution of the same table of {count} asperities, got one of {start.force.size}"
+        )
 
 
 def check_layer(contact_radius: Values, thickness: float) -> None:

@@ -29,6 +29,10 @@ Values = NDArray[np.float64]
 MAX_GAP_WAVELENGTHS = 512  # chosen: light that is still coherent there is a laser, with fringes everywhere
 
 
+LIT_BANDWIDTHS = 6.3
+"""Bandwidths about the centre of a spectrum beyond which it is dark. Theory: exp(-6.3^2) is 6e-18."""
+
+
 @dataclass(frozen=True)
 class Light:
     """Spectrum of the lamp, ``exp(-((lambda - wavelength)/bandwidth)^2)``, in a band, and the two bodies.
@@ -45,7 +49,7 @@ class Light:
     Raises
     ------
     InputError
-        If an index is 1, or the band is empty.
+        If an index is 1, the band is empty, or no light of the lamp lies in it.
     """
 
     index_indenter: float
@@ -61,6 +65,18 @@ class Light:
             )
         if not 0 < self.band[0] < self.band[1] < np.inf:
             raise InputError(f"light: band must be two increasing positive wavelengths, got {self.band!r} m")
+
+        if not self.lit_band[0] < self.lit_band[1]:
+            raise InputError(
+                f"light: the lamp, {self.wavelength!r} +- {self.bandwidth!r} m, sends no light into the band "
+                f"{self.band!r} m; check the wavelengths"
+            )
+
+    @property
+    def lit_band(self) -> tuple[float, float]:
+        """The part of the band (m) in which the spectrum lies to rounding."""
+        reach = LIT_BANDWIDTHS * self.bandwidth
+        return max(self.band[0], self.wavelength - reach), min(self.band[1], self.wavelength + reach)
 
     @property
     def reflections(self) -> tuple[float, float]:
@@ -101,14 +117,13 @@ def transmission(gap: ArrayLike, *, light: Light) -> Values:
     """
     gaps = np.asarray(gap, float)
     r12, r23 = light.reflections
-    low, high = light.band
+    low, high = light.lit_band
     phases = 4 * np.pi * float(gaps.max(initial=0.0)) * (1 / low - 1 / high)
     nodes, weights = np.polynomial.legendre.leggauss(48 + int(phases))
     wavelengths = (low + high) / 2 + (high - low) / 2 * nodes
     weights = weights * np.exp(-(((wavelengths - light.wavelength) / light.bandwidth) ** 2))
-    lit = weights > 1e-17 * weights.max()  # fainter light is below the rounding error
     reflected = np.zeros(gaps.shape)
-    for wavelength, weight in zip(wavelengths[lit], weights[lit] / weights.sum(), strict=True):
+    for wavelength, weight in zip(wavelengths, weights / weights.sum(), strict=True):
         beat = 2 * r12 * r23 * np.cos(4 * np.pi / wavelength * gaps)
         reflected += weight * (r12**2 + r23**2 + beat) / (1 + r12**2 * r23**2 + beat)
     return 1 - reflected

@@ -16,6 +16,7 @@ from contactimg.prediction import make_mechanical_plan, predict_contacts
 from contactimg.render import Rendered, render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
 from contactimg.shear.laws import shear_contacts
+from contactimg.surfaces import of_asperities
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
 
 
@@ -133,7 +134,7 @@ def write_simulation(
         contacts = predict_contacts(scene, asperities, load=load, frame=row["frame"]).contacts
         if "tangential_N" in row:
             contacts = shear_contacts(contacts, scene, tangential=row["tangential_N"])
-        radii = sites["radius_m"].to_numpy(float)[contacts["asperity"].to_numpy(int)]
+        radii = of_asperities(sites["radius_m"], contacts["asperity"])
         return render_contacts(contacts, scene, sphere_radius=radii, **how)
 
     jobs, truth = zip(loads.to_dict("records"), seeds[1:], strict=True), list[pd.DataFrame]()

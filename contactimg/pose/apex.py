@@ -90,7 +90,7 @@ def find_apex(
     ``4 E* a^3/(3 R)``, by which it lowers the surface at the distance d by ``4 a^3/(3 pi R d)``: the modulus
     cancels. Indentation minus height plus what all other contacts lower the surface by is
     ``c - r^2/(2 R_lens)`` about the apex, a parabola whose linear least squares give apex and radius of the
-    lens. A region that the field of view cuts adds the last change of the centre to its uncertainty, and what
+    lens. A region that the field of view cuts adds to the uncertainties of both their last change, and what
     its reflected contacts changed.
     """
     points = np.asarray(points, float).reshape(-1, 2)
@@ -107,28 +107,30 @@ def find_apex(
     x, y = (at / scale).T
     design = np.column_stack([np.ones_like(x), x, y, x**2 + y**2])
     whole = a**2 / radii - heights + (1 / distance) @ lowering
-    gap, kept, centres = whole, np.ones(len(a), bool), list[NDArray[np.float64]]()
+    gap, kept, found = whole, np.ones(len(a), bool), list[NDArray[np.float64]]()
     for _ in range(ROUNDS):
         solution, covariance, residual = _least_squares(design, gap, kept)
         curvature, curvature_std = float(solution[3]), float(np.sqrt(covariance[3, 3]))
         if not curvature < -SIGNIFICANT_STDS * curvature_std:
             return None
-        centres.append(-scale * solution[1:3] / (2 * curvature))
+        radius = -(scale**2) / (2 * curvature)
+        found.append(np.append(radius * solution[1:3] / scale, radius))
         spread = MAD_TO_STD * float(np.median(np.abs(residual)))
         kept = np.abs(residual) <= OUTLIER_SIGMA * spread if spread > 0 else kept
         if in_view is not None:
-            opposite = 2 * centres[-1] - at
+            opposite = 2 * found[-1][:2] - at
             unseen = ~in_view(*(opposite + middle).T)
             gap = whole + (1 / cdist(at, opposite[unseen])) @ lowering[unseen]
-    per_centre = np.column_stack([np.eye(2), 2 * centres[-1] / scale]) / (2 * curvature)
+    centre = found[-1][:2]
+    per_centre = np.column_stack([np.eye(2), 2 * centre / scale]) / (2 * curvature)
     variance = scale**2 * np.einsum("ij,jk,ik->i", per_centre, covariance[1:, 1:], per_centre)
-    cut = (centres[-1] - centres[0]) * UNKNOWN_OF_CUT + (centres[-1] - centres[-2])
-    std = np.sqrt(variance + cut @ cut)
+    cut = (found[-1] - found[0]) * UNKNOWN_OF_CUT + (found[-1] - found[-2])
+    std = np.sqrt(variance + cut[:2] @ cut[:2])
     if not (std < scale).all():
         return None
-    (x, y), (x_std, y_std) = (middle + centres[-1]).tolist(), std.tolist()
-    radius = -(scale**2) / (2 * curvature)
-    return Apex((x, y), (x_std, y_std), FOUND, radius, radius * curvature_std / -curvature)
+    (x, y), (x_std, y_std) = (middle + centre).tolist(), std.tolist()
+    radius_std = float(np.hypot(radius * curvature_std / curvature, cut[2]))
+    return Apex((x, y), (x_std, y_std), FOUND, radius, radius_std)
 
 
 def find_centre(

@@ -15,6 +15,7 @@ from scipy.ndimage import uniform_filter
 from scipy.spatial import KDTree
 from scipy.special import bdtrc
 
+from contactimg.errors import InputError
 from contactimg.pose.pairs import (
     FEWEST_CONTACTS,
     MAD_TO_STD,
@@ -122,6 +123,11 @@ def fit_pose(
     Returns
     -------
     PoseFit
+
+    Raises
+    ------
+    InputError
+        If a place is not finite.
     """
     points, spots, gate = _in_plane(x_px, y_px, targets, guess)
     best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan)
@@ -152,6 +158,10 @@ def _in_plane(
     """Contacts from the centre of the image (px) and targets (m) as complex numbers; pairing distance (m)."""
     spots = np.asarray(targets, float).reshape(-1, 2)
     points = np.column_stack([x_px, y_px]) - guess.image_centre
+    for places in (points, spots):
+        if not np.isfinite(places).all():
+            wrong = places[~np.isfinite(places)][0]
+            raise InputError(f"a pose needs finite x_px, y_px and targets, got {wrong}; leave these rows out")
     return as_complex(points), as_complex(spots), pairing_distance(spots, guess)
 
 
@@ -323,8 +333,9 @@ def _voters(
     points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
 ) -> tuple[Points, list[tuple[complex, bool]]]:
     """Points that vote, and what they vote on; nothing if there are too few of them."""
-    distance = np.sort(np.abs(points[:, None] - points[None, :]), axis=1)
-    densest = points[np.argmin(distance[:, min(VOTING_POINTS, len(points)) - 1])]
+    places = as_real(points)
+    distance = KDTree(places).query(places, k=[min(VOTING_POINTS, len(points))])[0]
+    densest = points[np.argmin(distance)]
     ranked = points[np.argsort(np.abs(points - densest))]
     for count in range(min(VOTING_POINTS, len(points)), FEWEST_CONTACTS - 1, -5):
         reach = float(np.abs(ranked[:count] - ranked[:count].mean()).max()) * guess.pixel_size

@@ -64,8 +64,11 @@ def pair_points(
     if n == 0 or m == 0:
         return np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0)
     near = KDTree(points).sparse_distance_matrix(KDTree(targets), max_distance, output_type="coo_matrix")
-    # a zero weight would read as "no edge": costs run from 1 (distance 0) to 2 (no partner)
-    cost = np.concatenate([1 + (near.data / max_distance) ** 2, np.full(n, 2.0)])
+    # a zero weight would read as "no edge": costs begin with 1 (distance 0), and the longest pair has 2; a
+    # price that no rearrangement of all pairs is worth does as well as a higher one, and rounds less
+    longest = float(near.data.max(initial=0.0)) or 1.0
+    alone = 1 + min((max_distance / longest) ** 2, n + 1.0)
+    cost = np.concatenate([1 + (near.data / longest) ** 2, np.full(n, alone)])
     row = np.concatenate([near.row, np.arange(n)])
     column = np.concatenate([near.col, m + np.arange(n)])
     costs = coo_array((cost, (row, column)), shape=(n, m + n)).tocsr()
@@ -126,13 +129,13 @@ def match_contacts(
         CONTACTS.conform(table[table.columns.intersection(used)]) for table in (measured, predicted)
     )
     places = [table[["x_m", "y_m"]].to_numpy(float) for table in (measured, predicted)]
+    if not all(np.isfinite(table).all() for table in places):
+        raise InputError("match_contacts: each contact needs its place, finite numbers in x_m and y_m")
     if max_distance is None:
         half = median_spacing(places[1]) / 2
         max_distance = half or float(predicted["radius_m"].max() if len(predicted) else 1.0)
     if not max_distance > 0:
         raise InputError(f"match_contacts: max_distance must be a positive length, got {max_distance!r} m")
-    if not all(np.isfinite(table).all() for table in places):
-        raise InputError("match_contacts: each contact needs its place, finite numbers in x_m and y_m")
     i, j, distance = pair_points(*places, max_distance=max_distance)
     left, right = measured.iloc[i], predicted.iloc[j]
     return MATCHES.conform(

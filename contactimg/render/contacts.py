@@ -42,7 +42,7 @@ def place_contacts(
     Raises
     ------
     InputError
-        If a row has no finite position, or a negative radius.
+        If a row has no finite position, or a negative radius, or is an ellipse without its axes.
     """
     table = CONTACTS.conform(contacts)
     by_metres = ~np.isfinite(table[PIXEL_COLUMNS].to_numpy()).all(axis=1)
@@ -63,6 +63,17 @@ def place_contacts(
             f"contacts: row {row} needs a finite centre and a radius that is not negative, in px or in m; "
             f"got {', '.join(f'{n} = {v:g}' for n, v in zip(PIXEL_COLUMNS, values[row], strict=True))}"
         )
+    axes = table[ELLIPSE_COLUMNS].to_numpy(float)
+    ellipse = (table["shape"] == "ellipse").to_numpy(bool) & (values[:, 2] > 0)
+    wrong = ellipse & ~(np.isfinite(axes).all(axis=1) & (axes[:, :2] > 0).all(axis=1))
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise InputError(
+            f"contacts: row {row} is an ellipse and needs half-axes above 0 and an angle, in px or in m; "
+            f"got {', '.join(f'{n} = {v:g}' for n, v in zip(ELLIPSE_COLUMNS, axes[row], strict=True))}"
+        )
+    # the axes say how large an ellipse is
+    table.loc[ellipse, "radius_px"] = np.sqrt(axes[ellipse, 0] * axes[ellipse, 1])
     table["x_px"] += shift_px[0]
     table["y_px"] += shift_px[1]
     return table

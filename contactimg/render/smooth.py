@@ -47,9 +47,10 @@ class SmoothSpot(Spots):
             return np.full(shape, self.brightness[0])
         away = np.maximum(r, cell)
         # projected across the edge a square cell is a trapezoid: second differences of a double integral;
-        # where the edge follows the grid its short side is taken as a thousandth of a cell to avoid 0/0
-        wide, narrow = np.abs(x) / away, np.abs(y) / away
-        wide, narrow = np.maximum(wide, narrow), np.maximum(np.minimum(wide, narrow), 1e-3)
+        # where the edge follows the grid its short side is taken as a thousandth of a cell to avoid 0/0, and
+        # at the very centre, which has no direction, the long one as that of a diagonal
+        sides = np.abs(x) / away, np.abs(y) / away
+        wide, narrow = np.maximum(np.maximum(*sides), 0.5**0.5), np.maximum(np.minimum(*sides), 1e-3)
         ends = [outside + cell * half * (wide + side * narrow) for half in (0.5, -0.5) for side in (1, -1)]
         total = self._twice(ends[0]) - self._twice(ends[1]) + self._twice(ends[2]) - self._twice(ends[3])
         return self.brightness[0] * total / (cell * cell * wide * narrow)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.shear.laws import Decrease, RateLaw, fit_decrease, fit_rate_law, half_axes_along
+from contactimg.surfaces import of_asperities
 from contactimg.tables import FOLLOWED
 
 Values = NDArray[np.float64]
@@ -72,7 +73,7 @@ def follow_contacts(
         place = table[axis].to_numpy(float).reshape(len(touched), len(shots))
         first = place[np.arange(len(touched)), np.isfinite(place).argmax(axis=1)]
         table[f"displacement_{axis}"] = (place - first[:, None]).ravel()
-        table[axis] = _expected(place, asperities[axis].to_numpy(float)[touched]).ravel()
+        table[axis] = _expected(place, of_asperities(asperities[axis], pd.Series(touched))).ravel()
     return FOLLOWED.conform(table)
 
 
@@ -189,6 +190,8 @@ def fit_beta(laws: Sequence[ShearLaws], *, confidence: float = 0.95) -> RateLaw:
     them. It acts on the sum of their areas alike, so the relative uncertainty of its rate is added to that of
     beta.
     """
+    if not laws:
+        raise InputError("beta takes the laws of one normal load or more, got none")
     table = pd.concat([one.contacts for one in laws])
     law = fit_rate_law(
         table["area"],

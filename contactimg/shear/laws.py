@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.analysis.estimates import Estimate, student_estimate
 from contactimg.analysis.linear_fit import Basis, Points, fit_line, fit_linear, fit_proportional
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
-from contactimg.mechanics.checks import non_negative, positive
+from contactimg.mechanics.checks import checked_poisson_ratio, non_negative, positive
 from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
@@ -445,8 +445,7 @@ class AdhesiveSphere:
     def __post_init__(self) -> None:
         for name, unit in (("sphere_radius", "m"), ("contact_modulus", "Pa"), ("work_of_adhesion", "J/m^2")):
             positive(name, getattr(self, name), unit)
-        if not -1 < self.poisson_ratio <= 0.5:
-            raise InputError(f"poisson_ratio must lie in (-1, 0.5], got {self.poisson_ratio!r}")
+        checked_poisson_ratio(self.poisson_ratio)
         non_negative("mode_coupling", self.mode_coupling, "")
 
     @property

@@ -13,12 +13,15 @@ Values = NDArray[np.float64]
 APERTURE_BLURS, LEAST_APERTURE_PX = 1.6, 1.0
 """Radius of the aperture in blurs. Theory: 1.585 gives a point of light the best ratio to even noise."""
 
+LEAST_BLUR_PX = 0.01
+"""Blur that counts as none. Chosen: far below a pixel."""
+
 LARGEST_BLURS, TABLE_POINTS = 6.0, 241
 """Largest radius of the table of the light, in blurs, and its points; a larger contact fills the aperture."""
 
 
 def limit_radii(
-    image: NDArray[np.float32],
+    image: NDArray,
     places: ArrayLike,
     *,
     contrast: float,
@@ -67,7 +70,7 @@ def limit_radii(
     >>> bool(0.1 < limit_radii(image, [[40, 30]], contrast=100.0, blur_px=1.4, contacts=[])[0] < 0.3)
     True
     """
-    places = np.asarray(places, float).reshape(-1, 2)
+    image, places = np.asarray(image, np.float32), np.asarray(places, float).reshape(-1, 2)
     contacts = np.asarray(contacts, float).reshape(-1, 3)
     radius = max(APERTURE_BLURS * blur_px, LEAST_APERTURE_PX)
     half = int(np.ceil(radius + 0.5))
@@ -92,11 +95,11 @@ def limit_radii(
     middle = float(np.median(background))
     spread = float(np.median(np.abs(background - middle))) / float(special.ndtri(0.75))
     least = float(special.ndtri(confidence)) * spread
-    columns, rows = np.rint(places).astype(int).T
-    shown = (columns >= 0) & (columns < image.shape[1]) & (rows >= 0) & (rows < image.shape[0])
-    sizes, light = _light_of_disks(radius, blur_px)
+    nearest = np.rint(places)
+    shown = ((nearest >= 0) & (nearest < image.shape[::-1])).all(axis=1)
+    sizes, light = _light_of_disks(radius, max(blur_px, LEAST_BLUR_PX))
     for k in np.flatnonzero(shown):
-        column, row = int(columns[k]), int(rows[k])
+        column, row = nearest[k].astype(int)
         if not inside[row, column]:
             continue
         window = image[row - half : row + half + 1, column - half : column + half + 1]

@@ -16,10 +16,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky
+from scipy.linalg.blas import dger
 from scipy.optimize import nnls
 
 from contactimg.errors import ConvergenceError, InputError, finite_number
-from contactimg.mechanics.checks import positive
+from contactimg.mechanics.checks import checked_poisson_ratio, positive
 
 Values = NDArray[np.float64]
 
@@ -185,7 +186,7 @@ def _follow(C: Values, strength: Values) -> tuple[Values, Values]:
         _sweep(T, k)
     D, events, forces = 0.0, [0.0], [np.zeros(n)]
     for _ in range(EVENTS_PER_CONTACT * n):
-        start, rate = -T @ held, np.where(sticks, 0.0, 1.0) - T[:, sticks].sum(axis=1)
+        start, rate = -(T @ held), np.where(sticks, 0.0, 1.0) - T @ sticks.astype(float)
         slips = ~sticks & (held > 0)
         bound = np.where(sticks & (rate > 0), strength, 0.0)
         # a contact that slips sticks again where glass and rubber come to rest, one without force likewise
@@ -218,9 +219,10 @@ def _first_sticking(C: Values) -> NDArray[np.bool_]:
 
 
 def _sweep(T: Values, k: np.intp) -> None:
-    """Pivot on row k, in place; a second time undoes it."""
+    """Pivot on row k of a symmetric matrix, in place; a second time undoes it."""
     pivot, column = T[k, k], T[:, k].copy()
-    T -= np.outer(column / pivot, column)
+    # T -= outer(column, column)/pivot, without a copy
+    dger(-1 / pivot, column, column, a=T.T, overwrite_a=1)
     T[k] = T[:, k] = column / abs(pivot)
     T[k, k] = -1 / pivot
 
@@ -311,7 +313,7 @@ def tangential_compliance(
            [1.59154943, 9.375     ]])
     """
     x, y, a = checked_contacts(contacts)
-    nu = _poisson_ratio(poisson_ratio)
+    nu = checked_poisson_ratio(poisson_ratio)
     modulus = finite_number(contact_modulus, "contact_modulus", "Pa")
     G = positive("contact_modulus", modulus, "Pa") * (1 - nu) / 2
     dx, dy = x - x[:, None], y - y[:, None]
@@ -434,10 +436,3 @@ def _per_contact(name: str, values: ArrayLike, C: Values) -> Values:
     if given.shape not in ((), (len(C),)) or not np.isfinite(given).all():
         raise InputError(f"{name} must be one finite number, or one for each of the {len(C)} contacts, in m")
     return np.broadcast_to(given, len(C))
-
-
-def _poisson_ratio(value: float) -> float:
-    nu = finite_number(value, "poisson_ratio", "1")
-    if not -1 < nu <= 0.5:
-        raise InputError(f"poisson_ratio must be above -1 and at most 0.5, got {nu!r}")
-    return nu

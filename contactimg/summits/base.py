@@ -14,6 +14,9 @@ from contactimg.pose.pairs import MAD_TO_STD
 Values = NDArray[np.float64]
 Form = Literal["none", "plane", "sphere"]
 
+FORM_TERMS = {"none": 1, "plane": 3, "sphere": 4}
+"""Form -> number of its terms, of 1, x, y and x^2 + y^2."""
+
 TILES = 16
 """Tiles along each side from which the base is first guessed, so that a map needs as many rows and columns.
 Chosen: 8 to 32 give the same base."""
@@ -169,9 +172,8 @@ def _terms(surface: HeightMap, form: Form) -> Values:
     """The functions of the position whose sum is the form, about 1 at the rim of the map; the last axis."""
     scale = max(abs(surface.x[0]), abs(surface.y[0]))
     x, y = surface.x[None, :] / scale, surface.y[:, None] / scale
-    count = {"none": 1, "plane": 3, "sphere": 4}[form]
-    terms = (np.ones((1, 1)), x, y, x**2 + y**2)
-    return np.stack([np.broadcast_to(term, surface.heights.shape) for term in terms[:count]], axis=-1)
+    terms = (np.ones((1, 1)), x, y, x**2 + y**2)[: FORM_TERMS[form]]
+    return np.stack([np.broadcast_to(term, surface.heights.shape) for term in terms], axis=-1)
 
 
 def _least_squares(heights: Values, terms: Values, pixels: NDArray[np.bool_]) -> Values:

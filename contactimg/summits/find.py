@@ -8,13 +8,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import ndimage, signal
+from scipy.spatial import KDTree
 from skimage.morphology import local_maxima, reconstruction
 from skimage.segmentation import watershed
 
 from contactimg.errors import InputError
 from contactimg.pose.apex import SIGNIFICANT_STDS
 from contactimg.pose.pairs import MAD_TO_STD
-from contactimg.summits.base import ROUNDS, Base, Form, HeightMap, fit_base, refit_base
+from contactimg.summits.base import FORM_TERMS, ROUNDS, Base, Form, HeightMap, fit_base, refit_base
 from contactimg.tables import SUMMITS
 
 Values = NDArray[np.float64]
@@ -38,6 +39,10 @@ changes radii by up to 3 t^2/2, 0.2 % at 2 degrees."""
 RARE_SIGMAS = 4.5
 """Standard deviations beyond which pixels are spikes, and that the curvature of a summit must exceed. Theory:
 1 of 150,000 normal values."""
+
+SETTLED = 1e-9
+"""Change of the heights, over the depth of a fit, at which it has converged. Theory: of Newton's method the
+next one is about the square of it."""
 
 MIN_PIXELS = 12
 """Fewest pixels of a fit: three for each of its parameters."""
@@ -108,7 +113,7 @@ def fit_sphere(points: Values, start: Values, *, depth: float, noise: float) -> 
     SphereFit or None
         None where fewer than `MIN_PIXELS` pixels are left or they do not define a summit.
     """
-    sphere, x, y, z = start, *points
+    sphere, before, x, y, z = start, np.empty(0, np.bool_), *points
     for _ in range(ROUNDS):
         fitted = sphere_heights(sphere, x, y)
         residuals, chosen = z - fitted, fitted > sphere[2] - depth
@@ -130,6 +135,9 @@ def fit_sphere(points: Values, start: Values, *, depth: float, noise: float) -> 
         step = np.linalg.solve(normal, jacobian.T @ residuals[chosen]) / scale
         sphere, curvature = sphere + step, sphere[3]
         sphere[3] = min(max(sphere[3], curvature / 2), 2 * curvature)
+        if np.array_equal(chosen, before) and np.all(np.abs(step) * scale <= SETTLED * depth):
+            break
+        before = chosen
     residuals = z - sphere_heights(sphere, x, y)
     scatter = float(np.sqrt((residuals[chosen] ** 2).sum() / (chosen.sum() - 4)))
     covariance = np.linalg.inv(normal) / np.outer(scale, scale) * scatter**2
@@ -228,6 +236,8 @@ def find_summits(
         raise InputError(f"the depth of the fit must be above 0 and at most 1, got {depth!r}")
     if not (np.isfinite(least_height) and least_height >= 0):
         raise InputError(f"the least height must be 0 or more, got {least_height!r} m")
+    if form not in FORM_TERMS:
+        raise InputError(f"form must be one of {', '.join(map(repr, FORM_TERMS))}, got {form!r}")
     base = fit_base(surface, form)
     labels, smoothed = _divide(surface.heights - base.heights, base, least_height)
     feet = ndimage.binary_dilation(labels > 0, iterations=LAGS)
@@ -249,12 +259,7 @@ def find_summits(
             left_out[reason] += 1
         else:
             fits.append(fit)
-    kept: list[_Fit] = []
-    for fit in sorted(fits, key=lambda fit: -int(fit.whole.pixels.sum())):
-        x0, y0, height, curvature = fit.whole.sphere
-        reach = TWICE * np.sqrt(2 * depth * height / curvature)
-        if all(np.hypot(x0 - o.whole.sphere[0], y0 - o.whole.sphere[1]) > reach for o in kept):
-            kept.append(fit)
+    kept = _without_twins(fits, depth)
     left_out["second summits of one asperity"] = len(fits) - len(kept)
     factor = float(np.median([fit.factor for fit in kept])) if kept else 1.0
     table = SUMMITS.conform(
@@ -317,6 +322,17 @@ def _fit_patch(  # noqa: PLR0917 - the pixels of a region and how they are fitte
     residuals[inside] = np.where(whole.pixels, whole.residuals, np.nan)
     half = fit_sphere(chosen, sphere, depth=depth / 2 * sphere[2], noise=noise)
     return _Fit(whole, half, correlation_factor(residuals))
+
+
+def _without_twins(fits: list[_Fit], depth: float) -> list[_Fit]:
+    """The fits from the one with the most pixels down, without those whose summit is that of one before."""
+    fits = sorted(fits, key=lambda fit: -int(fit.whole.pixels.sum()))
+    spheres, kept = np.reshape([fit.whole.sphere for fit in fits], (-1, 4)), set[int]()
+    reach = TWICE * np.sqrt(2 * depth * spheres[:, 2] / spheres[:, 3])
+    for k, near in enumerate(KDTree(spheres[:, :2]).query_ball_point(spheres[:, :2], reach)):
+        if kept.isdisjoint(near):
+            kept.add(k)
+    return [fits[k] for k in sorted(kept)]
 
 
 def _why_not(fit: _Fit | None, surface: HeightMap, least_height: float) -> str:

@@ -3,6 +3,7 @@ from .asperity_table import base_radius as base_radius
 from .asperity_table import check_asperities as check_asperities
 from .asperity_table import composite_apexes as composite_apexes
 from .asperity_table import composite_columns as composite_columns
+from .asperity_table import of_asperities as of_asperities
 from .patterns import CapLaw as CapLaw
 from .patterns import DropletCaps as DropletCaps
 from .patterns import GaussianCaps as GaussianCaps

@@ -125,6 +125,39 @@ def _finite_column(table: pd.DataFrame, name: str) -> Values:
     return values
 
 
+def of_asperities(values: ArrayLike, rows: pd.Series) -> Values:
+    """The values of the asperities that contacts lie on, NaN where a contact is on none.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        One value an asperity.
+    rows : Series
+        Column ``asperity`` of contacts, empty for those on none.
+
+    Raises
+    ------
+    InputError
+        If a contact names an asperity that the table does not have.
+
+    Examples
+    --------
+    >>> of_asperities([1e-4, 2e-4], pd.Series([1, None])).tolist()
+    [0.0002, nan]
+    """
+    known, values = rows.notna().to_numpy(), np.asarray(values, dtype=np.float64)
+    chosen = rows[known].to_numpy(dtype=np.intp)
+    if chosen.size and not 0 <= chosen.min() <= chosen.max() < len(values):
+        wrong = chosen.max() if chosen.min() >= 0 else chosen.min()
+        raise InputError(
+            f"contacts.csv names asperity {wrong}, but their table has {len(values)} rows; repeat `process` "
+            "with this table"
+        )
+    result = np.full(len(rows), np.nan)
+    result[known] = values[chosen]
+    return result
+
+
 def composite_apexes(
     asperities: pd.DataFrame, *, indenter_radius: float, apex: tuple[float, float] = (0.0, 0.0)
 ) -> pd.DataFrame:

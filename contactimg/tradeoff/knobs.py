@@ -81,13 +81,15 @@ def average_contacts(solution: InteractingSolution, *, centre: tuple[float, floa
 def average_rings(rings: RingSolution, *, edges: Values) -> Average:
     """Averages of a statistical solution on rings with these edges, m."""
     r = np.linspace(0.0, rings.r[-1], RADIAL_NODES)
-    pressure, density, radius = (
-        np.interp(r, rings.r, values) for values in (rings.pressure, rings.density, rings.mean_radius)
+    # where nothing touches there is no mean radius, and none is needed
+    length = np.where(rings.density > 0, rings.density * rings.mean_radius, 0.0)
+    pressure, density, length = (
+        np.interp(r, rings.r, values) for values in (rings.pressure, rings.density, length)
     )
     inside = cumulative_trapezoid(2 * np.pi * r * pressure, r, initial=0)
     at_edges = np.interp(edges, r, inside)
     at_edges[-1] = inside[-1]
-    mean_radius = trapezoid(r * density * radius, r) / trapezoid(r * density, r)
+    mean_radius = trapezoid(r * length, r) / trapezoid(r * density, r)
     return Average(rings.area, np.diff(at_edges), float(mean_radius))
 
 

@@ -143,6 +143,10 @@ def test_one_cap_follows_its_own_law_only():
     assert found.residual < 1e-3
     with pytest.raises(InputError, match=r"the law needs 3 caps, and there are 1; from 0\.001"):
         design_heights(power(f"A = {1.5 * factor} P^0.7", 0.01), **how)
+    found = design_heights(power(f"A = {1.5 * factor} P^0.7", 0.01), nearest=True, **how)
+    assert found.status.startswith("the wanted law is not possible: the law needs 3 caps")
+    alone = factor * found.law["load_N"] ** (2 / 3)
+    np.testing.assert_allclose(found.law["coupled_area_m2"], alone, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -233,3 +237,10 @@ def test_points_of_a_law_increase():
         with pytest.raises(InputError, match="two points or more"):
             WantedLaw(np.array(load), np.array(area))
     assert isinstance(LAWS["linear"].at(pd.Series([0.1])), np.ndarray)
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array, pd.Series])
+def test_points_of_a_law_may_come_in_any_kind_of_list(kind):
+    assert WantedLaw(kind([1, 2, 4]), kind([1, 3, 4])).at([1.5, 3.0]).tolist() == [2.0, 3.5]
+    with pytest.raises(InputError, match="an area for each load, got 2 areas and 3 loads"):
+        WantedLaw(kind([1, 2, 4]), kind([1, 3]))

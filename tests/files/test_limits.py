@@ -176,13 +176,14 @@ def test_tables_that_do_not_belong_together(folder, name, change, said):
         read_run(folder)
 
 
-def test_an_asperity_beyond_the_table_is_one_sentence(folder, capfd):
+@pytest.mark.parametrize("command", ["analyse", "overlay"])
+def test_an_asperity_beyond_the_table_is_one_sentence(command, folder, capfd):
     lines = (folder / "contacts.csv").read_text().splitlines()
     column = lines[0].split(",").index("asperity")
     cells = lines[1].split(",")
     cells[column] = "7000"
     (folder / "contacts.csv").write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]) + "\n")
-    assert main(["analyse", str(folder), "--quiet"]) == 2
+    assert main([command, str(folder), "--quiet"]) == 2
     assert "names asperity 7000, but their table has" in capfd.readouterr().err
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from contactimg import InputError, hertz
+from contactimg import InputError, hertz, sphere
 from contactimg.mechanics.hertz import displacement_factor
 
 LENS = {"sphere_radius": 0.1288, "contact_modulus": 4e6}
@@ -103,6 +103,14 @@ def test_annulus_is_where_the_leading_gap_equals_the_roughness():
     assert width == pytest.approx(paper, rel=ROUNDING)
 
 
+@pytest.mark.parametrize("kind", [list, tuple, np.array])
+@pytest.mark.parametrize("law", [hertz.load, hertz.radius, hertz.peak_pressure, sphere.load, sphere.radius])
+def test_each_contact_may_have_a_sphere_of_its_own(law, kind):
+    both = law(1e-5, sphere_radius=kind([1e-4, 2e-4]), contact_modulus=4e6)
+    alone = [float(law(1e-5, sphere_radius=radius, contact_modulus=4e6)) for radius in (1e-4, 2e-4)]
+    np.testing.assert_allclose(both, alone, rtol=ROUNDING)
+
+
 def test_refusals():
     with pytest.raises(InputError, match="load must not be negative"):
         hertz.radius(-1.0, **LENS)
@@ -110,3 +118,5 @@ def test_refusals():
         hertz.radius(1.0, sphere_radius=1.0, contact_modulus=0.0)
     with pytest.raises(InputError, match="must not be negative or NaN"):
         hertz.load(np.nan, **LENS)
+    with pytest.raises(InputError, match=r"load must be positive, got 0\.0 N"):
+        hertz.annulus([0.1, 0.0], roughness=1e-6, **LENS)

@@ -111,6 +111,17 @@ def test_change_of_units(length, pressure):
     )
 
 
+@pytest.mark.parametrize("closed_form", [jkr.radius, jkr.radius_from_indentation])
+def test_of_several_spheres_the_pull_off_of_the_one_that_breaks_is_named(closed_form):
+    radii = np.array([1e-3, 1e-4])
+    where = {"contact_modulus": 4e6, "work_of_adhesion": 0.05}
+    limit = jkr.pull_off_load(sphere_radius=1e-4, work_of_adhesion=0.05)
+    if closed_form is jkr.radius_from_indentation:
+        limit = jkr.pull_off_indentation(sphere_radius=1e-4, **where)
+    with pytest.raises(ModelRangeError, match=rf"below pull-off, {limit:.6g} .*, got {1.5 * limit!r}"):
+        closed_form([0.0, 1.5 * limit], sphere_radius=radii, **where)
+
+
 def test_refusals():
     with pytest.raises(InputError, match="work_of_adhesion must not be negative"):
         jkr.radius(1.0, sphere_radius=1.0, contact_modulus=1.0, work_of_adhesion=-1.0)

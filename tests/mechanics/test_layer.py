@@ -51,6 +51,15 @@ def test_table_reproduces_value_slope_and_laplacian():
         assert laplacian == pytest.approx(second + first / (2 * s) if s > h else laplacian, abs=2e-4)
 
 
+@pytest.mark.parametrize("ratio", [-1.0, 0.6, 2.0])
+def test_a_ratio_that_no_body_has_is_refused(ratio):
+    where = {"load": 1e-3, "contact_modulus": 4e6, "thickness": 1e-3}
+    with pytest.raises(InputError, match=r"poisson_ratio must be above -1 and at most 0\.5, got"):
+        layer.surface_displacement(1e-4, poisson_ratio=ratio, **where)
+    with pytest.raises(InputError, match="poisson_ratio must be above -1"):
+        layer.layer_factors(0.5, poisson_ratio=ratio)
+
+
 def test_indentation_of_a_hertz_contact_drops_as_published():
     # delta falls by (4 a/(3 pi t)) phi(0) = 0.751 a/t; Dimitriadis et al., Biophys. J. 82 (2002) 2798, have
     # F ~ 1 + 1.133 a/t at a depth, that is (2/3) 1.133 = 0.755 at a load

@@ -104,6 +104,26 @@ def test_refusals(patch):
         solve_adhesive(patch, load=0.1, work_of_adhesion=0.1, coupling="full", **LENS)
 
 
+@pytest.mark.parametrize(
+    ("table", "sentence"),
+    [
+        (lambda patch: patch.drop(columns="radius_m"), "column 'radius_m' is missing"),
+        (lambda patch: patch.assign(radius_m=-1e-4), "row 0, column 'radius_m' must be positive"),
+        (lambda patch: patch.assign(radius_m="wide"), "row 0, column 'radius_m' must be a number"),
+    ],
+)
+def test_a_table_that_breaks_a_rule_is_refused_with_its_row(patch, table, sentence):
+    with pytest.raises(InputError, match=sentence):
+        solve_adhesive(table(patch), load=0.1, work_of_adhesion=0.1, **LENS)
+
+
+def test_a_start_from_another_table_is_refused(patch):
+    how = {"load": 0.01, "work_of_adhesion": 0.05} | LENS
+    start = solve_adhesive(patch, **how)
+    with pytest.raises(InputError, match=f"the same table of {len(patch) - 1} asperities, got one of"):
+        solve_adhesive(patch.iloc[1:], start=start, **how)
+
+
 # adhesion together with the sphere's profile and a layer
 
 

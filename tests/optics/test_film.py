@@ -1,5 +1,7 @@
 """The air film: closed forms at one wavelength, the thick film, the excess, and the edge that it shifts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -38,20 +40,25 @@ def test_thick_film_is_the_average_over_the_phase():
     assert transmission(gaps, light=line).mean() == pytest.approx(thick_transmission(LED), abs=1e-6)
 
 
-def test_spectrum_average_against_adaptive_quadrature():
+@pytest.mark.parametrize("bandwidth_nm", [70, 10, 3, 1, 0.3])
+def test_spectrum_average_against_adaptive_quadrature(bandwidth_nm):
     gap = 3.3 * UM
     r12, r23 = LED.reflections
 
     def weight(wavelength_nm):
-        return np.exp(-(((wavelength_nm - 560) / 70) ** 2))
+        return np.exp(-(((wavelength_nm - 560) / bandwidth_nm) ** 2))
 
     def reflected(wavelength_nm):
         beat = 2 * r12 * r23 * np.cos(4 * np.pi * gap * 1e9 / wavelength_nm)
         return weight(wavelength_nm) * (r12**2 + r23**2 + beat) / (1 + (r12 * r23) ** 2 + beat)
 
-    total = quad(weight, 450, 680)[0]
-    expected = 1 - quad(reflected, 450, 680, limit=200, epsabs=1e-12)[0] / total
-    assert float(transmission(gap, light=LED)) == pytest.approx(expected, abs=1e-11)
+    band = max(450, 560 - 8 * bandwidth_nm), min(680, 560 + 8 * bandwidth_nm)
+    total = quad(weight, *band, epsabs=0)[0]
+    expected = 1 - quad(reflected, *band, limit=200, epsabs=0, epsrel=1e-11)[0] / total
+    lamp = replace(LED, bandwidth=bandwidth_nm * 1e-9)
+    # in a table of gaps the nodes are those of the largest one
+    for gaps in (np.array([gap]), np.array([gap, 3 * gap])):
+        assert float(transmission(gaps, light=lamp)[0]) == pytest.approx(expected, abs=1e-11)
 
 
 def test_contrast_and_first_dark_fringe():
@@ -163,6 +170,7 @@ def test_blurred_edge_shifts_a_disk_fit(radius, stated):
     [
         ({"index_elastic": 1.0}, "index of air"),
         ({"band": (680e-9, 450e-9)}, "two increasing positive wavelengths"),
+        ({"band": (650e-9, 680e-9), "bandwidth": 10e-9}, "sends no light into the band"),
     ],
 )
 def test_impossible_light_is_refused(change, message):

@@ -5,8 +5,9 @@ import pandas as pd
 import pytest
 
 from contactimg import InputError, scene_from_dict
-from contactimg.render import render_contacts, render_frame, render_reference
+from contactimg.render import render_contacts, render_frame, render_reference, render_smooth_contact
 
+ELASTIC = {"young_modulus_Pa": 3e6, "work_of_adhesion_J_m2": 0.05}
 SHAPE = (60, 80)
 PLAIN = {"shape": SHAPE, "blur_px": 0.0, "background_levels": 80.0, "contrast_levels": 100.0}
 NO_CONTACT = pd.DataFrame({"x_px": [], "y_px": [], "radius_px": []})
@@ -307,6 +308,37 @@ def test_film_with_rough_edges_and_no_contacts_in_view():
     rough = image_of(one_contact(40.0, 30.0, 10.0), film_scene(edge_roughness_px=0.5))
     smooth = image_of(one_contact(40.0, 30.0, 10.0), film_scene())
     assert np.abs(rough - smooth).max() > 10
+
+
+def test_an_ellipse_is_as_large_as_its_axes_whatever_its_radius():
+    axes = {"shape": "ellipse", "semi_major_px": 8.0, "semi_minor_px": 6.0, "angle_rad": 0.3}
+    shot = shoot(one_contact(40.0, 30.0, 5.0).assign(**axes), exact_scene())
+    light = shot.frame.image.astype(float) - 80
+    # an edge of 1024 sectors: 1e-3 of the area
+    assert light.sum() / 100 == pytest.approx(np.pi * 48, rel=1e-3)
+    assert shot.contacts["radius_px"][0] == pytest.approx(48**0.5)
+
+
+@pytest.mark.parametrize("change", [{"angle_rad": np.nan}, {"semi_major_px": np.nan}, {"semi_minor_px": 0.0}])
+def test_an_ellipse_without_its_axes_is_refused(change):
+    axes = {"shape": "ellipse", "semi_major_px": 8.0, "semi_minor_px": 6.0, "angle_rad": 0.3} | change
+    with pytest.raises(InputError, match="row 0 is an ellipse and needs half-axes above 0 and an angle"):
+        shoot(one_contact().assign(**axes), make_scene())
+
+
+@pytest.mark.parametrize(("blur_px", "supersampling"), [(0.0, 1), (1.4, 3), (1.4, 4), (3.0, 4)])
+def test_the_middle_of_a_wide_contact_is_bright_also_where_it_is_that_of_a_pixel(blur_px, supersampling):
+    keys = {"shape": (181, 201), "blur_px": blur_px, "supersampling": supersampling}
+    sections = {"indenter": {"radius_m": 0.1288}, "elastic": ELASTIC, "camera": {"pixel_size_m": 24e-6}}
+    sharp = {"film": "on", "quantisation": "off", "saturation": "off"}
+    scene = scene_from_dict({**sections, "simulate": PLAIN | keys, "effects": sharp})
+    shot = render_smooth_contact(0.0, scene, rng=np.random.default_rng(1))
+    image, (x, y, radius) = shot.frame.image, shot.contacts[["x_px", "y_px", "radius_px"]].to_numpy()[0]
+    assert (x, y) == (100.0, 90.0)
+    rows, columns = np.indices(image.shape)
+    inside = np.hypot(columns - x, rows - y) < radius - 5 * blur_px - 1
+    np.testing.assert_allclose(image[inside], 180.0, rtol=1e-5)
+    np.testing.assert_allclose(image, image[::-1, ::-1], rtol=1e-5)
 
 
 # --- the sensor ---------------------------------------------------------------------------------------------

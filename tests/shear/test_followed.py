@@ -89,6 +89,8 @@ def test_what_contacts_share_widens_beta():
     followed = follow_contacts(contacts, frames, loads, ASPERITIES)
     laws, wider = (fit_shear_laws(followed, frames.assign(area_std_m2=std)) for std in (1e-13, 1e-10))
     narrow, wide = fit_beta([laws]).beta, fit_beta([wider]).beta
+    with pytest.raises(InputError, match="one normal load or more, got none"):
+        fit_beta([])
     assert wide.std == pytest.approx(BETA * wider.total.rate.std / wider.total.rate.value, rel=0.01)
     assert wide.std > 10 * narrow.std
 

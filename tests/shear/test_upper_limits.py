@@ -66,13 +66,23 @@ def test_the_background_that_is_left_counts_and_contacts_do_not(rng):
     assert limit_radii(waves, place, contacts=[], **away)[0] > 1.3 * without[0]
 
 
+def test_without_blur_the_limit_goes_over_into_that_of_little_blur(rng):
+    flat = rng.normal(0, 1, (200, 220))
+    limits = [
+        limit_radii(flat, [[50.0, 60.0]], contrast=CONTRAST, blur_px=blur, contacts=[])[0]
+        for blur in (0.0, 0.01, 0.1)
+    ]
+    assert limits[0] == pytest.approx(limits[1], rel=1e-3)
+    assert limits[0] == pytest.approx(limits[2], rel=0.1)
+
+
 def test_places_outside_and_holes_have_no_limit(rng):
     flat = rng.normal(0, 1, (200, 220)).astype(np.float32)
     valid = np.ones(flat.shape, np.uint8)
     valid[90:110, 90:110] = 0
-    places = [[-5.0, 50.0], [1.0, 50.0], [100.0, 100.0], [50.0, 50.0], [1e4, 50.0]]
+    places = [[-5.0, 50.0], [1.0, 50.0], [100.0, 100.0], [50.0, 50.0], [1e4, 50.0], [np.nan, 50.0]]
     limits = limit_radii(flat, places, contrast=CONTRAST, blur_px=BLUR, contacts=[], valid=valid)
-    assert np.isnan(limits).tolist() == [True, True, True, False, True]
+    assert np.isnan(limits).tolist() == [True, True, True, False, True, True]
     # a frame full of contacts has no background to compare with
     full = limit_radii(flat, places, contrast=CONTRAST, blur_px=BLUR, contacts=[[110.0, 100.0, 160.0]])
     assert np.isnan(full).all()

@@ -1,5 +1,7 @@
 """Summits of maps whose spheres are known: heights and radii within their stated uncertainties."""
 
+import time
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -7,6 +9,7 @@ from scipy.ndimage import gaussian_filter
 from contactimg.errors import InputError
 from contactimg.summits import HeightMap, find_summits
 from contactimg.summits.base import pixel_noise
+from contactimg.summits.find import SphereFit, _Fit, _without_twins
 
 PIXEL = 1e-6
 
@@ -97,6 +100,25 @@ def test_touching_caps_are_two_and_a_summit_beyond_the_edge_is_none(rng):
     assert stds[2] > 1.2 * stds[0]  # half a cap says less
 
 
+def test_second_fits_of_an_asperity_are_dropped_in_little_time():
+    """20,000 fits: pair by pair their comparison would take minutes."""
+    pixels = [np.ones(20, bool), np.ones(10, bool)]
+    fits = []
+    for k, place in enumerate(1e-4 * np.stack(np.divmod(np.arange(20_000), 200), axis=1)):
+        sphere = np.array([*place, 4e-6, 1e4])
+        # half the radius of its patch is sqrt(2 x 0.5 x 4e-6/1e4)/2 = 10 um
+        twin = sphere + np.array([(9.9e-6, 10.1e-6)[k % 2], 0, 0, 0])
+        for n, one in enumerate((sphere, twin) if k < 2 else (sphere,)):
+            fits.append(_Fit(SphereFit(one, np.eye(4), pixels[n], np.zeros(20), 1.0), None, 1.0))
+    began = time.perf_counter()
+    kept = _without_twins(fits[::-1], depth=0.5)
+    assert time.perf_counter() - began < 20
+    places = {round(fit.whole.sphere[0] * 1e7) for fit in kept if fit.whole.sphere[1] < 2e-4}
+    assert len(kept) == 20_001
+    assert 99 not in places
+    assert 101 in places
+
+
 def test_the_form_of_a_lens_is_taken_off(rng):
     x, heights, truth = caps_map(rng, side=300, count=20)
     lens = -(x[None, :] ** 2 + x[:, None] ** 2) / (2 * 5e-3)  # 4.5 um from the middle to the corner
@@ -150,6 +172,11 @@ def test_lengths_may_be_in_any_unit(rng):
     other = find_summits(HeightMap(heights * 1e3, (PIXEL * 1e3, PIXEL * 1e3))).table
     for name in ("x_m", "height_m", "radius_m", "height_std_m", "radius_std_m"):
         np.testing.assert_allclose(other[name], one[name] * 1e3, rtol=1e-6)
+
+
+def test_an_unknown_form_is_refused():
+    with pytest.raises(InputError, match="form must be one of 'none', 'plane', 'sphere', got 'flat'"):
+        find_summits(HeightMap(np.zeros((20, 20)), (PIXEL, PIXEL)), form="flat")
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contactimg.errors import ModelRangeError
-from contactimg.models.greenwood_williamson import solve_greenwood_williamson
-from contactimg.models.height_distributions import UniformHeights
+from contactimg.models.greenwood_tripp import solve_greenwood_tripp
+from contactimg.models.greenwood_williamson import ring_weights, solve_greenwood_williamson
+from contactimg.models.height_distributions import SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.plots.tradeoff import plot_knob, plot_tradeoff
 from contactimg.surfaces import generate_asperities
@@ -171,6 +172,21 @@ def test_rings_give_the_loads_of_annuli():
     # 2000 rings, second order: 1e-6; the axis: ((30.94 - 30)/30.94)^(7/2) = 5e-6
     assert loads.sum() == pytest.approx(0.5, rel=2e-5)
     assert loads[1] / loads.sum() == pytest.approx(outside, rel=3e-5)
+
+
+@pytest.mark.parametrize("solve", [solve_greenwood_williamson, solve_greenwood_tripp])
+@pytest.mark.parametrize("heights", [UniformHeights(30e-6, 60e-6), SampleHeights(1e-7 * np.arange(300, 600))])
+def test_rings_have_a_mean_radius_where_nothing_touches_at_their_end(solve, heights):
+    where = {"density": 18.45e6, "radius": 1e-4, "indenter_radius": 0.1288, "contact_modulus": 4e6}
+    rings = solve(heights, load=0.2, **where)
+    assert rings.density[-1] <= 1e-6 * rings.density[0]
+    average = average_rings(rings, edges=np.linspace(0.0, 2e-3, 9))
+    # the mean over all contacts by the rings' own rule; both are of second order in their width
+    weights = ring_weights(rings.r) * rings.density
+    expected = float(weights @ np.nan_to_num(rings.mean_radius) / weights.sum())
+    assert average.mean_radius == pytest.approx(expected, rel=2e-3)
+    other = Average(average.area, average.loads, 2 * average.mean_radius)
+    assert average.change("all", other) == pytest.approx(0.5)
 
 
 def test_changes_of_averages():

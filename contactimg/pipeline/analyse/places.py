@@ -21,6 +21,7 @@ from contactimg.pipeline.predict import predict_in_view
 from contactimg.pose import Pose
 from contactimg.prediction import load_name, scene_of_model
 from contactimg.scene import Scene
+from contactimg.surfaces import of_asperities
 from contactimg.tables import CONTACTS, LOADS, Status
 
 logger = logging.getLogger(__name__)
@@ -177,12 +178,8 @@ def radius_ratios(contacts: pd.DataFrame, scene: Scene, asperities: pd.DataFrame
     """Contact radius over the radius of curvature of its asperity, NaN where that is not known."""
     radii = pd.Series(np.nan if scene.asperities is None else scene.asperities.radius, contacts.index, float)
     if asperities is not None:
-        row = contacts["asperity"].dropna().astype(int)
-        if row.max() >= len(asperities):
-            raise InputError(
-                f"contacts.csv names asperity {row.max()}, but their table has {len(asperities)} rows"
-            )
-        radii.loc[row.index] = asperities["radius_m"].to_numpy(float)[row]
+        own = of_asperities(asperities["radius_m"], contacts["asperity"])
+        radii = radii.where(np.isnan(own), own)
     return contacts["radius_m"] / radii
 
 
