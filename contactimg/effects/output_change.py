@@ -159,7 +159,7 @@ def _basic_changes(without: Contacts, complete: Contacts) -> dict[str, float]:
 
 
 def measured_outputs(output: str) -> tuple[str, ...]:
-    """Those of `OUTPUTS` that tell a requested output: all for ``"all"``, the force for a profile."""
+    """Return those of `OUTPUTS` that tell a requested output: all for ``"all"``, the force for a profile."""
     return {"all": OUTPUTS, "profile": ("force",)}.get(output, (output,))
 
 
