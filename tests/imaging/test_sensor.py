@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from camera_worlds import BAYER, Layout, World, black_border, field_stop, in_border, make_scene
 from contact_frames import Optics, match, render, scatter
+from scipy.special import ndtr
 
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.field_of_view import (
@@ -155,9 +156,22 @@ def test_hot_and_dead_pixels_and_columns_are_repaired(kind, rng):
     assert (
         np.mean(where[bad]) > 0.8
     )  # others are at the rims of the dots, where their neighbours differ as well
+    assert where[:, 77].all()  # also at the rims of the dots
     assert np.mean(where[~bad]) < 1e-4
     # nine pixels or fewer give a median to about half of the noise of one; at a rim it is off by its slope
     assert np.median(np.abs(repaired[bad] - frame[bad])) < 3.0 * (1 if kind is np.uint8 else 100)
+
+
+@pytest.mark.parametrize("row", [117, 119, 121, 123])
+def test_a_hot_pixel_at_the_rim_does_not_take_a_contact_out(row, rng):
+    light = np.full(SHAPE, 80.0)
+    for x, y, a in [(100, 120, 36.0), (143.5, 120, 7.2), (220, 60, 12), (240, 180, 15), (60, 40, 10)]:
+        light += 45.0 * ndtr(a - np.hypot(X - x, Y - y))
+    frame = noisy(light, rng)
+    frame[row, 150] = frame[row - 7, 146] = 255
+    disks = measure_image(frame).disks
+    assert len(disks) == 5
+    assert disks["radius_px"].min() == pytest.approx(7.2, abs=0.3)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.05])

@@ -143,7 +143,19 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
         return image, None
     mask = np.zeros(image.shape, np.uint8)
     mask[rows[defective], columns[defective]] = 1
+    _close_lines(mask)
+    _close_lines(mask.T)
     return np.where(mask > 0, middle, image), mask
+
+
+def _close_lines(mask: NDArray[np.uint8]) -> None:
+    """Mark whole columns between their first and their last pixel, if most of these are marked.
+
+    Where a defective column crosses the rim of a contact its neighbours differ as much as it does.
+    """
+    first, last = mask.argmax(axis=0), len(mask) - mask[::-1].argmax(axis=0)
+    for k in np.flatnonzero(2 * mask.sum(axis=0, dtype=np.int64) > last - first):
+        mask[first[k] : last[k], k] = 1
 
 
 def mosaic_gains(image: NDArray, valid: Mask = None) -> NDArray[np.float64] | None:
