@@ -444,7 +444,8 @@ def find_insignificant(fit: FittedDisks, problem: FitProblem, *, final: bool) ->
     weak = radius < 2.0 * SIGNIFICANT_SIGMA * fit.std[:, RADIUS]  # light goes as radius^2
     expected, _ = problem.prior.of_disks(fit.disks, fit.blur)
     beside = count_touching(fit.disks, 2.0 * fit.blur) > 0
-    faint = (fit.disks[:, CONTRAST] < FAINTEST_BESIDE * expected) & beside
+    # one that was taken for a brighter one than it is may still be as bright as the others
+    faint = (fit.disks[:, CONTRAST] < FAINTEST_BESIDE * np.minimum(expected, problem.contrast)) & beside
     if not final:
         faint &= fit.chi_square < SUSPICIOUS_CHI_SQUARE
     speck = (radius < SPECK_RADIUS_PX) & beside
