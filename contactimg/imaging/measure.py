@@ -27,19 +27,14 @@ from contactimg.imaging.evidence.status import LIGHT_CHANGE, judge_frame
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.foreground import Foreground, find_foreground
-from contactimg.imaging.pixels.field_of_view import (
-    divide_by_mosaic,
-    find_margin,
-    find_unlit,
-    mosaic_gains,
-    repair_defects,
-)
+from contactimg.imaging.pixels.field_of_view import find_margin, find_unlit
 from contactimg.imaging.pixels.frame_pair import FramePair, keep_freed_memory
 from contactimg.imaging.pixels.masks import exclude
+from contactimg.imaging.pixels.sensor_defects import divide_by_mosaic, mosaic_gains, repair_defects
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.imaging.profile.limits import RESOLVED
 from contactimg.imaging.profile.optics import KnownEdge, SharedOptics
-from contactimg.tables import Flag, Reason
+from contactimg.tables import CONTACTS, Flag, Reason
 
 CHOICES = {
     "method": ("disk", "threshold"),
@@ -56,11 +51,7 @@ for CCD cameras."""
 OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
 """Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes
 shorter."""
-NUMBERS = (
-    "x_px", "y_px", "radius_px", "radius_std_px", "contrast_shift_px", "blur_shift_px", "edge_shift_px",
-    "area_px2", "area_std_px2", "visible_area_px2", "semi_major_px", "semi_minor_px", "angle_rad",
-    "semi_major_std_px", "semi_minor_std_px", "angle_std_rad", "perimeter_px",
-)  # fmt: skip
+NUMBERS = [name for name in CONTACTS.columns if name.endswith(("_px", "_px2", "_rad"))]
 """Columns of the contacts of a frame that are numbers; the others are label, shape and flags."""
 
 
@@ -332,7 +323,7 @@ def _contacts_table(contacts: Columns, own: SharedOptics) -> pd.DataFrame:
     } | contacts
     # one block of numbers: a table of single columns takes three times as long
     numbers = np.column_stack([columns.get(name, np.full(n, np.nan)) for name in NUMBERS])
-    table = pd.DataFrame(numbers, columns=list(NUMBERS))
+    table = pd.DataFrame(numbers, columns=NUMBERS)
     table.insert(0, "label", np.arange(1, n + 1, dtype=np.int64))
     table["shape"] = pd.array(columns["shape"], dtype="str")
     no_plateau = 0 if own.contrast_relative_std < RESOLVED else int(Flag.NO_PLATEAU)

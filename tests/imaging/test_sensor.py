@@ -8,12 +8,8 @@ from contact_frames import Optics, match, render, scatter
 from scipy.special import ndtr
 
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.pixels.field_of_view import (
-    divide_by_mosaic,
-    find_unlit,
-    mosaic_gains,
-    repair_defects,
-)
+from contactimg.imaging.pixels.field_of_view import find_unlit
+from contactimg.imaging.pixels.sensor_defects import divide_by_mosaic, mosaic_gains, repair_defects
 from contactimg.tables import Flag, Status
 
 SHAPE = (240, 320)
