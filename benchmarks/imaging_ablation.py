@@ -44,7 +44,7 @@ def no_rule(name):
 def mechanisms():
     """What is left out: names of places (module, attribute) and what stands there instead."""
     nothing = {"remove_halo": lambda problem, fit, **_: (problem, fit, None, np.empty((0, 3)))}
-    foreign = importlib.import_module(BASE + "detect.foreign").NONE
+    foreign = importlib.import_module(BASE + "detect.bars_and_scratches").NONE
     table = {
         "better covers of groups": [("fit.assemble", "Assembly.improve_covers", lambda _self: None)],
         "coarser look at groups": [("fit.covers", "_simpler", lambda *_a: None)],

@@ -7,7 +7,7 @@ import pytest
 from contact_frames import FINITE, Optics, coverage, expose, match, scatter, sub_pixel_shift, surface_texture
 from hostile_frames import dirty_plate, hostile_frame
 
-from contactimg.imaging.detect.foreign import label_regions
+from contactimg.imaging.detect.bars_and_scratches import label_regions
 from contactimg.imaging.measure import measure_image
 from contactimg.tables import Flag
 

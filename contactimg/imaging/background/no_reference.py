@@ -33,8 +33,8 @@ from contactimg.imaging.background.illumination import (
 )
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.polarity import find_polarity
+from contactimg.imaging.detect.bars_and_scratches import label_regions
 from contactimg.imaging.detect.candidates import measure_contrast
-from contactimg.imaging.detect.foreign import label_regions
 from contactimg.imaging.pixels.blocks import (
     BLOCK,
     SignedImage,

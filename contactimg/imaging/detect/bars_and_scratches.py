@@ -5,7 +5,7 @@ width, and its pixels lie half as far from its rim as those of a disk. A hair or
 it is what is left of a region without its wide parts, many times longer than wide, however it is bent. Both
 are masked before contrast and contacts are learned; but where most of what stands out are wide bars, these
 are the contacts of ridges. Hot pixels and lines one pixel wide are gone by then
-(`contactimg.imaging.pixels.field_of_view.repair_defects`).
+(`contactimg.imaging.pixels.sensor_defects.repair_defects`).
 """
 
 from dataclasses import dataclass
