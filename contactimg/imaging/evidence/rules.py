@@ -167,6 +167,8 @@ RULES: list[Rule] = [
     (Reason.CHAIN, lambda e: e["chained"]),
 ]
 """Reasons of rejection, in order."""
+FALSE_CANDIDATES = (Reason.INVISIBLE, Reason.SCRATCH, Reason.CHAIN)
+"""Those that tell that something else than contacts is seen: in numbers they make the frame doubtful."""
 HOLD_FOR_ALL = (Reason.BY_HAND, Reason.OUT_OF_SIGHT)
 """Those that hold for what was drawn by hand as well: no pixel shows what is out of sight."""
 
@@ -261,8 +263,8 @@ def _join_parts(
     It has the pixels of the region above half of the contrast. Contacts that touch leave a notch between
     them, and fill the region. Returned are the rows whose light is that of a contact or was excluded by hand,
     and those that stand for a contact: several disks of a bright region that are all within the noise are so
-    because each can take the place of the others, and are not rejected. Who excludes a part of a contact by
-    hand means all of it.
+    because each can take the place of the others, and are not rejected. Excluding one part by hand excludes
+    the whole contact.
     """
     half = 0.5 * (result.problem.contrast if result.joint is None else result.joint.contrast)
     regions, runs = label_runs(foreground.image, half)
@@ -281,8 +283,8 @@ def _join_parts(
         rows, region = found[own == k], regions[k]
         area = np.pi * a[rows] ** 2
         poor, undescribed = (area @ e[name][rows] > 0.5 * area.sum() for name in ("poor", "undescribed"))
-        several = len(rows) > 2 and area.max() < LARGEST_PART * region["area"]
-        if not (poor or several):
+        three_or_more = len(rows) > 2 and area.max() < LARGEST_PART * region["area"]
+        if not (poor or three_or_more):
             continue
         box, _ = window_of(region)
         j, i = np.ogrid[box]
@@ -298,7 +300,7 @@ def _join_parts(
             cv2.morphologyEx(np.pad(filled, 2 * reach + 1), cv2.MORPH_CLOSE, ellipse), np.uint8
         )
         convex = share_of_hull(smooth, float(np.count_nonzero(smooth)))
-        least = LEAST_CONVEX if several or undescribed else CONVEX_SHARE
+        least = LEAST_CONVEX if three_or_more or undescribed else CONVEX_SHARE
         if convex > least or (undescribed and apart > MOST_APART):
             largest = rows[np.argmax(area)]
             _count_region(table, largest, rows, region, float(filled.sum()))
@@ -333,8 +335,8 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     radius, contrast = disks[:, RADIUS], disks[:, CONTRAST]
     std = np.where(fit.std[:, RADIUS] > 0, fit.std[:, RADIUS], np.inf)
     looked = look_at_pixels(problem, fit)
-    misfit = np.minimum(fit.chi_square, looked.rim_chi_square)
-    poor, undescribed = misfit > POOR_CHI_SQUARE, misfit > WELL_FITTED_CHI_SQUARE
+    chi_square = np.minimum(fit.chi_square, looked.rim_chi_square)
+    poor, undescribed = chi_square > POOR_CHI_SQUARE, chi_square > WELL_FITTED_CHI_SQUARE
     plateau = np.where(np.isfinite(looked.plateau), looked.plateau, contrast)
     again = np.flatnonzero(undescribed | free)
     if len(again):  # at half of their own plateau
@@ -352,7 +354,8 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     count_z = np.where(resolved, (looked.area - looked.expected) / count_std, 0.0)
     hollow = (looked.core_chi_square > WELL_FITTED_CHI_SQUARE) & (np.abs(count_z) > CLIP_SIGMA)
     # a misfit that most contacts do not share is that of its own shape; compression makes one that they share
-    shaped = misfit > WELL_FITTED_CHI_SQUARE * max(float(np.median(misfit)) if len(disks) else 1.0, 1.0)
+    usual = max(float(np.median(chi_square)) if len(disks) else 1.0, 1.0)
+    shaped = chi_square > WELL_FITTED_CHI_SQUARE * usual
     differs = shaped | (np.abs(count_z) > AGREEMENT_SIGMA)
     use_count = ((undescribed & ~ellipse & differs) | hollow) & resolved
     places = np.column_stack([problem.in_frame(disks[:, [X, Y]]), radius * problem.binning])
@@ -368,8 +371,8 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     # two of them may be a pair of small contacts, unless they are even smaller
     faint = (radius < blur) & (signal < LOW_SIGNAL_SIGMA)
     group = label_groups(disks[faint], CLEAR_BLUR_WIDTHS * blur)
-    usual = np.where(radius[faint] < SPECK_BLUR_WIDTHS * blur, 1, 2)
-    chained[faint] = np.bincount(group)[group] > usual
+    most = np.where(radius[faint] < SPECK_BLUR_WIDTHS * blur, 1, 2)
+    chained[faint] = np.bincount(group)[group] > most
     return {
         "radius": radius,
         "std": std,

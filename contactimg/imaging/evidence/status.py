@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 from contactimg.imaging.detect.candidates import ODD_RATIO, dark_spots, measure_contrast
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.evidence.background_left import UNEVENNESS, inspect_background
-from contactimg.imaging.evidence.rules import PLACE, SPECK_BLUR_WIDTHS, Columns, Judged, excess_of_counts
+from contactimg.imaging.evidence.rules import (
+    FALSE_CANDIDATES,
+    PLACE,
+    SPECK_BLUR_WIDTHS,
+    Columns,
+    Judged,
+    excess_of_counts,
+)
 from contactimg.imaging.fit.edge_profile import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
@@ -237,7 +244,7 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
     """Candidates that were taken for contacts and are none, or were not taken and may be."""
     foreground, reasons = seen.foreground, Counter(seen.rejected["reason"])
     dust = reasons[Reason.REFERENCE_DUST]
-    false = reasons[Reason.INVISIBLE] + reasons[Reason.SCRATCH] + reasons[Reason.CHAIN]
+    false = sum(reasons[reason] for reason in FALSE_CANDIDATES)
     if dust > 0.5 * (dust + seen.count) and dust >= FEWEST:
         text = (
             f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of "
