@@ -85,7 +85,7 @@ class Alignment:
 
 
 UNKNOWN = Alignment(0.0, 0.0, np.inf)
-"""Neither image determines anything."""
+"""No alignment was found: a shift of 0 with an infinite uncertainty."""
 
 SMOOTHING_PX = 1.0
 """Gaussian behind which a frame and its reference are compared: about the blur of the contacts."""

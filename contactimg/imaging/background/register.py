@@ -39,7 +39,7 @@ LARGEST_STD_PX = 0.25  # an alignment that is more uncertain is taken as unknown
 # counts as a rotation. Accuracy.
 NEGLIGIBLE_PX = 0.02
 # Residuals beyond so many median absolute deviations are left out. By hand: with fewer the noise shortens the
-# steps, with more what is no texture lengthens them, and a third is needed.
+# steps, with more what is no texture lengthens them, and a third step is needed.
 CLIP_MAD = 4.0
 # Fraction of the best from which on another is as good: if a second peak is as high the shift is
 # undetermined, if the median correlation of the tiles is they agree all over the image. By hand.
@@ -47,7 +47,7 @@ AS_GOOD_FRACTION = 0.7
 # Side of a binned pixel, in which all lengths named ``_BINS`` are; the Gauss-Newton iteration is not followed
 # beyond one.
 BIN_PX = 4
-LARGEST_SHIFT_FRACTION = 4  # shifts up to the size of the image divided by this are searched
+LARGEST_SHIFT_FRACTION = 0.25  # of the size of the image: larger shifts are not searched
 # Half the side of the window whose mean the detail is relative to, wider than texture and dirt; and how far
 # the shift of a tile may lie from that of the whole image. By hand.
 WINDOW_BINS = 10
@@ -70,7 +70,7 @@ def align(
     illumination: Illumination,
     valid: Mask = None,
     *,
-    everywhere: bool = False,
+    all_rows: bool = False,
 ) -> Alignment:
     """Alignment of two images that lie a few pixels apart at most.
 
@@ -82,7 +82,7 @@ def align(
         Ratio frame/reference of the background, with the blocks where no contact stands.
     valid : Mask
         0 at holes of either.
-    everywhere : bool
+    all_rows : bool
         From all rows instead of strips.
 
     Returns
@@ -92,7 +92,7 @@ def align(
         2 % texture.
     """
     size = len(frame)
-    whole = everywhere or size <= STRIP_SPACING
+    whole = all_rows or size <= STRIP_SPACING
     height, number = (size, 1) if whole else (STRIP_ROWS, -(-size // STRIP_SPACING))
     rows, inside = strips(size, height, number, MARGIN_PX)
     # pixels of the background, far from holes and from the edges of their strip and of the image
@@ -258,7 +258,7 @@ def search_alignment(
 
     Returns
     -------
-    alignment, everywhere
+    alignment, textured
         To about 1 px, with a rotation and scale if the tiles show one, None if no peak stands out; and
         whether the reference has more texture than a few grains of dirt. None in place of both if it has
         nothing that a shift would move.
@@ -284,8 +284,8 @@ def search_alignment(
     detail[usable] -= median(detail[usable])  # light that falls off quadratically is above its mean around
     scatter = max(robust_std(detail[usable], centre=0.0), 1e-9)
     detail = np.clip(detail, -2 * CLIP_SIGMA * scatter, 2 * CLIP_SIGMA * scatter)
-    grains, everywhere = _texture(detail, usable, scatter)
-    if not (grains or everywhere):
+    grains, textured = _texture(detail, usable, scatter)
+    if not (grains or textured):
         return None
     middle = [np.arange(count) * BIN_PX + BIN_PX // 2 for count in size]
     ratio = illumination.ratio_at_rows(middle[1], frame.shape, middle[0])
@@ -297,12 +297,12 @@ def search_alignment(
     excess, detail = excess.astype(np.float32), detail.astype(np.float32)
     peak: complex | None = complex(near.x_px, near.y_px) / BIN_PX
     if not near.known:
-        reach = [max(count // LARGEST_SHIFT_FRACTION, 2) for count in excess.shape]
+        reach = [max(int(count * LARGEST_SHIFT_FRACTION), 2) for count in excess.shape]
         peak = _find_peak(np.pad(detail, [(bins, bins) for bins in reach]), excess)
     if peak is None:
-        return None, everywhere
+        return None, textured
     shift = Alignment(BIN_PX * peak.real, BIN_PX * peak.imag, np.inf)
-    return _align_tiles(excess, detail, peak) or shift, everywhere
+    return _align_tiles(excess, detail, peak) or shift, textured
 
 
 def _texture(detail: NDArray, usable: Flags, scatter: float) -> tuple[bool, bool]:

@@ -246,10 +246,10 @@ class _PlacedReference:
             total = replace(total, x_px=float(round(total.x_px)), y_px=float(round(total.y_px)))
         return _PlacedReference.of(self.images, total) or self
 
-    def align(self, *, everywhere: bool) -> Alignment:
+    def align(self, *, all_rows: bool) -> Alignment:
         """Alignment that is left."""
         frame = self.images.frame
-        return align(frame, self.reference, self.illumination, self.valid, everywhere=everywhere)
+        return align(frame, self.reference, self.illumination, self.valid, all_rows=all_rows)
 
 
 def _bin_reference(image: NDArray, valid: Mask) -> tuple[Values, Values]:
@@ -274,11 +274,11 @@ def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReferenc
 
     Where neither strips nor all rows of the image tell it well, by a far search first.
     """
-    residual, everywhere = placed.align(everywhere=whole), whole
+    residual, all_rows = placed.align(all_rows=whole), whole
     if residual.known and not residual.good and not whole:
-        residual, everywhere = placed.align(everywhere=True), True
+        residual, all_rows = placed.align(all_rows=True), True
     if residual.good:
-        return *_approach(placed, residual, everywhere=everywhere), True
+        return *_approach(placed, residual, all_rows=all_rows), True
     frame = placed.images.frame
     search = search_alignment(frame, placed.reference, placed.illumination, placed.valid, residual)
     if search is None:
@@ -286,25 +286,25 @@ def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReferenc
     shift, textured = search
     if shift is not None and not (residual.known and shift.is_shift):
         candidate = placed.moved_by(shift)
-        left, everywhere = candidate.align(everywhere=whole), whole
+        left, all_rows = candidate.align(all_rows=whole), whole
         if not (left.good and left.is_shift and shift.is_shift):  # of a rotation, all rows tell more
-            left, everywhere = candidate.align(everywhere=True), True
+            left, all_rows = candidate.align(all_rows=True), True
         if left.std_px < residual.std_px:
             placed, residual = candidate, left
     if not residual.known:
-        residual, everywhere = placed.align(everywhere=True), True
-    return *_approach(placed, residual, everywhere=everywhere), textured
+        residual, all_rows = placed.align(all_rows=True), True
+    return *_approach(placed, residual, all_rows=all_rows), textured
 
 
 def _approach(
-    placed: _PlacedReference, residual: Alignment, *, everywhere: bool
+    placed: _PlacedReference, residual: Alignment, *, all_rows: bool
 ) -> tuple[_PlacedReference, Alignment]:
     """Move the reference until less than a pixel is left, as long as the uncertainty falls."""
     for _ in range(ITERATIONS):
         if not residual.known or (residual.is_shift and residual.largest_px < SUBPIXEL_PX):
             break
         candidate = placed.moved_by(residual)
-        left = candidate.align(everywhere=everywhere)
+        left = candidate.align(all_rows=all_rows)
         if left.std_px >= residual.std_px and not residual.is_shift:
             residual = replace(residual, rotation=0.0, scale=1.0)
             if residual.largest_px < SUBPIXEL_PX:
