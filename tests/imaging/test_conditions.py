@@ -198,11 +198,21 @@ def test_a_small_part_of_a_crowd_stays_finite(size, plain_crowd):
     assert np.isfinite(found.disks[list(FINITE)].to_numpy(float)).all()
 
 
-@pytest.mark.parametrize(("polarity", "options"), [("auto", {"contrast": -0.5}), ("bright", {"halo": 0.2})])
-def test_a_crowd_that_is_too_much_is_not_said_to_be_fine(polarity, options, rng):
-    """58 per cent covered, and dark of unknown polarity or with a fifth of the light scattered far."""
-    _, frame, reference = crowd(rng, 25.0, 10.0, **options)
-    assert measure_image(frame, reference, polarity=polarity, full_scale=255.0).status != "ok"
+def test_a_dark_crowd_of_unknown_polarity_is_measured(rng):
+    """58 per cent covered; the texture of the gaps is too faint to tell the shift."""
+    truth, frame, reference = crowd(rng, 25.0, 10.0, contrast=-0.5)
+    found = measure_image(frame, reference, polarity="auto", full_scale=255.0)
+    assert found.status == "ok"
+    assert len(match(truth, found.disks)) == len(found.disks) == len(truth)
+    assert found.disks["visible_area_px2"].sum() == pytest.approx(
+        np.pi * (truth.radius_px**2).sum(), rel=0.005
+    )
+
+
+def test_a_crowd_that_is_too_much_is_not_said_to_be_fine(rng):
+    """58 per cent covered, and a fifth of the light scattered far."""
+    _, frame, reference = crowd(rng, 25.0, 10.0, halo=0.2)
+    assert measure_image(frame, reference, polarity="bright", full_scale=255.0).status != "ok"
 
 
 def test_noise_on_a_soft_slope_is_no_contact(rng):

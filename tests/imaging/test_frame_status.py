@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from camera_worlds import Layout, World, field_stop, in_stop, vignetting
 from contact_frames import Optics, coverage, expose, match, render, scatter
 
 from contactimg.forces import SHARED_SHIFTS
@@ -76,6 +77,36 @@ def test_a_reference_of_another_place_is_named(truth, change, status):
     result = measure_image(*change(*pair(truth)), polarity="bright")
     assert result.status == status
     assert result.message
+
+
+UNEVEN = {
+    "vignetting": ({"light": vignetting}, 60),
+    "a dark corner": ({"light": lambda u, v, _: 1.2 - 0.8 * np.exp(-5 * ((u - 1) ** 2 + (v - 1) ** 2))}, 60),
+    "a field stop": ({"light": field_stop, "layout": Layout(region=in_stop)}, 12),
+}
+
+
+@pytest.mark.parametrize("name", UNEVEN)
+def test_uneven_light_on_a_smooth_surface_is_no_texture(name):
+    """It is in frame and reference, and nothing in it would move with the sample."""
+    kind, count = UNEVEN[name]
+    world = World(texture=0.0, dusty=False, electrons=5 if "corner" in name else 80, moves=0.0, **kind)
+    scene = world(count, np.random.default_rng([5, count, 0]))
+    assert measure_image(scene.frame, scene.reference).status == "ok"
+
+
+def test_a_texture_below_the_noise_tells_the_shift_to_a_pixel():
+    clear, faint = (
+        World(texture=rms, dusty=False, electrons=electrons, moves=14.0, level=100.0, contrast=50.0)
+        for rms, electrons in ((0.02, 20), (0.007, 3))
+    )
+    shifts = []
+    for world in (clear, faint):
+        scene = world(140, np.random.default_rng([6, 1]))
+        found = measure_image(scene.frame, scene.reference)
+        shifts.append((found.shift_x_px, found.shift_y_px))
+    np.testing.assert_allclose(*shifts, atol=1.5)
+    assert np.hypot(*shifts[0]) > 10
 
 
 def test_a_reference_that_leaves_a_margin_bare_is_said(truth):

@@ -47,10 +47,12 @@ AS_GOOD_FRACTION = 0.7
 # Side of a binned pixel, in which all lengths named ``_BINS`` are; the Gauss-Newton iteration is not followed
 # beyond one.
 BIN_PX = 4
+COARSE_STD_PX = 1.0  # of a shift that was found in bins. By hand: rendered frames
 LARGEST_SHIFT_FRACTION = 0.25  # of the size of the image: larger shifts are not searched
 # Half the side of the window whose mean the detail is relative to, wider than texture and dirt; and how far
 # the shift of a tile may lie from that of the whole image. By hand.
 WINDOW_BINS = 10
+WHOLE_WINDOW = 0.75  # share of it that is seen, at least. By hand
 # What stands out and is wider is a contact and left out, what is narrower may be dirt; and about the half
 # width of what belongs to a peak. By hand.
 CONTACT_BINS = 5
@@ -276,6 +278,9 @@ def search_alignment(
         usable = cv2.dilate(holes, np.ones((3, 3), np.uint8)) == 0
     window = (2 * WINDOW_BINS + 1, 2 * WINDOW_BINS + 1)
     around, _ = mean_of_seen(lambda part: cv2.blur(part, window), before, usable)
+    # near the border and holes the mean lies to one side of a place, and a slope of the light is no texture
+    seen = cv2.blur(usable.astype(np.float32), window, borderType=cv2.BORDER_CONSTANT)
+    usable &= seen > WHOLE_WINDOW
     usable &= around > DARKEST_FRACTION * float(np.abs(around).max())
     if np.count_nonzero(usable) < FEWEST_VALUES:
         return None
@@ -301,21 +306,21 @@ def search_alignment(
         peak = _find_peak(np.pad(detail, [(bins, bins) for bins in reach]), excess)
     if peak is None:
         return None, textured
-    shift = Alignment(BIN_PX * peak.real, BIN_PX * peak.imag, np.inf)
+    shift = Alignment(BIN_PX * peak.real, BIN_PX * peak.imag, COARSE_STD_PX)
     return _align_tiles(excess, detail, peak) or shift, textured
 
 
 def _texture(detail: NDArray, usable: Flags, scatter: float) -> tuple[bool, bool]:
-    """Whether neighbours correlate beyond chance: in a few grains of dirt, and everywhere."""
-    both = usable[:, 1:] & usable[:, :-1]
-    # near the border the mean around a place lies to one side of it, and a slope of the light is no texture
-    edge = min(WINDOW_BINS, min(both.shape) // 4)
-    inner = np.zeros_like(both)
-    inner[edge:-edge, edge:-edge] = both[edge:-edge, edge:-edge]
-    one, product = detail[:, 1:][inner], (detail[:, 1:] * detail[:, :-1])[inner]
+    """Whether neighbours correlate beyond chance: in a few grains of dirt, and all over the image."""
+    far = CONTACT_BINS
+    known = usable[:, :-far] & usable[:, 1 : 1 - far] & usable[:, far:]
+    one, near, beyond = (part[known] for part in (detail[:, :-far], detail[:, 1 : 1 - far], detail[:, far:]))
     if not len(one):
         return False, False
-    grains = (np.abs(one) > SIGNIFICANT_SIGMA * scatter) & (product > (SIGNIFICANT_SIGMA / 2 * scatter) ** 2)
+    grains = (np.abs(one) > SIGNIFICANT_SIGMA * scatter) & (
+        one * near > (SIGNIFICANT_SIGMA / 2 * scatter) ** 2
+    )
+    product = one * (near - beyond)  # what far ones share as well is a slope of the light
     covariance = float(product.mean()) * np.sqrt(len(product)) / max(float(product.std()), 1e-30)
     return int(np.count_nonzero(grains)) >= FEWEST_PLACES, covariance > SIGNIFICANT_SIGMA
 
@@ -364,7 +369,7 @@ def _align_tiles(excess: Values, detail: Values, shift: complex) -> Alignment | 
     # in the frame: shift = position - position/factor
     factor = complex(1.0 / (1.0 - solution[1]))
     moved = BIN_PX * complex(solution[0]) * factor
-    return Alignment(moved.real, moved.imag, np.inf, float(np.angle(factor)), abs(factor))
+    return Alignment(moved.real, moved.imag, COARSE_STD_PX, float(np.angle(factor)), abs(factor))
 
 
 def _parabola_vertex(left: float, middle: float, right: float) -> float:

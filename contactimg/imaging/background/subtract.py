@@ -148,9 +148,10 @@ def subtract_reference(
     placed = _PlacedReference.of(images, UNKNOWN)
     if placed is None:
         return _subtract_plainly(images)
-    residual, textured = REGISTERED, False
+    residual, missed = REGISTERED, False
     if not registered:
-        placed, residual, textured = _register(placed, whole=whole)
+        placed, residual, missed = _register(placed, whole=whole)
+    found = residual.after(placed.alignment) if residual.known else placed.alignment
     light, level = placed.illumination, placed.level
     image = divide_by_reference(frame, placed.reference, placed.half, light, residual=residual, level=level)
     if placed.valid is not None:
@@ -160,10 +161,10 @@ def subtract_reference(
         level,
         placed.brightness,
         light,
-        residual.after(placed.alignment) if residual.known else NO_ALIGNMENT,
+        found if found.known else NO_ALIGNMENT,
         ratio=True,
         valid=placed.valid,
-        registration_failed=textured and not residual.known,
+        registration_failed=missed and not residual.known,
         rounding=images.rounding,
     )
 
@@ -270,15 +271,16 @@ def _noise_of_two(reference: NDArray) -> float:
 
 
 def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReference, Alignment, bool]:
-    """The reference moved to within a pixel, the alignment that is left, and whether there is texture.
+    """The reference moved to within a pixel, the alignment that is left, and whether texture was missed.
 
-    Where neither strips nor all rows of the image tell it well, by a far search first.
+    Where neither strips nor all rows of the image tell the alignment well, a far search comes first. It may
+    find a faint texture that is too weak for the rest.
     """
     residual, all_rows = placed.align(all_rows=whole), whole
     if residual.known and not residual.good and not whole:
         residual, all_rows = placed.align(all_rows=True), True
     if residual.good:
-        return *_approach(placed, residual, all_rows=all_rows), True
+        return *_approach(placed, residual, all_rows=all_rows), False
     frame = placed.images.frame
     search = search_alignment(frame, placed.reference, placed.illumination, placed.valid, residual)
     if search is None:
@@ -289,11 +291,11 @@ def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReferenc
         left, all_rows = candidate.align(all_rows=whole), whole
         if not (left.good and left.is_shift and shift.is_shift):  # of a rotation, all rows tell more
             left, all_rows = candidate.align(all_rows=True), True
-        if left.std_px < residual.std_px:
+        if left.std_px < residual.std_px or not (left.known or residual.known):
             placed, residual = candidate, left
     if not residual.known:
         residual, all_rows = placed.align(all_rows=True), True
-    return *_approach(placed, residual, all_rows=all_rows), textured
+    return *_approach(placed, residual, all_rows=all_rows), textured and shift is None
 
 
 def _approach(
