@@ -46,7 +46,8 @@ notebook says, `paper` what Yashima et al., *Soft Matter* **11** (2015) 871,
 | simulated | it is a simulation of the paper's, too |
 | stated | the paper says so, or calculates it, without a number of its own data |
 
-Nothing here was measured on a real contact: there are no such frames in this repository.
+Nothing here was measured on a real contact between lens and rubber: no frame of one is among the data (the
+camera images of `sample_data/pins` have no loads or radii).
 """
 
 
@@ -59,7 +60,7 @@ def with_results() -> list[Path]:
 
 def chosen(paths: list[Path], names: tuple[str, ...]) -> Iterator[Path]:
     """The paths whose names begin with one of the names; all without any."""
-    return (path for path in paths if not names or path.name.startswith(names))
+    return (path for path in paths if not names or path.name.startswith(tuple(names)))
 
 
 def executed(path: Path) -> nbformat.NotebookNode:

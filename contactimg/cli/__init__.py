@@ -81,13 +81,13 @@ def commands() -> None:
     folder of its own, with provenance.json (version, command, scene and input files); a command that fails
     leaves this folder as it was.
 
-    Exit codes: 0 done, 1 done but some frames failed or none has a result (their rows say why), 2
-    nothing done.
+    Exit codes: 0 done; 1 done with a reservation, which the command names (a frame failed, no frame has a
+    result, a likely slip of the input, a test not passed); 2 nothing done.
     """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line; return its exit code: 0 done, 1 some frames failed, 2 nothing done."""
+    """Run a command line; return its exit code: 0 done, 1 done with a reservation, 2 nothing done."""
     usual = gc.get_threshold()
     # new objects after which memory is searched for cycles; measured: Python's 700 cost `process` 0.35 s,
     # most of it while libraries are imported, whose objects all stay; its peak of memory is the same

@@ -150,7 +150,7 @@ def modulus(
 
 @shared.command(*RUNNING)
 def plateau(folder: shared.ExistingFolder, **common: Any) -> int:
-    """Find the range of thresholds where the area hardly changes.
+    """Find the range of thresholds where the area falls most slowly.
 
     For samples whose asperity radii are not known; the two ends of the range give the error bar of the area.
     Writes calibration.json (threshold, threshold_low and threshold_high as fractions of the contrast),

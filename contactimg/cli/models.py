@@ -238,7 +238,7 @@ def selftest() -> int:
 
     Among them an adhesive contact near pull-off, caps that nearly touch or stand at one place, a thin layer
     and a pattern of 1845 asperities. The truth is a closed form, the equations summed one by one, or a stored
-    solution of the whole contact problem. Takes seconds, the first time half a minute; writes nothing.
+    solution of the whole contact problem. Takes seconds, the first time about a minute; writes nothing.
 
     Exit codes: 0 every case holds, 1 one does not.
 

@@ -218,7 +218,7 @@ def on_cluster(place: str) -> Iterator[Cluster]:
         from distributed import Client
     except ImportError:
         raise InputError(
-            'a cluster needs dask.distributed; install it with: pip install "contactimg[cluster]"'
+            "a cluster needs dask.distributed, which is not installed; pip install distributed"
         ) from None
     if "://" not in place and not Path(place).is_file():
         raise InputError(

@@ -621,6 +621,4 @@ def _pyarrow() -> tuple[Any, Any]:
     try:
         return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
     except ImportError:
-        raise InputError(
-            "Parquet tables need pyarrow, which is not installed; pip install 'contactimg[parquet]'"
-        ) from None
+        raise InputError("Parquet tables need pyarrow, which is not installed; pip install pyarrow") from None

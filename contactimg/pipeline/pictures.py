@@ -211,7 +211,7 @@ def draw_predicted(
         whole = draw_overlay(part, [*layers, circle, frame], replace(view, title=f"{view.title}, {model}"))
         unnamed = [replace(layer, label="") for layer in layers]
         rims = Layer(kinds[PREDICTED], HERTZ, "predicted", (5.0, 5.0), width=0.7)
-        title = f"the white frame, {INSET_ZOOM} times as large"
+        title = f"the white rectangle, {INSET_ZOOM} times as large"
         cut = part[v : v + size[1], u : u + size[0]]
         pictures.append([whole, draw_overlay(cut, [*unnamed, rims], replace(inset, title=title))])
     return join_pictures(pictures)

@@ -180,7 +180,7 @@ def caption_of_comparison(run: Run, frame: str) -> str:
     return (
         f"Measured and predicted contacts on {frame}{load}, for each model: matched (thin, blue), measured "
         "and not predicted (thick, orange), predicted and not measured (thick dashes, yellow). Below, the "
-        "white frame enlarged, with all predicted contacts (white dashes)."
+        "white rectangle enlarged, with all predicted contacts (white dashes)."
     )
 
 

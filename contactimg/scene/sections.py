@@ -466,9 +466,9 @@ class Simulate(FilmLight):
     """Optics and sensor of synthetic frames; the keys ``film_*`` are aliases of those of ``[light]``.
 
     An optical or sensor effect under ``"auto"`` is rendered if its parameter here is not zero, the air film
-    only where it is switched on; ``contactimg simulate`` renders what the plan of the effects calls for. The
-    bounds lie far beyond any camera: they stop a slip of the pen from requesting a frame that fits in no
-    memory.
+    only where it is switched on. Of the mechanical effects, ``contactimg simulate`` computes those that the
+    plan of the effects calls for. The bounds lie far beyond any camera: they stop a slip of the pen from
+    requesting a frame that fits in no memory.
     """
 
     loads: list[Number] = Field(

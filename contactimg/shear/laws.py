@@ -49,7 +49,7 @@ class Decrease:
     start : Estimate
         Value without tangential load.
     rate : Estimate
-        ``k``: ``alpha`` in 1/Pa^2/m^2 (m^2/N^2) of an area, in m/N^2 of a half-axis; below 0 where it grows.
+        ``k``: ``alpha`` in m^2/N^2 of an area, in m/N^2 of a half-axis; below 0 where it grows.
     correlation : float
         Of the errors of both.
     scatter : float

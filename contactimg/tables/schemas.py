@@ -204,7 +204,7 @@ FRAMES = Schema(
     shift_y_px=("float64", "position in the frame minus position in the reference along y, px"),
     indentation_m=("float64", "indentation from first touch in the model, m; empty if measured"),
     message=MESSAGE,
-    smallest_px=("float64", "the same as detection_limit_px, px; the name in older tables"),
+    smallest_px=("float64", "the same as detection_limit_px, px"),
 ).and_later(
     detection_limit_px=("float64", "radius of which half of the contacts are detected, px"),
     unseen_area_m2=("float64", "area of contacts too small to be detected, m^2; not in area_m2"),

@@ -223,7 +223,7 @@ def run_knobs(
 
 
 def knob_sentence(title: str, table: pd.DataFrame, *, relative: float) -> str:
-    """The setting to use for a tolerance, its cost, and the cost of one more digit.
+    """The setting to use for a tolerance, its cost, and the cost of a tenth of the error.
 
     Parameters
     ----------
@@ -241,8 +241,7 @@ def knob_sentence(title: str, table: pd.DataFrame, *, relative: float) -> str:
     ...     "output": ["area", "area"],
     ... })
     >>> print(knob_sentence("grid", table, relative=0.01))
-    grid: for 1 % on A take rough (0.4 %, 3 ms); the next digit takes fine (0.002 %, 100 ms), 33 times the
-    time
+    grid: for 1 % on A take rough (0.4 %, 3 ms); 0.1 % needs fine (0.002 %, 100 ms), 33 times the time
     """
     front = front_of(table)
     if front.empty:
@@ -252,7 +251,7 @@ def knob_sentence(title: str, table: pd.DataFrame, *, relative: float) -> str:
     if chosen is None:
         best = front.iloc[-1]
         return f"{what} no setting serves; the best is {_described(best)}"
-    return f"{what} take {_described(chosen)}; {_next_digit(front, chosen, relative)}"
+    return f"{what} take {_described(chosen)}; {_tenth_of_error(front, chosen, relative)}"
 
 
 def front_of(table: pd.DataFrame) -> pd.DataFrame:
@@ -266,21 +265,22 @@ def cheapest(front: pd.DataFrame, error: float) -> pd.Series | None:
     return None if within.empty else within.iloc[0]
 
 
-def _next_digit(front: pd.DataFrame, chosen: pd.Series, relative: float) -> str:
+def _tenth_of_error(front: pd.DataFrame, chosen: pd.Series, relative: float) -> str:
     """The cost of a tenth of the tolerance, or of the error that is already reached."""
     goal = relative / 10
     better = cheapest(front, goal)
     if better is not None and better["setting"] == chosen["setting"]:
-        better = cheapest(front, float(chosen["error"]) / 10)
+        goal = float(chosen["error"]) / 10
+        better = cheapest(front, goal)
         if better is None:
             return "no setting is ten times better"
     if better is None:
         best = front.iloc[-1]
         more = f", at best {_described(best)}" if best["setting"] != chosen["setting"] else ""
-        return f"no setting gives the next digit{more}"
+        return f"no setting reaches {error_text(goal)}{more}"
     ratio = float(better["time_s"] / chosen["time_s"])
     cost = "at no extra time" if ratio < 1 + NEGLIGIBLE_TIME_FRACTION else f"{ratio:.2g} times the time"
-    return f"the next digit takes {_described(better)}, {cost}"
+    return f"{error_text(goal)} needs {_described(better)}, {cost}"
 
 
 def _described(row: pd.Series) -> str:

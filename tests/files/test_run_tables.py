@@ -86,5 +86,5 @@ def test_without_pyarrow_the_command_says_so_before_any_work(runs, tmp_path, mon
 
     monkeypatch.setattr(tables.importlib, "import_module", missing)
     assert main(["process", str(runs / "frames"), "-o", str(tmp_path / "out"), "--format", "parquet"]) == 2
-    assert "pip install 'contactimg[parquet]'" in capsys.readouterr().err
+    assert "pip install pyarrow" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -110,8 +110,7 @@ def test_the_sentence_names_the_cheapest_setting_that_serves():
     table = front_table(("none", 0.2, 1e-3), ("point", 2e-3, 0.02), ("full", 1e-5, 0.2))
     sentence = knob_sentence("model", table, relative=0.01)
     assert sentence == (
-        "model: for 1 % on A take point (0.2 %, 20 ms); the next digit takes full (0.001 %, 200 ms), "
-        "10 times the time"
+        "model: for 1 % on A take point (0.2 %, 20 ms); 0.1 % needs full (0.001 %, 200 ms), 10 times the time"
     )
 
 
@@ -120,17 +119,17 @@ def test_the_sentence_says_when_nothing_serves():
     assert "no setting serves; the best is none (20 %, 1 ms)" in knob_sentence("m", table, relative=0.01)
 
 
-def test_the_sentence_says_when_the_next_digit_is_not_to_be_had():
+def test_the_sentence_says_when_a_tenth_is_not_to_be_had():
     table = front_table(("one", 5e-3, 1e-3), ("many", 2e-3, 1.0))
     sentence = knob_sentence("m", table, relative=0.01)
-    assert sentence.endswith("no setting gives the next digit, at best many (0.2 %, 1 s)")
+    assert sentence.endswith("no setting reaches 0.1 %, at best many (0.2 %, 1 s)")
 
 
-def test_the_next_digit_is_that_of_what_was_reached():
-    # the cheapest is already a hundred times better than asked: its own next digit counts
+def test_the_tenth_is_that_of_what_was_reached():
+    # the cheapest is already a hundred times better than asked: a tenth of its own error counts
     table = front_table(("a", 1e-4, 1e-3), ("b", 1e-5, 1.01e-3))
     sentence = knob_sentence("m", table, relative=0.01)
-    assert sentence.endswith("the next digit takes b (0.001 %, 1 ms), at no extra time")
+    assert sentence.endswith("0.001 % needs b (0.001 %, 1 ms), at no extra time")
 
 
 def test_numbers_for_a_person():

@@ -343,7 +343,7 @@ def _remarks(seen: Judged) -> Iterator[str]:
             f"the radii depend on a contrast of {given * unit:.3g} grey levels, given, of which the frame "
             f"shows {shown.plateau * unit:.3g}"
         )
-    elif seen.count and seen.own_optics.contrast_relative_std > RESOLVED:
+    elif seen.count and seen.own_optics.contrast_relative_std > RESOLVED and not _show_plateaus(seen):
         source = "given" if np.isfinite(given) else "estimated from their light"
         joint = None if seen.fit is None else seen.fit.joint
         contrast = foreground.contrast.plateau if joint is None else joint.contrast
@@ -357,6 +357,12 @@ def _remarks(seen: Judged) -> Iterator[str]:
         yield f"{n} of {seen.count} contacts have a brightness of their own"
     if seen.fit is not None and (n := seen.flagged(Flag.COUNTED)):
         yield f"the areas of {n} of {seen.count} contacts are those of their counted pixels"
+
+
+def _show_plateaus(seen: Judged) -> bool:
+    """Whether every contact shows its plateau, so that no radius depends on what is known of the contrast."""
+    wide = np.min(seen.contacts["radius_px"]) > CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX
+    return bool(wide) and seen.foreground.shown.resolved
 
 
 def _why_no_contact(foreground: Foreground) -> str:

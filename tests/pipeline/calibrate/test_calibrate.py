@@ -22,6 +22,7 @@ from contactimg.frame import Frame
 from contactimg.pipeline.calibrate import thresholds
 from contactimg.pipeline.calibrate.jkr import mean_centre, measure_circles
 from contactimg.pipeline.calibrate.thresholds import measure_thresholds
+from contactimg.pipeline.results import frame_notes
 from contactimg.pipeline.series import measure_parts
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
@@ -93,10 +94,13 @@ def threshold_result(small_series, tmp_path_factory):
     return folder, top / "out"
 
 
-def test_a_remark_on_all_frames_is_said_once(jkr_result):
-    said = [note for note in read_calibration(jkr_result)["notes"] if "their brightness" in note]
-    assert len(said) == 1
-    assert said[0].startswith("6 frames: the contacts are too few to settle their brightness")
+def test_a_remark_on_all_frames_is_said_once():
+    frames = pd.DataFrame({"frame": ["a.tif", "b.tif", "c.tif"], "message": "no reference"})
+    assert frame_notes(frames) == ["3 frames: no reference"]
+
+
+def test_nothing_is_said_of_the_brightness_of_a_contact_that_shows_its_plateau(jkr_result):
+    assert not [note for note in read_calibration(jkr_result)["notes"] if "their brightness" in note]
 
 
 def with_scene(folder, **sections):
