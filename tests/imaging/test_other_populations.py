@@ -2,12 +2,14 @@
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 from camera_worlds import Layout, World, mottled
+from contact_frames import Optics, render
 from scipy import ndimage
 
 from contactimg.imaging.measure import measure_image
-from contactimg.tables import Status
+from contactimg.tables import Flag, Status
 
 ROWS, COLUMNS, FINER = 480, 640, 4
 LEVEL, CONTRAST, NOISE, BLUR_PX = 80.0, 60.0, 1.5, 1.4
@@ -208,3 +210,21 @@ def test_wide_mottled_contacts_are_not_taken_for_several(seed):
     found = measure_image(scene.frame, scene.reference)
     assert len(scene.truth) <= len(found.disks) <= 1.2 * len(scene.truth)
     assert found.status != Status.OK
+
+
+@pytest.mark.parametrize("specks", [0, 1, 2, 4])
+def test_specks_hide_nothing_of_one_wide_contact(specks, rng):
+    optics = Optics(shape=(240, 320), dust=0, texture=0.0)
+    places = [
+        (150.0, 120.0, 60.0),
+        (40.0, 40.0, 1.0),
+        (280.0, 50.0, 1.2),
+        (30.0, 200.0, 1.1),
+        (290.0, 200.0, 1.0),
+    ]
+    truth = pd.DataFrame(places[: 1 + specks], columns=["x_px", "y_px", "radius_px"])
+    found = measure_image(*render(truth, optics, rng)).disks
+    wide = found.loc[found["radius_px"].idxmax()]
+    assert wide["radius_px"] == pytest.approx(60.0, abs=0.1)
+    assert wide["radius_std_px"] < 0.3
+    assert not int(wide["flags"]) & int(Flag.NO_PLATEAU)

@@ -302,9 +302,10 @@ def _is_unseen(
 
 
 def _widest(fit: FittedDisks) -> float:
-    """Radius that the widest contacts reach."""
-    radius = np.sort(fit.disks[:, RADIUS])
-    return float(radius[-min(FEWEST, len(radius))])
+    """Radius that a few contacts reach, or those that make half of the area: a speck hides no wide contact."""
+    radius = np.sort(fit.disks[:, RADIUS])[::-1]
+    half = np.searchsorted(np.cumsum(radius**2), 0.5 * np.sum(radius**2))
+    return float(radius[min(FEWEST - 1, half)])
 
 
 def _without_point_spread_shape(information: NDArray, fit: FittedDisks) -> NDArray[np.float64]:
