@@ -355,7 +355,7 @@ def _without_sensor(pair: FramePair) -> FramePair:
     saturated = None if pair.saturated is None else exclude(pair.saturated, defects[0])
     valid = pair.valid
     for image in repaired:
-        valid = exclude(exclude(valid, find_unlit(image, valid)), find_margin(image, pair.full_scale))
+        valid = exclude(exclude(valid, find_unlit(image, valid)), find_margin(image, valid, pair.full_scale))
     if valid is not None and not valid.any():
         return pair
     frame, reference = (*repaired, None)[:2]

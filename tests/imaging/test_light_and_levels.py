@@ -194,14 +194,24 @@ def test_a_white_contact_at_the_border_is_no_margin():
     """A margin reaches all four sides, and what it surrounds is one convex region."""
     y, x = np.mgrid[:240, :320]
     contact = np.where(np.hypot(x, y) < 90, 255, 60).astype(np.uint8)
-    assert find_margin(contact, 255.0) is None
+    assert find_margin(contact, None, 255.0) is None
     frame = np.full((240, 320), 255, np.uint8)
     frame[20:200, 30:290] = 60
-    mask = find_margin(frame, 255.0)
+    mask = find_margin(frame, None, 255.0)
     assert mask is not None
     assert mask[frame == 255].all()
     assert not mask[25:195, 35:285].any()
-    assert find_margin(frame, 65535.0) is None
+    assert find_margin(frame, None, 65535.0) is None
+
+
+@pytest.mark.parametrize("hole", ["corner", "band", "lines"])
+def test_holes_do_not_hide_a_white_margin(hole):
+    scene = make_scene("margin, no ref", 140, 3)
+    frame = scene.frame.astype(np.float32)
+    frame[{"corner": np.s_[:20, :20], "band": np.s_[:12], "lines": np.s_[:, ::50]}[hole]] = np.nan
+    disks = measure_image(frame, full_scale=255.0).disks
+    assert min(shares(scene.truth, disks)) > 0.95
+    assert disks["visible_area_px2"].sum() == pytest.approx(scene.truth["area_px2"].sum(), rel=0.01)
 
 
 @pytest.mark.parametrize("count", [60, 140])

@@ -54,18 +54,20 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
     return _pixels_of(unlit, cv2.blur(np.asarray(image, np.float32), (3, 3)) < 0.5 * level, EDGE_REACH_PX)
 
 
-def find_margin(image: NDArray, full_scale: float) -> Mask:
+def find_margin(image: NDArray, valid: Mask, full_scale: float) -> Mask:
     """Pixels (1) of a white margin around one convex region, as of a figure on a page; None if there is none.
 
-    The margin is at full scale and reaches all four sides of the image.
+    The margin is at full scale, but for holes in it, and reaches all four sides of the image.
     """
-    if not (image[[0, 0, -1, -1], [0, -1, 0, -1]] >= full_scale).all():
+    white = image >= full_scale
+    holes_too = white if valid is None else white | (valid == 0)
+    if not (white.any() and holes_too[[0, 0, -1, -1], [0, -1, 0, -1]].all()):
         return None
-    margin = _at_border(block_means((image >= full_scale).astype(np.float32)) == 1.0)
+    margin = _at_border(block_means(holes_too.astype(np.float32)) == 1.0)
     sides = (margin[0], margin[-1], margin[:, 0], margin[:, -1])
     if not all(side.any() for side in sides) or not _is_field_of_view(1 - margin):
         return None
-    return _pixels_of(margin, image >= full_scale, DRAWN_EDGE_PX)
+    return _pixels_of(margin, holes_too, DRAWN_EDGE_PX)
 
 
 def _at_border(blocks: Flags) -> NDArray[np.uint8]:
