@@ -47,7 +47,8 @@ class Flag(enum.IntFlag):
     MANUAL = 1 << 10, "nothing"
     """Added, split or merged by hand (edits.csv), then measured from the pixels like the others."""
     BRIGHTNESS = 1 << 11, "nothing, if few; else check the light"
-    """Its plateau disagrees with the contrast of the frame: it is measured with its own."""
+    """Its plateau disagrees with the contrast of the frame: it is measured with its own. The method
+    "threshold" counts it at the level of the others; its uncertainty reaches to the count at its own."""
     COUNTED = 1 << 12, "nothing; its uncertainty is that of a pixel count"
     """No model describes it: its area is that of its pixels above half of its own plateau."""
 

@@ -21,6 +21,7 @@ from contactimg.imaging.count.rim_errors import (
     FEWEST_WIDE,
     Crossing,
     blur_of_heights,
+    count_at_own,
     height_at_rims,
     rim_errors,
 )
@@ -102,6 +103,11 @@ def measure_by_count(
     crossing, own_std = _with_unseen_contrast(foreground, radius, crossing)
     rim_height = height_at_rims(image, contacts, crossing)
     contacts |= rim_errors(radius, height, crossing, rim_height=rim_height)
+    own_radius = count_at_own(image, contacts, crossing)
+    odd = np.isfinite(own_radius)
+    contacts["flags"] |= np.where(odd, int(Flag.BRIGHTNESS), 0)
+    apart = np.where(odd, own_radius - radius, 0.0)
+    contacts["radius_std_px"] = np.hypot(contacts["radius_std_px"], apart)
     # of a contact cut by the border the pixels counted are those that are seen
     contacts["visible_area_px2"] = np.pi * radius**2
     return Judged(

@@ -9,14 +9,17 @@ crosses.
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive, ndtr, ndtri
 
+from contactimg.imaging.detect.candidates import ODD_RATIO
 from contactimg.imaging.fit.contact_pixels import measure_rise
+from contactimg.imaging.pixels.masks import nearest_pixels
 from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.limits import REACH_BLUR_WIDTHS
+from contactimg.imaging.profile.limits import REACH_BLUR_WIDTHS, SHOWN_BLUR_WIDTHS
 from contactimg.imaging.profile.optics import combine_errors
 from contactimg.imaging.profile.threshold_radius import disk_radius
 
@@ -85,8 +88,9 @@ def rim_errors(
     dict of arrays
         ``contrast_shift_px`` is the change if the contrast of the frame is one standard uncertainty higher;
         where contacts do not show it, the root mean square error for all contrasts that they may have.
-        ``edge_shift_px`` is the radius at the threshold minus that of the contact behind the blur; of a
-        calibrated threshold, which took that into account, the change if it is one standard uncertainty
+        ``edge_shift_px`` is the radius at the threshold minus that of the contact behind the blur, less what
+        noise takes of the pixels inside; of a calibrated threshold, which took both into account, the change
+        if it is one standard uncertainty
         higher. ``radius_std_px`` contains both, and what each contact has alone: counting, noise, and a
         contrast of its own.
 
@@ -112,7 +116,9 @@ def rim_errors(
     counting = (PIXEL_VARIANCE + (crossing.noise / slope) ** 2) / (2.0 * np.pi * np.maximum(radius_px, 0.5))
     own = np.hypot(np.sqrt(counting), spread)
     calibrated = crossing.fraction_std > 0
-    edge = -crossing.fraction_std * contrast / slope if calibrated else radius_px - true
+    # noise takes this share of the pixels inside below the threshold, and joins none outside to them
+    lost = ndtr(-(1.0 - f) * contrast / max(crossing.noise, 1e-9))
+    edge = -crossing.fraction_std * contrast / slope if calibrated else radius_px - true * (1.0 + 0.5 * lost)
     # of disks with the same light, uniform between the radius at the contrast assumed and that at the largest
     # possible one, whose square is smaller by the ratio of the contrasts: the root mean square distance
     far, near = radius_px - true / np.sqrt(crossing.largest_ratio), radius_px - true
@@ -128,6 +134,25 @@ def rim_errors(
         "blur_shift_px": np.zeros(len(shift)),
         "edge_shift_px": edge,
     }
+
+
+def count_at_own(image: NDArray[np.float32], contacts: dict[str, NDArray], crossing: Crossing) -> Values:
+    """Radii of contacts of another brightness at the same fraction of their own contrast; NaN of the others.
+
+    Their own contrast is that of their mean height. The pixels counted are those connected with the middle.
+    """
+    radius, f, s = contacts["radius_px"], crossing.fraction, crossing.blur_px
+    own = contacts["height"] / np.maximum(1.0 - 2.0 * s / np.maximum(radius, s) * _missing(f), 0.1)
+    out, ratio = np.full(len(radius), np.nan), own / crossing.contrast
+    odd = (radius > SHOWN_BLUR_WIDTHS * s) & (np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-9)) > ODD_RATIO)
+    for k in np.flatnonzero(odd):
+        x, y, reach = contacts["x_px"][k], contacts["y_px"][k], 2.0 * radius[k] + REACH_BLUR_WIDTHS * s
+        box = tuple(slice(max(int(at - reach), 0), int(at + reach) + 1) for at in (y, x))
+        above = cv2.blur(image[box], (3, 3)) > f * own[k]
+        labels = cv2.connectedComponents(above.astype(np.uint8))[1]
+        middle = labels[nearest_pixels(x - box[1].start, y - box[0].start, labels.shape)]
+        out[k] = np.sqrt(np.count_nonzero(labels == middle) / np.pi) if middle else 0.0
+    return out
 
 
 def height_at_rims(image: NDArray[np.float32], contacts: dict[str, NDArray], crossing: Crossing) -> float:

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from contactimg.forces import SHARED_SHIFTS
 from contactimg.imaging.measure import measure_image
-from contactimg.tables import Status
+from contactimg.tables import Flag, Status
 
 OPTICS = Optics(shape=(600, 800), dust=0)
 
@@ -113,3 +113,36 @@ def test_the_smallest_contact_counted_reaches_the_threshold_behind_its_blur(blur
     assert found.smallest_px == pytest.approx(1.18 * blur, rel=0.15)
     given = measure_image(frame, reference, method="threshold", blur_px=blur)
     assert given.smallest_px == pytest.approx(1.1774 * np.hypot(blur, 12**-0.5), rel=1e-4)
+
+
+@pytest.mark.parametrize("noise", [30.0, 40.0])
+def test_pixels_that_noise_takes_are_in_the_uncertainty(noise, rng):
+    """At a contrast of two to three standard deviations noise takes 5 to 20 % of the pixels inside."""
+    optics = Optics(shape=(300, 400), dust=0, texture=0.0)
+    truth = scatter(20, optics, rng, radii=(8, 20), pairs=0, touching=0)
+    clean = np.mean([render(truth, optics, rng)[0] for _ in range(4)], axis=0)
+    frame = clean + rng.normal(0.0, noise, clean.shape)
+    disks = measure_image(frame, method="threshold", full_scale=255.0).disks
+    pairs = match(truth, disks)
+    error = np.array([disks["radius_px"][j] - truth["radius_px"][i] for i, j in pairs])
+    std = np.array([disks["radius_std_px"][j] for _, j in pairs])
+    assert len(pairs) == len(truth)
+    assert error.mean() < -0.01 * truth["radius_px"].mean()
+    assert np.mean(np.abs(error) < 2.0 * std) > 0.8
+
+
+@pytest.mark.parametrize("brightness", [0.55, 1.8])
+def test_one_contact_of_another_brightness_says_so(brightness, rng):
+    optics = Optics(shape=(300, 400), dust=0, texture=0.0)
+    truth = scatter(15, optics, rng, radii=(8, 20), pairs=0, touching=0)
+    light = np.ones(len(truth))
+    light[3] = brightness
+    cover = coverage(truth.x_px, truth.y_px, truth.radius_px, light, optics)
+    frame = 60.0 + 60.0 * cover + rng.normal(0.0, 5.0, cover.shape)
+    disks = measure_image(frame, method="threshold", full_scale=255.0).disks
+    (odd,) = (j for i, j in match(truth, disks, reach=5.0) if i == 3)
+    flagged = (disks["flags"] & int(Flag.BRIGHTNESS)).to_numpy() > 0
+    assert flagged[odd]
+    assert flagged.sum() == 1
+    error = abs(disks["radius_px"][odd] - truth["radius_px"][3])
+    assert error < 2.0 * disks["radius_std_px"][odd] + 0.1
