@@ -248,7 +248,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
     try:
         with holding(_complaints, complaints), tifffile.TiffFile(path) as tif:
             yield tif, complaints
-    except (tifffile.TiffFileError, struct.error, IndexError) as error:  # the last one of a file without pages
+    except (tifffile.TiffFileError, struct.error, IndexError) as error:  # the last: no pages
         raise ValueError(f"the file is truncated or damaged: {error}") from None
 
 

@@ -276,10 +276,15 @@ def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) ->
     if len(repeated):
         raise InputError(f"{file}: names frame {repeated.iloc[0]!r} more than once")
     placed, wrong = np.isfinite(contacts[["x_m", "y_m"]].to_numpy(float)).all(axis=1), ""
+    twice = contacts[contacts.duplicated(["frame", "label"])]
+    below = (contacts[["radius_px", "radius_m", "area_m2"]] < 0).any()
     if len(unknown):
         wrong = f"names frame {unknown.iloc[0]!r}, which {file.name} does not;"
-    elif (contacts["asperity"] < 0).any():
-        wrong = "column asperity must not be negative;"
+    elif len(twice):
+        frame, label = twice.iloc[0][["frame", "label"]]
+        wrong = f"names contact {label} of frame {frame!r} more than once;"
+    elif (contacts["asperity"] < 0).any() or below.any():
+        wrong = f"column {below.idxmax() if below.any() else 'asperity'} must not be negative;"
     elif placed.any() and not placed.all():
         row = int(np.argmin(placed)) + 1
         wrong = f"row {row} of {len(placed)} has no x_m and y_m, others have; delete the row or"
