@@ -106,6 +106,9 @@ class LinearFit:
         Standard deviation in y that the stated errors do not explain.
     freedom : float
         Points minus parameters.
+    known : ndarray, shape (k,), or None
+        Change of the parameters by one standard deviation of an error of known size, which the covariance
+        contains and the freedom does not concern.
     """
 
     parameters: Values
@@ -114,6 +117,7 @@ class LinearFit:
     residuals: Values
     scatter: float
     freedom: float
+    known: Values | None = None
 
     @property
     def chi_square(self) -> Values:
