@@ -4,7 +4,7 @@ import json
 import logging
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -362,10 +362,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def shares_frames(record: Mapping[str, Any], inputs: list[dict[str, Any]]) -> bool:
-    """Whether a calibration used one of the frames among these inputs (as `provenance` lists them)."""
-    images = [
-        {one.get("sha256") for one in listed if Path(one.get("path", "")).suffix not in (".csv", ".toml")}
-        for listed in (record.get("frames", []), inputs)
-    ]
-    return bool(set.intersection(*images) - {None})
+def input_hashes(inputs: Iterable[Mapping[str, Any]], names: Collection[str]) -> frozenset[str]:
+    """SHA-256 of those inputs of a run (as `provenance` lists them) that are called by one of the names."""
+    found = {one.get("sha256") for one in inputs if Path(str(one.get("path"))).name in names}
+    return frozenset(found - {None})

@@ -1,5 +1,6 @@
 """``contactimg calibrate`` from folders of frames to calibration.json, and `process` with it."""
 
+import hashlib
 import json
 
 import numpy as np
@@ -384,6 +385,19 @@ def test_modulus_with_the_threshold_of_another_sample(threshold_result, small_se
     assert found["young_modulus"]["value"] == pytest.approx(3e6, rel=1.5e-3)
     assert found["slope"]["value"] == pytest.approx(2.2 / 3.0, rel=1.5e-3)
     assert found["compatible"] is False
+
+
+def test_two_samples_may_share_a_dark_frame_but_no_frame(threshold_result, tmp_path, capsys):
+    folder = copy_of(threshold_result[0], tmp_path / "frames")
+    write_frame(Frame(np.zeros((340, 360), np.uint8)), folder / "dark.tif")
+    with_scene(folder, images={"dark": "dark.tif"})
+    for name, code in (("dark.tif", 0), ("reference.tif", 2), ("frame_1.tif", 2)):
+        used = {"path": name, "sha256": hashlib.sha256((folder / name).read_bytes()).hexdigest()}
+        record = read_calibration(threshold_result[1]) | {"frames": [used]}
+        (tmp_path / "calibration.json").write_text(json.dumps(record))
+        words = ["--calibration", tmp_path, "-o", tmp_path / "modulus", "--frames", "frame_[13].tif"]
+        assert run("calibrate", "modulus", folder, *words, "--quiet") == code
+    assert "calibrated on another sample" in capsys.readouterr().err
 
 
 def test_the_modulus_is_that_of_the_forces_of_process_with_their_uncertainty(small_series, tmp_path):
