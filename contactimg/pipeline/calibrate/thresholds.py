@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.plateau import find_plateau
-from contactimg.calibration.threshold import calibrate_modulus, calibrate_threshold
+from contactimg.calibration.threshold import calibrate_modulus, calibrate_threshold, load_slope
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
@@ -203,8 +203,7 @@ def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Cali
     series, load = _with_forces(measure_thresholds(experiment, THRESHOLDS, workers=workers))
     errors = LoadCell.stated(scene.load).errors(relative)
     notes = _notes(series) + cell_notes(scene)
-    tiny = np.finfo(float).tiny
-    slopes = np.maximum(series.forces @ load / max(float(load @ load), tiny), tiny)
+    slopes = np.maximum([load_slope(row, load).value for row in series.forces], np.finfo(float).tiny)
     closest = float(slopes[np.argmin(np.abs(np.log(slopes)))])
     settle(doubts_about_forces(slope=closest, young_modulus=modulus.value, scanned=True), "the calibration")
     found = calibrate_threshold(series.thresholds, series.forces, load, **errors)

@@ -467,6 +467,8 @@ def test_no_threshold_brackets_one(threshold_result, tmp_path, capsys):
     pd.read_csv(folder / "loads.csv")[-1:].to_csv(folder / "loads.csv", index=False)
     words = ["calibrate", "threshold", folder, "-o", tmp_path / "out", "--quiet", "--young-modulus-MPa", 300]
     assert "no threshold between 0.05 and 0.95 gives slope 1" in refusal(capsys, *words)
+    pd.DataFrame({"frame": ["frame_3.tif"], "load_N": [0.0]}).to_csv(folder / "loads.csv", index=False)
+    assert "no load presses" in refusal(capsys, *words)
 
 
 def test_plateau(small_series, tmp_path):
