@@ -200,6 +200,12 @@ def test_change_of_units():
     assert scaled.indentation == pytest.approx(length * base.indentation, rel=1e-9)
 
 
+def test_the_last_ring_of_the_uncoupled_model_touches_nothing():
+    loads = np.geomspace(0.01, 1.0, 30)
+    ends = [solve_greenwood_williamson(SAMPLE, load=load, **LENS).density[-1] for load in loads]
+    assert not np.any(ends)  # a rounding error in the depth would let one summit of 500 touch
+
+
 def test_profile_table():
     table = solve_greenwood_tripp(UNIFORM, load=0.2, rings=50, **LENS).profile("0.2 N")
     assert set(table["model"]) == {"gt"}
