@@ -364,5 +364,5 @@ def _is_number(value: object) -> bool:
 
 def input_hashes(inputs: Iterable[Mapping[str, Any]], names: Collection[str]) -> frozenset[str]:
     """SHA-256 of those inputs of a run (as `provenance` lists them) that are called by one of the names."""
-    found = {one.get("sha256") for one in inputs if Path(str(one.get("path"))).name in names}
-    return frozenset(found - {None})
+    chosen = (one for one in inputs if Path(str(one.get("path"))).name in names)
+    return frozenset(one["sha256"] for one in chosen if one.get("sha256") is not None)
