@@ -288,7 +288,7 @@ def fill_forces(
         row |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
         # NaN if no contact has a force
         row["force_hertz_sum_N"] = its["force_hertz_N"].sum(min_count=min(len(its), 1))
-        row["law"] = law if np.isfinite(force.value) else ""
+        row["law"] = law if len(its) and np.isfinite(force.value) else ""
         if np.isfinite(smallest) and np.isfinite(force.value):
             row |= {"unseen_force_N": lacking.value, "unseen_force_std_N": lacking.std}
     return contacts, FRAMES.conform(pd.DataFrame(rows, columns=list(FRAMES.columns)))
@@ -364,9 +364,8 @@ def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | Non
 
 def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:
     """Composite radius (m) that holds for contacts without an asperity of their own; NaN if radii differ."""
-    if scene.asperities is not None and scene.asperities.radius is not None:
-        curvature = 1 / scene.asperities.radius
-        return 1 / (curvature + (1 / scene.indenter.radius if scene.indenter is not None else 0.0))
+    if scene.common_radius is not None:
+        return scene.common_radius
     radii = np.empty(0) if sites is None else sites["radius_m"].to_numpy(float)
     return float(radii.mean()) if len(radii) and np.ptp(radii) <= 1e-6 * radii.max() else np.nan
 

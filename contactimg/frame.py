@@ -22,6 +22,12 @@ def as_pixels(image: ArrayLike) -> NDArray:
     return pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
 
 
+def full_scale_of_type(image: ArrayLike) -> float | None:
+    """The highest grey level of unsigned integers, of masked ones as well; None for other numbers."""
+    dtype = np.asarray(image).dtype
+    return float(np.iinfo(dtype).max) if dtype.kind == "u" else None
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """A grey-level image as the camera gave it.

@@ -51,6 +51,22 @@ def test_a_region_that_the_view_cuts_is_within_its_uncertainty(pressed, cut):
     assert abs(found.radius - LENS - 1e-4) < 3 * found.radius_std < 0.3 * LENS
 
 
+@pytest.mark.parametrize(
+    "view",
+    [
+        lambda x, y: (x > APEX[0] + 1e-4) & (y > APEX[1] + 1e-4),
+        lambda x, y: (x > APEX[0] - 3e-4) & (y > APEX[1] - 3e-4),
+        lambda x, _y: x > APEX[0] + 6e-4,
+    ],
+    ids=["corner", "quarter", "apex out of view"],
+)
+def test_a_view_of_a_smaller_part_of_the_region_is_within_its_uncertainty(pressed, view):
+    seen = view(*pressed[0].T)
+    found = find_apex(*(column[seen] for column in pressed), in_view=view)
+    assert (np.abs(np.subtract(found.place, APEX)) < 2.5 * np.array(found.std)).all()
+    assert np.hypot(*found.std) < 5e-4
+
+
 def test_few_contacts_and_a_gap_that_does_not_open_show_none(pressed):
     assert find_apex(*(column[:9] for column in pressed)) is None
     points, _, radii, a = pressed

@@ -6,7 +6,7 @@ import pytest
 
 from contactimg.effects.local_law import force_exponents
 from contactimg.errors import InputError
-from contactimg.forces import Total, assign_forces, sums_of_contacts, total_area, total_force
+from contactimg.forces import Total, assign_forces, fill_forces, sums_of_contacts, total_area, total_force
 from contactimg.mechanics import hertz, jkr, sphere
 from contactimg.pipeline.frame import locate_contacts
 from contactimg.pipeline.inputs import contact_sites, need_asperities
@@ -96,6 +96,15 @@ def test_the_sum_of_forces_of_which_none_is_known_is_not_zero():
     # as `total_force` says it of the same contacts, and of none
     assert again["force_sum_N"].tolist() == pytest.approx([np.nan, 0.0], nan_ok=True)
     assert again["force_sum_std_N"].tolist() == pytest.approx([np.nan, 1e-4], nan_ok=True)
+
+
+def test_a_frame_without_contacts_has_no_law():
+    frames = FRAMES.conform(pd.DataFrame({"frame": ["a", "b"], "n_contacts": [1, 0], "smallest_px": np.nan}))
+    contacts = CONTACTS.conform({"frame": ["a"], "radius_m": [1e-5], "area_m2": [3e-10], "flags": [0]})
+    scene = scene_from_dict({"elastic": {"young_modulus_Pa": 3e6}, "asperities": {"radius_m": 1e-4}})
+    _, filled = fill_forces(scene, contacts, frames, None, pixel_size=1e-6)
+    assert filled["law"].tolist() == ["hertz", ""]
+    assert filled["force_sum_N"].iloc[1] == 0.0
 
 
 def test_lengths_and_areas_in_pixels_become_metres():

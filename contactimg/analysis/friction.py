@@ -132,7 +132,7 @@ def compare_stress(stress: ShearStress, reference: Estimate) -> Estimate:
         raise InputError(f"the shear stress of the reference must be positive, got {reference.value!r} Pa")
     rough = stress.stress
     ratio = rough.value / reference.value
-    std = ratio * float(np.hypot(rough.std / rough.value, reference.std / reference.value))
+    std = float(np.hypot(rough.std, ratio * reference.std)) / reference.value
     return student_estimate(ratio, std, freedom=stress.freedom, confidence=stress.confidence)
 
 

@@ -58,7 +58,8 @@ class Points:
     Raises
     ------
     InputError
-        If a value is not finite, an uncertainty negative or a correlation outside -1..1.
+        If a value is not finite, an uncertainty negative or a correlation outside -1..1, or their numbers
+        differ.
     """
 
     x: ArrayLike
@@ -71,7 +72,12 @@ class Points:
 
     def __post_init__(self) -> None:
         names = ("x", "y", "x_std", "y_std", "correlation", "weight", "spread")
-        values = np.broadcast_arrays(*(np.atleast_1d(np.asarray(getattr(self, n), float)) for n in names))
+        given = [np.atleast_1d(np.asarray(getattr(self, name), float)) for name in names]
+        try:
+            values = np.broadcast_arrays(*given)
+        except ValueError:
+            shapes = ", ".join(f"{name} {one.shape}" for name, one in zip(names, given, strict=True))
+            raise InputError(f"the points of a fit need as many x as y, got the shapes {shapes}") from None
         for name, value in zip(names, values, strict=True):
             if not np.isfinite(value).all():
                 raise InputError(f"the points of a fit must be finite, got {name} = {value.tolist()}")
@@ -106,6 +112,9 @@ class LinearFit:
         Standard deviation in y that the stated errors do not explain.
     freedom : float
         Points minus parameters.
+    known : ndarray, shape (k,), or None
+        Change of the parameters by one standard deviation of an error of known size, which the covariance
+        contains and the freedom does not concern.
     """
 
     parameters: Values
@@ -114,6 +123,7 @@ class LinearFit:
     residuals: Values
     scatter: float
     freedom: float
+    known: Values | None = None
 
     @property
     def chi_square(self) -> Values:

@@ -202,7 +202,8 @@ class JkrSeries:
         found = replace(self, zero_std=0.0).fit()
         change = np.append(moved.parameters - exact.parameters, self.zero_std)
         covariance = np.pad(found.covariance, (0, 1)) + np.outer(change, change)
-        return replace(found, parameters=np.append(found.parameters, 0.0), covariance=covariance)
+        parameters = np.append(found.parameters, 0.0)
+        return replace(found, parameters=parameters, covariance=covariance, known=change)
 
     def misfit(self) -> float:
         """Mean square of the residuals over the rms load and the shape of the noise."""
@@ -460,13 +461,19 @@ def _series(
 
 
 def _draws(fit: LinearFit) -> Values:
-    """Draws of the parameters from Student's distribution, with positive stiffness; always the same."""
+    """Draws of the parameters, with positive stiffness; always the same.
+
+    From Student's distribution, an error of known size from the normal one.
+    """
     rng = np.random.default_rng(0)
-    size = np.sqrt(np.maximum(np.diag(fit.covariance), np.finfo(float).tiny))
-    root = np.linalg.cholesky(fit.covariance / np.outer(size, size) + ROUNDING * np.eye(len(size)))
+    known = np.zeros(len(fit.parameters)) if fit.known is None else fit.known
+    shown = fit.covariance - np.outer(known, known)
+    size = np.sqrt(np.maximum(np.diag(shown), np.finfo(float).tiny))
+    root = np.linalg.cholesky(shown / np.outer(size, size) + ROUNDING * np.eye(len(size)))
     normal = rng.standard_normal((DRAWS, len(size))) @ root.T * size
     freedom = max(fit.freedom, 1)
     draws = fit.parameters + normal * np.sqrt(freedom / rng.chisquare(freedom, DRAWS))[:, None]
+    draws += rng.standard_normal((DRAWS, 1)) * known
     return draws[draws[:, 0] > 0]
 
 

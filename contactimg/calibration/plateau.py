@@ -22,7 +22,10 @@ STEEPNESS = 1.5
 """How many times faster than at its slowest the area may fall within the plateau. Chosen by hand."""
 
 MAX_RELATIVE_FALL = 0.2
-"""Largest relative decrease of the area over a plateau. Chosen by hand; sensitivity not measured."""
+"""Largest relative change of the area over a plateau. Chosen by hand; sensitivity not measured."""
+
+LEAST_FALL_RATE = 1e-9
+"""Rate below which the area does not fall. Theory: rounding errors make some 1e-14."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +42,7 @@ class Plateau:
     relative_fall : float
         Of the summed area from the one extreme to the other.
     marginal : bool
-        Whether that is less than 20 %.
+        Whether it changes by less than 20 %.
     thresholds, fall_rates : ndarray, shape (m,)
         The curve: ``-d ln A/d t`` of the summed area.
     """
@@ -72,7 +75,7 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike) -> Plateau:
     Raises
     ------
     InputError
-        If there are fewer than five thresholds or no area.
+        If there are fewer than five different thresholds, or an area is negative or not finite, or none.
 
     Notes
     -----
@@ -94,6 +97,8 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike) -> Plateau:
         raise InputError(
             f"a plateau needs five thresholds or more and one area each, got {t.size}, {A.shape}"
         )
+    if np.unique(t).size < t.size or not (np.isfinite(t).all() and np.isfinite(A).all() and (A >= 0).all()):
+        raise InputError("the thresholds of a plateau must differ, and its areas be finite and not negative")
     order = np.argsort(t)
     t, A = t[order], A[order]
     total = A.sum(axis=1)
@@ -108,10 +113,10 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike) -> Plateau:
         near = np.polynomial.Polynomial.fit(t[i : i + 5] - t[k], logs[i : i + 5], 2)
         rate[k] = -near.deriv()(0.0)
     slowest = int(rate.argmin())
-    steep = np.flatnonzero(rate > STEEPNESS * max(rate[slowest], np.finfo(float).tiny))
+    steep = np.flatnonzero(rate > STEEPNESS * max(rate[slowest], LEAST_FALL_RATE))
     low = int(steep[steep < slowest].max(initial=-1)) + 1
     high = int(steep[steep > slowest].min(initial=len(t))) - 1
     middle, half = (A[low] + A[high]) / 2, np.abs(A[low] - A[high]) / 2
     fall = float(1 - total[high] / total[low])
     first, last, best = t[[low, high, slowest]].tolist()
-    return Plateau(first, last, best, middle, half, fall, fall < MAX_RELATIVE_FALL, t, rate)
+    return Plateau(first, last, best, middle, half, fall, abs(fall) < MAX_RELATIVE_FALL, t, rate)

@@ -195,7 +195,8 @@ class ModulusCalibration:
     distance : float
         New minus measured modulus in standard uncertainties of both; NaN if the measured one has none.
     compatible : bool
-        Whether the new modulus lies within the 95 % interval of the measured one.
+        Whether the two differ by at most 1.96 standard uncertainties of both; True if the measured one has
+        none.
     message : str
         One sentence to show; empty if the two agree.
     """
@@ -266,11 +267,11 @@ def calibrate_modulus(
     tuned = CoverageEstimate(value, value * slope.std / slope.value, max(value - half, 0.0), value + half)
     difference = value - young_modulus
     distance = difference / np.hypot(tuned.std, young_modulus_std) if young_modulus_std > 0 else np.nan
-    compatible = not (young_modulus_std > 0 and abs(difference) > 1.96 * young_modulus_std)
+    compatible = not abs(distance) > 1.96
     message = ""
     if not compatible:
         message = (
-            f"slope 1 needs E = {value / 1e6:.4g} MPa, outside the measured "
+            f"slope 1 needs E = {value / 1e6:.4g} +- {tuned.std / 1e6:.2g} MPa, outside the measured "
             f"{young_modulus / 1e6:.4g} +- {young_modulus_std / 1e6:.2g} MPa (1.96 standard uncertainties)"
         )
     return ModulusCalibration(tuned, slope, float(distance), compatible, message)

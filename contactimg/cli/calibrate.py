@@ -191,7 +191,10 @@ def _calibrate(
     with shared.results_in(
         output, folder, experiment.scene, experiment.inputs, options=options, main_files=main_files
     ) as out:
-        if other_frames and files.shares_frames(other_frames, out.record["inputs"]):
+        # a dark frame, a flat field or a mask may be that of every sample
+        images = {source.path.name for source in (*experiment.frames, *experiment.references)}
+        used_before = {one.get("sha256") for one in other_frames.get("frames", [])}
+        if used_before & files.input_hashes(out.record["inputs"], images):
             raise InputError(ONE_OF_TWO)
         result = run(experiment, workers=workers)
         pipeline.write_calibration(result, out.folder, frames=out.record["inputs"])

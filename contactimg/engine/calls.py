@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from itertools import islice
 from multiprocessing import parent_process
+from numbers import Integral
 from pathlib import Path
 from time import monotonic, perf_counter
 from typing import Any, TypeVar
@@ -22,7 +23,7 @@ from loky.process_executor import BrokenProcessPool
 from contactimg.engine.cluster import WorkerEndedError, cluster_in_use
 from contactimg.engine.processes import end_workers, keep_workers, live_with_parent, workers_wait
 from contactimg.engine.progress import counted
-from contactimg.errors import ContactimgError
+from contactimg.errors import ContactimgError, InputError
 from contactimg.timings import collect_call, gather
 
 Result = TypeVar("Result")
@@ -72,6 +73,8 @@ def in_parallel(
 
     Raises
     ------
+    InputError
+        If there is no whole number of processes.
     ContactimgError
         If calls end their workers and there is no ``lost``, or several of them in a row do; if the cluster
         has gone.
@@ -80,6 +83,8 @@ def in_parallel(
     -----
     Local workers end with this process, whatever ends it (`contactimg.engine.processes`).
     """
+    if workers is not None and not (isinstance(workers, Integral) and workers >= 1):
+        raise InputError(f"workers must be a whole number of processes, 1 or more, or None, got {workers!r}")
     items = iter(arguments)
     processes = cpu_count() if workers is None else workers
     if parent_process() is not None:  # a process that was started for calls starts none

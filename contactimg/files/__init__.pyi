@@ -37,9 +37,9 @@ from .runs import CALIBRATION_FILE as CALIBRATION_FILE
 from .runs import RUN_TABLES as RUN_TABLES
 from .runs import FrameTables as FrameTables
 from .runs import Run as Run
+from .runs import input_hashes as input_hashes
 from .runs import read_calibration as read_calibration
 from .runs import read_run as read_run
-from .runs import shares_frames as shares_frames
 from .sources import FrameSeries as FrameSeries
 from .sources import FrameSource as FrameSource
 from .sources import list_frames as list_frames

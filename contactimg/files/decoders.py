@@ -248,7 +248,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, list[str]]]:
     try:
         with holding(_complaints, complaints), tifffile.TiffFile(path) as tif:
             yield tif, complaints
-    except (tifffile.TiffFileError, struct.error) as error:
+    except (tifffile.TiffFileError, struct.error, IndexError) as error:  # the last: no pages
         raise ValueError(f"the file is truncated or damaged: {error}") from None
 
 
@@ -420,7 +420,7 @@ def stated_pixel_size(path: str | Path) -> float | None:
     ...     stated_pixel_size(path)
     8e-06
     """
-    with suppress(Exception), tifffile.TiffFile(path) as tif:  # nor does another format or a damaged header
+    with suppress(Exception), _opened(Path(path)) as (tif, _):  # nor does another format or a damaged header
         if tif.is_ome:  # of the first image, in µm unless its unit says otherwise
             image = tifffile.xml2dict(tif.ome_metadata or "")["OME"]["Image"]
             about = (image[0] if isinstance(image, list) else image)["Pixels"]

@@ -4,7 +4,7 @@ import json
 import logging
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -276,10 +276,15 @@ def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) ->
     if len(repeated):
         raise InputError(f"{file}: names frame {repeated.iloc[0]!r} more than once")
     placed, wrong = np.isfinite(contacts[["x_m", "y_m"]].to_numpy(float)).all(axis=1), ""
+    twice = contacts[contacts.duplicated(["frame", "label"])]
+    below = (contacts[["radius_px", "radius_m", "area_m2"]] < 0).any()
     if len(unknown):
         wrong = f"names frame {unknown.iloc[0]!r}, which {file.name} does not;"
-    elif (contacts["asperity"] < 0).any():
-        wrong = "column asperity must not be negative;"
+    elif len(twice):
+        frame, label = twice.iloc[0][["frame", "label"]]
+        wrong = f"names contact {label} of frame {frame!r} more than once;"
+    elif (contacts["asperity"] < 0).any() or below.any():
+        wrong = f"column {below.idxmax() if below.any() else 'asperity'} must not be negative;"
     elif placed.any() and not placed.all():
         row = int(np.argmin(placed)) + 1
         wrong = f"row {row} of {len(placed)} has no x_m and y_m, others have; delete the row or"
@@ -357,10 +362,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def shares_frames(record: Mapping[str, Any], inputs: list[dict[str, Any]]) -> bool:
-    """Whether a calibration used one of the frames among these inputs (as `provenance` lists them)."""
-    images = [
-        {one.get("sha256") for one in listed if Path(one.get("path", "")).suffix not in (".csv", ".toml")}
-        for listed in (record.get("frames", []), inputs)
-    ]
-    return bool(set.intersection(*images) - {None})
+def input_hashes(inputs: Iterable[Mapping[str, Any]], names: Collection[str]) -> frozenset[str]:
+    """SHA-256 of those inputs of a run (as `provenance` lists them) that are called by one of the names."""
+    chosen = (one for one in inputs if Path(str(one.get("path"))).name in names)
+    return frozenset(one["sha256"] for one in chosen if one.get("sha256") is not None)

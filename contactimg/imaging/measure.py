@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import FrameError, InputError, finite_number
+from contactimg.frame import as_pixels, full_scale_of_type
 from contactimg.imaging.background.illumination import DifferenceImage, plain_difference
 from contactimg.imaging.background.no_reference import estimate_background
 from contactimg.imaging.background.subtract import remove_background
@@ -164,8 +165,8 @@ def measure_image(
     Parameters
     ----------
     image, reference : array_like, shape (rows, columns)
-        Grey levels, uint8, uint16 or float; non-finite pixels are holes. Without a reference the background
-        is estimated from the image itself.
+        Grey levels, uint8, uint16 or float; pixels that are not finite, or masked, are holes. Without a
+        reference the background is estimated from the image itself.
     method : {"disk", "threshold"}
         Fit of blurred disks, or area of the pixels above a threshold.
     polarity : {"bright", "dark", "auto"}
@@ -220,6 +221,7 @@ def measure_image(
     >>> [float(disks[name].iloc[0].round(0)) for name in ("x_px", "y_px", "radius_px")]
     [30.0, 33.0, 8.0]
     """
+    of_type = full_scale_of_type(image)
     image, reference = _grey_levels(image), None if reference is None else _grey_levels(reference)
     _check(image, reference, absent, method=method, polarity=polarity, shape=shape, registration=registration)
     _check_types(optics=(optics, SharedOptics), film=(film, FilmSetting, FilmRim), edits=(edits, Sequence))
@@ -230,6 +232,7 @@ def measure_image(
             raise InputError(f"{name} must be a fraction of the contrast, 0 <= {name} < 1, got {fraction!r}")
     if full_scale is not None and not (isinstance(full_scale, Real) and full_scale > 0):
         raise InputError(f"full_scale must be a grey level above zero, got {full_scale!r}")
+    full_scale = of_type if full_scale is None else full_scale
     keep_freed_memory()
     prior = _prior_optics(optics, blur_px)
     pair = _without_sensor(FramePair.of(image, _match_levels(image, reference), full_scale))
@@ -377,8 +380,8 @@ def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedO
 
 
 def _grey_levels(image: ArrayLike) -> NDArray:
-    """The image as an array of numbers."""
-    levels = np.asarray(image)
+    """The image as an array of numbers; masked pixels are holes."""
+    levels = as_pixels(image)
     if levels.dtype.kind not in "buif":
         said = repr(image) if isinstance(image, str) else f"numbers of the type {levels.dtype}"
         raise FrameError(

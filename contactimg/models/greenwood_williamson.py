@@ -301,11 +301,12 @@ def solve_greenwood_williamson(
     layer = AsperityLayer(heights, density, radius, contact_modulus)
     check_rings(indenter_radius, load, rings)
     deepest = layer.deepest(load, indenter_radius)
-    end = np.sqrt(2 * indenter_radius * max(deepest, 0.01 * heights.width))
-    r = end * np.linspace(0.0, 1.0, rings)
+    reach = max(deepest, 0.01 * heights.width)
+    place = np.linspace(0.0, 1.0, rings)
+    r = np.sqrt(2 * indenter_radius * reach) * place
     force = 2 * np.pi * indenter_radius * layer.strength * float(heights.moment(deepest, 2.5)) / 2.5
     area = np.pi**2 * indenter_radius * radius * density * float(heights.moment(deepest, 2))
-    depth = deepest - r**2 / (2 * indenter_radius)
+    depth = deepest - reach * place**2  # 0 at the end of a loaded region, without a rounding error
     solution = RingSolution("gw", layer, r, depth, np.zeros_like(r), load, area)
     return solution.proved({"sum of the forces": proof.relative_error(force, load)})
 

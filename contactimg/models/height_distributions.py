@@ -152,10 +152,10 @@ class SampleHeights:
 
     def moment(self, depth: ArrayLike, power: float) -> Values:
         """Mean over the sample of the summits' penetrations to the power ``n``."""
-        x = np.asarray(depth, dtype=np.float64)
-        excess = x[..., None] - (self.top - self.values)
-        above = excess > 0
-        return np.mean(np.where(above, np.where(above, excess, 1.0) ** power, 0.0), axis=-1)
+        x, below = np.asarray(depth, dtype=np.float64), self.top - self.values[::-1]
+        reached = np.searchsorted(below, x.ravel())  # the others have no part in the sum
+        sums = [np.sum((one - below[:count]) ** power) for one, count in zip(x.ravel(), reached, strict=True)]
+        return np.reshape(sums, x.shape) / below.size
 
 
 HeightLaw = UniformHeights | GaussianHeights | SampleHeights

@@ -15,7 +15,7 @@ from contactimg.effects.optics import measuring
 from contactimg.errors import FrameWarning, InputError
 from contactimg.files import FrameTables, read_part
 from contactimg.forces import common_radius
-from contactimg.frame import Frame, as_pixels
+from contactimg.frame import Frame, as_pixels, full_scale_of_type
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.measure import LINEARITY, ImageMeasurement
@@ -131,9 +131,7 @@ def measure_frame(
     settle(doubts_about_scene(scene), "measure_frame")
     optics = None if contrast is None else SharedOptics(contrast)
     if not isinstance(frame, Frame):
-        pixels = np.asarray(frame)
-        full_scale = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind == "u" else None
-        frame = Frame(frame, full_scale=full_scale)  # of masked integers as well
+        frame = Frame(frame, full_scale=full_scale_of_type(frame))
     image = reference.image if isinstance(reference, Frame) else reference
     image = None if image is None else as_pixels(image)
     measurement = measure_prepared(frame, image, scene, optics=optics, film=film_setting(scene, None))

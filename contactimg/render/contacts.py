@@ -142,15 +142,13 @@ def contact_spots(
 
 def _sphere_radii(sphere_radius: ArrayLike | None, scene: Scene, count: int) -> Values:
     """Radius of curvature of each contact, as given or from the scene."""
-    if sphere_radius is None:
-        asperities, indenter = scene.asperities, scene.indenter
-        if asperities is None or asperities.radius is None:
-            raise InputError(
-                "the film needs the radius of curvature of the contacts: hand over sphere_radius, or give "
-                "radius_m in [asperities]"
-            )
-        sphere_radius = 1 / (1 / asperities.radius + (1 / indenter.radius if indenter is not None else 0.0))
-    radii = np.asarray(sphere_radius, float)
+    radius = scene.common_radius if sphere_radius is None else sphere_radius
+    if radius is None:
+        raise InputError(
+            "the film needs the radius of curvature of the contacts: hand over sphere_radius, or give "
+            "radius_m in [asperities]"
+        )
+    radii = np.asarray(radius, float)
     if radii.ndim and radii.shape != (count,):
         raise InputError(
             f"sphere_radius must be one number or one a contact ({count}), got shape {radii.shape}"

@@ -52,6 +52,14 @@ class Scene(sections.Section):
         unstated = {name: {"apex", "side"} - one.model_fields_set for name, one in self if one is not None}
         return self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=unstated)
 
+    @property
+    def common_radius(self) -> float | None:
+        """Composite radius of asperities and lens, m; None where [asperities] states no radius for all."""
+        if self.asperities is None or self.asperities.radius is None:
+            return None
+        lens = 0.0 if self.indenter is None else 1 / self.indenter.radius
+        return 1 / (1 / self.asperities.radius + lens)
+
     def with_apex(self, apex: tuple[float, float]) -> "Scene":
         """The scene with the indenter's apex at a point of the sample, m; itself without an indenter."""
         if self.indenter is None:

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 from skimage.morphology import local_maxima, reconstruction
 from skimage.segmentation import watershed
 
+from contactimg.engine.progress import counted
 from contactimg.errors import InputError
 from contactimg.pose.apex import SIGNIFICANT_STDS
 from contactimg.pose.pairs import MAD_TO_STD
@@ -249,8 +250,8 @@ def find_summits(
     near = (labels > 0) & ((highest != labels) | (lowest != labels))
     usable = np.isfinite(heights) & ~near
     points = np.stack([*np.meshgrid(surface.x, surface.y), heights])
-    fits, left_out = [], Counter[str]()
-    for number, window in enumerate(ndimage.find_objects(labels), start=1):
+    fits, left_out, windows = [], Counter[str](), ndimage.find_objects(labels)
+    for number, window in enumerate(counted(windows, "fitting summits", len(windows)), start=1):
         mine, part = labels[window] == number, points[:, *window]
         peak, inside = np.where(mine, smoothed[window], -np.inf), mine & usable[window]
         fit = _fit_patch(part, inside, peak, float(np.prod(surface.pixel_size)), depth, base.noise)

@@ -1,5 +1,7 @@
 """Fits of the analysis: published figures, closed forms, units, coverage, and corrections that matter."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -74,6 +76,7 @@ def test_errors_along_the_line_cost_nothing():
     ("arguments", "message"),
     [
         (([1.0, np.nan], [1.0, 2.0]), "must be finite"),
+        (([1.0, 2.0, 3.0], [1.0, 2.0]), "as many x as y"),
         (([1.0, 2.0], [1.0, 2.0], -0.1), "must not be negative"),
         (([1.0, 2.0], [1.0, 2.0], 0.1, 0.1, 1.5), "between -1 and 1"),
     ],
@@ -260,6 +263,8 @@ def test_ratio_of_stresses_adds_relative_variances():
     assert ratio.std == pytest.approx(ratio.value * relative)
     with pytest.raises(InputError, match="must be positive"):
         compare_stress(rough, Estimate(0.0, 0.0, 0, 0))
+    still = replace(rough, stress=Estimate(0.0, 1e4, 0.0, 0.0))  # the lens did not slide
+    assert compare_stress(still, Estimate(0.34e6, 0.017e6, 0, 0)).std == pytest.approx(1e4 / 0.34e6)
 
 
 def caps(height, radius, **std):

@@ -279,3 +279,13 @@ def test_no_plateau_of_small_contacts_is_said():
     assert not found.marginal
     with pytest.raises(InputError, match="needs contact area"):
         find_plateau(t, np.zeros(37))
+
+
+def test_an_area_that_grows_is_no_plateau_and_one_that_stays_is_one_throughout():
+    t = np.linspace(0.1, 0.9, 9)
+    assert not find_plateau(t, np.linspace(1.0, 2.0, 9)).marginal
+    found = find_plateau(t, np.full(9, 1e-8))
+    assert (found.threshold_low, found.threshold_high, found.marginal) == (0.1, 0.9, True)
+    for thresholds, areas in ((t, np.append(np.ones(8), np.nan)), (np.full(9, 0.5), np.ones(9))):
+        with pytest.raises(InputError, match="must differ, and its areas be finite"):
+            find_plateau(thresholds, areas)

@@ -107,7 +107,10 @@ def test_three_loads_cannot_tell_the_zero_and_state_what_they_do_not_know():
     # P = K a^3/R - ... a^(3/2): what a zero of one standard uncertainty makes of the first term
     terms = np.column_stack([radius**3, radius**1.5])
     change = np.linalg.lstsq(terms, np.full(3, 1e-2), rcond=None)[0][0] * 0.1288 * 0.75 * 0.75
-    assert min(one.std for one in found) > abs(change) > 0.02 * E
+    stds = [one.std for one in found]
+    assert min(stds) > abs(change) > 0.02 * E
+    # what is stated of the zero is no guess from one residual, whose intervals are six times as wide
+    assert np.median(stds) < 2 * abs(change)
 
 
 def test_the_gain_goes_into_the_modulus_in_full():

@@ -126,11 +126,13 @@ def test_imagej_states_the_pixel_size(tmp_path, unit, metres):
     assert stated_pixel_size(path) == expected
 
 
-def test_ome_states_the_pixel_size_and_a_print_resolution_is_none(tmp_path):
+def test_ome_states_the_pixel_size_and_a_print_resolution_is_none(tmp_path, caplog):
     path = tmp_path / "a.ome.tif"
     tifffile.imwrite(path, FLAT_GREY, ome=True, metadata={"axes": "YX", "PhysicalSizeX": 5.9})
     assert stated_pixel_size(path) == pytest.approx(5.9e-6)
     tifffile.imwrite(tmp_path / "b.tif", FLAT_GREY, resolution=(300, 300), resolutionunit="INCH")
     assert stated_pixel_size(tmp_path / "b.tif") is None
-    (tmp_path / "c.tif").write_bytes(path.read_bytes()[:200])
-    assert stated_pixel_size(tmp_path / "c.tif") is None
+    for damaged in (path.read_bytes()[:200], b"II*\0broken"):
+        (tmp_path / "c.tif").write_bytes(damaged)
+        assert stated_pixel_size(tmp_path / "c.tif") is None
+    assert caplog.text == ""

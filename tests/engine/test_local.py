@@ -17,7 +17,7 @@ from contactimg.engine import calls
 from contactimg.engine.calls import in_parallel
 from contactimg.engine.cluster import WorkerEndedError
 from contactimg.engine.processes import ending_cleanly
-from contactimg.errors import ContactimgError
+from contactimg.errors import ContactimgError, InputError
 from contactimg.files import open_experiment
 from contactimg.pipeline import parallel
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
@@ -41,6 +41,12 @@ def test_calls_that_end_their_process_are_replaced_and_no_other(deadly, timed):
     for number in deadly:
         assert found[number][0] == number
         assert found[number][1].startswith("ended its process, in the end with no other beside it")
+
+
+@pytest.mark.parametrize("workers", [0, -1, 2.5, "2"])
+def test_workers_are_a_whole_number(workers):
+    with pytest.raises(InputError, match=f"1 or more, or None, got {workers!r}"):
+        in_parallel(abs, [(1,)], count=1, workers=workers)
 
 
 def test_a_process_ended_once_from_outside_costs_nothing(tmp_path):

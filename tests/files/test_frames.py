@@ -517,6 +517,11 @@ def test_truncated_tiff(tmp_path, capfd, rng, compression, share):
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_tiff_without_pages_is_damaged(tmp_path):
+    (tmp_path / "a.tif").write_bytes(b"II*\0broken")
+    assert failure(tmp_path / "a.tif").startswith("a.tif cannot be read: the file is truncated or damaged")
+
+
 def test_truncated_tiff_says_how_much_is_missing(tmp_path, levels):
     path = write_tiff(tmp_path / "a.tif", levels)
     path.write_bytes(path.read_bytes()[:-10])

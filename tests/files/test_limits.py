@@ -165,6 +165,7 @@ def test_damaged_provenance_is_one_sentence(folder, capfd, place, value, said):
         ),
         ("frames.csv", ("frame_2.tif", "frame_1.tif"), "names frame 'frame_1.tif' more than once"),
         ("contacts.csv", ("frame_1.tif,1,", f"frame_1.tif,{10**30},"), "must be a whole number of at most"),
+        ("contacts.csv", ("frame_1.tif,1,", "frame_1.tif,2,"), "2 of frame 'frame_1.tif' more than once"),
         ("provenance.json", ("{", "["), "is damaged .*; repeat the run"),
     ],
 )
@@ -177,14 +178,20 @@ def test_tables_that_do_not_belong_together(folder, name, change, said):
 
 
 @pytest.mark.parametrize("command", ["analyse", "overlay"])
-def test_an_asperity_beyond_the_table_is_one_sentence(command, folder, capfd):
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        (("asperity", "7000"), "names asperity 7000, but their table has"),
+        (("radius_px", "-3.0"), "column radius_px must not be negative; repeat the run"),
+    ],
+)
+def test_a_value_that_cannot_be_is_one_sentence(command, cell, said, folder, capfd):
     lines = (folder / "contacts.csv").read_text().splitlines()
-    column = lines[0].split(",").index("asperity")
     cells = lines[1].split(",")
-    cells[column] = "7000"
+    cells[lines[0].split(",").index(cell[0])] = cell[1]
     (folder / "contacts.csv").write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]) + "\n")
     assert main([command, str(folder), "--quiet"]) == 2
-    assert "names asperity 7000, but their table has" in capfd.readouterr().err
+    assert said in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("value", [None, "3", True, [1]])

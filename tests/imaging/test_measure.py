@@ -228,6 +228,15 @@ def test_a_frame_with_holes_and_without_contacts_has_no_contact(usual, rng):
     assert "without a finite value" in result.message
 
 
+def test_masked_pixels_are_holes_and_full_scale_is_that_of_the_type(usual):
+    _, frame, reference = usual
+    masked, holed = np.ma.array(frame), frame.astype(float)
+    masked[100:130, 200:240], holed[100:130, 200:240] = np.ma.masked, np.nan
+    found, known = measure_image(masked, reference), measure_image(holed, reference, full_scale=255)
+    assert found.status == "holes"
+    pd.testing.assert_frame_equal(found.disks, known.disks)
+
+
 @pytest.mark.parametrize("method", ["disk", "threshold"])
 def test_holes_are_left_out(usual, method):
     truth, frame, reference = usual

@@ -1,11 +1,13 @@
 """Summits of maps whose spheres are known: heights and radii within their stated uncertainties."""
 
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from contactimg.engine.progress import shown_by
 from contactimg.errors import InputError
 from contactimg.summits import HeightMap, find_summits
 from contactimg.summits.base import pixel_noise
@@ -69,6 +71,20 @@ def test_heights_and_radii_are_within_their_uncertainties(rng, correlation):
         # mean of squares of n normal numbers: 1 +- sqrt(2/n), four of these, and 20 % for the uncertainty
         assert abs((pulls**2).mean() - 1) < 4 * np.sqrt(2 / len(truth)) + 0.2, name
     assert (table["radius_std_m"] / truth[:, 3]).median() < 0.03  # tight enough to be of use
+
+
+def test_the_fits_of_a_map_are_counted(rng):
+    shown = []
+
+    @contextmanager
+    def bar(text, count):
+        shown.append((text, count))
+        yield lambda: shown.append(text)
+
+    _, heights, truth = caps_map(rng, side=200, count=8)
+    with shown_by(bar):
+        find_summits(HeightMap(heights, (PIXEL, PIXEL)))
+    assert shown == [("fitting summits", len(truth)), *["fitting summits"] * len(truth)]
 
 
 def test_the_noise_is_that_of_the_map(rng):

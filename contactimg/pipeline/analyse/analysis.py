@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -199,9 +200,12 @@ def smooth_shear_stress(place: Place, options: AnalysisOptions) -> Estimate:
 
 def _run_model(places: Sequence[Place]) -> str:
     """The name in tables of the contacts of the runs: "measured" or "predicted", if they go together."""
-    folders = {Path(place.name).resolve() for place in places}
-    if len(folders) < len(places):
-        raise InputError("a run is given more than once; its contacts would count as those of another place")
+    for one, other in combinations(places, 2):
+        if Path(one.name).resolve() == Path(other.name).resolve() or one.images & other.images:
+            raise InputError(
+                f"{one.name} and {other.name} are runs of the same frames, whose contacts would count as "
+                "those of two places; give one of them"
+            )
     predicted = {place.predicted for place in places}
     if len(predicted) > 1:
         raise InputError(

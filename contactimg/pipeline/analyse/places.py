@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from contactimg.analysis.annuli import MOMENTS, SECTORS, FieldOfView, annulus_moments
 from contactimg.analysis.area_against_load import group_loads
 from contactimg.errors import ContactimgError, ConvergenceError, InputError, ModelRangeError
-from contactimg.files import Experiment, Run, open_experiment, read_calibration, read_run
+from contactimg.files import Experiment, Run, input_hashes, open_experiment, read_calibration, read_run
 from contactimg.files.runs import frame_shift
 from contactimg.pipeline.inputs import scene_asperities
 from contactimg.pipeline.predict import predict_in_view
@@ -67,6 +67,8 @@ class Place:
         Whether its contacts come from `predict`.
     experiment : Experiment or None
         Its images; None if they are gone.
+    images : frozenset of str
+        SHA-256 of the files of the frames that show contacts.
     """
 
     name: str
@@ -79,6 +81,7 @@ class Place:
     loads: pd.DataFrame
     predicted: bool = False
     experiment: Experiment | None = None
+    images: frozenset[str] = frozenset()
 
     def field(self, frame: str) -> FieldOfView | None:
         """Field of view of the camera in a frame; None if everything is visible."""
@@ -114,6 +117,8 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
             "pressures depend on that",
             run.folder,
         )
+    shown = run.frames.loc[run.frames["n_contacts"].fillna(0) > 0, "frame"]
+    names = set(shown.str.replace(r"\[\d+\]$", "", regex=True))  # of a stack the file
     used = run.provenance["configuration"].get("options", {}).get("calibration") or {}
     centre = _centre(run, pose, centre_px or _centre_in(used.get("record", {})))
     asperities = _optional(lambda: scene_asperities(scene), run.folder, "no asperities")
@@ -130,6 +135,7 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
         loads=LOADS.empty() if experiment is None else experiment.loads,
         predicted=run.command == "predict",
         experiment=experiment,
+        images=input_hashes(run.provenance["inputs"], names),
     )
 
 

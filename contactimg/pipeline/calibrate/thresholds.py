@@ -113,23 +113,23 @@ def measure_thresholds(
     runs = [with_pose(run, sites, pose) for run in runs]
     law, frames = local_law(runs[half], sites), runs[half].frames
     runs = [with_forces(run, sites, law) for run in runs]
-    areas, forces = (
-        np.array([run.frames[name].to_numpy(float) for run in runs]) for name in ("area_m2", "force_sum_N")
-    )
-    contacts = runs[half].contacts
-    known = contacts["force_N"].notna().groupby(contacts["frame"]).mean()
-    forces[:, frames["frame"].map(known) < SIGNIFICANT_FRACTION] = np.nan
+    areas = np.array([run.frames["area_m2"].to_numpy(float) for run in runs])
+    forces = np.array([run.frames["force_sum_N"].to_numpy(float) for run in runs])
+    forces[:, _lacks_forces(runs[half])] = np.nan
     return ThresholdSeries(levels, areas, forces, frames, FRAMES.conform(pd.DataFrame(failed)))
+
+
+def _lacks_forces(run: Run) -> pd.Series:
+    """Whether fewer than half of the contacts of a frame have a force, for each frame."""
+    known = run.contacts["force_N"].notna().groupby(run.contacts["frame"]).mean()
+    return run.frames["frame"].map(known) < SIGNIFICANT_FRACTION
 
 
 # --- the calibrations
 
 
-def _with_forces(
-    experiment: Experiment, levels: ArrayLike, workers: int | None
-) -> tuple[ThresholdSeries, Values]:
+def _with_forces(series: ThresholdSeries) -> tuple[ThresholdSeries, Values]:
     """The frames of a series that have a load and forces, and these loads, N; others with a load failed."""
-    series = measure_thresholds(experiment, levels, workers=workers)
     loaded = series.frames["load_N"].notna().to_numpy(bool)
     known = np.asarray(np.isfinite(series.forces).any(axis=0))
     if not loaded.any():
@@ -200,11 +200,10 @@ def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Cali
     """
     scene, modulus = experiment.scene, _stated_modulus(experiment)
     relative = modulus.std / modulus.value
-    series, load = _with_forces(experiment, THRESHOLDS, workers)
+    series, load = _with_forces(measure_thresholds(experiment, THRESHOLDS, workers=workers))
     errors = LoadCell.stated(scene.load).errors(relative)
     notes = _notes(series) + cell_notes(scene)
-    tiny = np.finfo(float).tiny
-    slopes = np.maximum(series.forces @ load / max(float(load @ load), tiny), tiny)
+    slopes = np.maximum([load_slope(row, load).value for row in series.forces], np.finfo(float).tiny)
     closest = float(slopes[np.argmin(np.abs(np.log(slopes)))])
     settle(doubts_about_forces(slope=closest, young_modulus=modulus.value, scanned=True), "the calibration")
     found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
@@ -236,32 +235,37 @@ def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Cali
 def run_modulus(
     experiment: Experiment, *, threshold: CoverageEstimate | None, workers: int | None = None
 ) -> Calibrated:
-    """The modulus of slope 1 at a threshold that is kept; for the disk method, without one.
+    """The modulus of slope 1 of the forces that `process` finds; they are proportional to it.
 
     Parameters
     ----------
     experiment : Experiment
         Of a scene with asperities of known radii; its modulus and uncertainty are those measured before.
     threshold : CoverageEstimate or None
-        The calibrated threshold; None for the disk method.
+        The calibrated threshold, which is kept; None for the disk method.
     workers : int, optional
 
     Returns
     -------
     Calibrated
     """
-    levels = np.array([0.5]) if threshold is None else threshold.value + np.array([-0.02, 0.0, 0.02])
-    if levels.min() <= 0 or levels.max() >= 1:
-        raise InputError(f"the threshold must lie between 0.02 and 0.98, got {levels.mean():g}")
-    series, load = _with_forces(experiment, levels, workers)
-    measured, relative = _stated_modulus(experiment), 0.0
-    if threshold is None:
-        frames = measure_parts(experiment, workers=workers).run.frames.set_index("frame")
-        forces = frames.loc[series.frames["frame"], "force_sum_N"].to_numpy(float)
-    else:
-        forces = series.forces[1]
-        low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
-        relative = threshold.std * abs(high - low) / 0.04 / max(load_slope(forces, load).value, 1e-12)
+    if threshold is not None and not 0 < threshold.value < 1:
+        raise InputError(f"the threshold must lie between 0 and 1, got {threshold.value:g}")
+    scene, measured = experiment.scene, _stated_modulus(experiment)
+    kept: dict[str, Any] = {}
+    if threshold is not None:
+        kept = {"method": "threshold", "threshold": threshold.value, "threshold_std": threshold.std}
+    parts = {"measure": kept, "elastic": {"young_modulus_std": 0.0}}  # the forces as such, not those of E
+    sought = {name: getattr(scene, name).model_copy(update=keys) for name, keys in parts.items()}
+    fixed = replace(experiment, scene=scene.model_copy(update=sought))
+    run = measure_parts(fixed, workers=workers).run
+    good = run.frames["contrast"].fillna(0.0) > 0
+    forces = np.where(_lacks_forces(run), np.nan, run.frames["force_sum_N"].to_numpy(float))[good]
+    areas, frames = run.frames.loc[good, "area_m2"].to_numpy(float), run.frames[good].reset_index(drop=True)
+    level = np.array([0.5 if threshold is None else threshold.value])
+    series, load = _with_forces(ThresholdSeries(level, areas[None], forces[None], frames, run.frames[~good]))
+    forces, std = series.forces[0], series.frames["force_sum_std_N"].fillna(0.0).to_numpy(float)
+    relative = float(load @ std / max(load @ forces, np.finfo(float).tiny))
     stated = {"young_modulus": measured.value, "young_modulus_std": measured.std}
     errors = LoadCell.stated(experiment.scene.load).errors(relative)
     found = calibrate_modulus(forces, load, **stated, **errors)
@@ -269,7 +273,7 @@ def run_modulus(
     kept = {} if threshold is None else {"threshold": threshold.record("1")}
     record: dict[str, Any] = {
         "kind": "modulus",
-        "method": "disk" if threshold is None else "threshold",
+        "method": fixed.scene.measure.method,
         "young_modulus": found.young_modulus.record("Pa"),
         "slope": found.slope.record("1"),
         "fixed": {"young_modulus_measured": measured.record("Pa")} | kept,

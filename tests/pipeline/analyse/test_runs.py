@@ -90,7 +90,8 @@ def test_measured_and_rendered_contacts_say_the_same(run):
 def test_two_places_alike_are_one_place_twice(run, alone, tmp_path):
     twin = tmp_path / "twin"
     shutil.copytree(run, twin)
-    both = analyse_places([open_place(run), open_place(twin)], AnalysisOptions(models=False))
+    other = replace(open_place(twin), images=frozenset())  # as if it showed other frames
+    both = analyse_places([open_place(run), other], AnalysisOptions(models=False))
     pd.testing.assert_series_equal(both.area["area_m2"], alone.area["area_m2"])
     np.testing.assert_allclose(both.profile["pressure_Pa"], alone.profile["pressure_Pa"], rtol=1e-12)
     assert both.area["n_places"].tolist() == [2, 2, 2]
@@ -105,10 +106,11 @@ def test_two_places_alike_are_one_place_twice(run, alone, tmp_path):
 
 
 def with_scene(run, target, section, **keys):
-    """A copy of a run whose scene states something else."""
+    """A copy of a run, as if of other frames, whose scene states something else."""
     shutil.copytree(run, target)
     record = json.loads((target / "provenance.json").read_text(encoding="utf-8"))
     record["configuration"]["scene"][section] |= keys
+    record["inputs"] = []
     (target / "provenance.json").write_text(json.dumps(record), encoding="utf-8")
     return target
 
@@ -133,7 +135,10 @@ def test_a_run_given_twice_is_refused(run, tmp_path, capsys):
     (tmp_path / "link").symlink_to(run)
     for again in (run, f"{run}/", run / ".." / run.name, tmp_path / "link"):
         assert analyse(run, again, "-o", tmp_path / "out") == 2
-        assert "more than once" in capsys.readouterr().err
+        assert "are runs of the same frames" in capsys.readouterr().err
+    shutil.copytree(run, tmp_path / "twin")  # or the frames were processed twice
+    assert analyse(run, tmp_path / "twin", "-o", tmp_path / "out") == 2
+    assert "are runs of the same frames" in capsys.readouterr().err
     assert analyse() == 2
     assert "RUN" in capsys.readouterr().err
 
