@@ -31,7 +31,7 @@ from contactimg.imaging.background.illumination import (
     Illumination,
 )
 from contactimg.imaging.background.no_reference import estimate_background, scatter_of_blocks
-from contactimg.imaging.background.register import align, search_alignment
+from contactimg.imaging.background.register import BIN_PX, align, search_alignment
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, find_clipped, rounding_of_blocks, side_of
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
@@ -291,10 +291,12 @@ def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReferenc
         left, all_rows = candidate.align(all_rows=whole), whole
         if not (left.good and left.is_shift and shift.is_shift):  # of a rotation, all rows tell more
             left, all_rows = candidate.align(all_rows=True), True
-        if left.std_px < residual.std_px or not (left.known or residual.known):
+        if left.std_px < residual.std_px:
             placed, residual = candidate, left
     if not residual.known:
         residual, all_rows = placed.align(all_rows=True), True
+    if shift is not None and not residual.known and shift.largest_px > BIN_PX:
+        placed = placed.moved_by(shift)
     return *_approach(placed, residual, all_rows=all_rows), textured and shift is None
 
 
