@@ -304,7 +304,7 @@ def _is_unseen(
 def _widest(fit: FittedDisks) -> float:
     """Radius that a few contacts reach, or those that make half of the area: specks hide no wide contact."""
     radius = np.sort(fit.disks[:, RADIUS])[::-1]
-    half = np.searchsorted(np.cumsum(radius**2), 0.5 * np.sum(radius**2))
+    half = int(np.searchsorted(np.cumsum(radius**2), 0.5 * np.sum(radius**2)))
     return float(radius[min(FEWEST - 1, half)])
 
 
