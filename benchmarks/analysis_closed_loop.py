@@ -23,7 +23,7 @@ from scipy import optimize, stats
 from shared import pattern_scene
 
 from contactimg.analysis.annuli import MOMENTS, SECTORS, annulus_moments, sum_moments
-from contactimg.analysis.area_against_load import fit_area_law, frame_areas
+from contactimg.analysis.area_power_law import fit_area_law, frame_areas
 from contactimg.analysis.contacts_against_pressure import fit_contact_law
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import fit_shear_stress

@@ -4,8 +4,8 @@ from . import plots as plots
 from .analysis.annuli import annulus_moments as annulus_moments
 from .analysis.annuli import gather_annuli as gather_annuli
 from .analysis.annuli import sum_moments as sum_moments
-from .analysis.area_against_load import fit_area_law as fit_area_law
-from .analysis.area_against_load import frame_areas as frame_areas
+from .analysis.area_power_law import fit_area_law as fit_area_law
+from .analysis.area_power_law import frame_areas as frame_areas
 from .analysis.contacts_against_pressure import fit_contact_law as fit_contact_law
 from .analysis.contacts_against_pressure import pressure_points as pressure_points
 from .analysis.estimates import Estimate as Estimate

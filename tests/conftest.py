@@ -66,7 +66,7 @@ def _figures_are_svg_alone_and_processes_are_started_only_where_asked_for():
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("contactimg.files.figures.FIGURE_FORMATS", ("svg",))
-        patch.setattr("contactimg.engine.calls.cpu_count", lambda: 1)
+        patch.setattr("contactimg.engine.parallel.cpu_count", lambda: 1)
         yield
 
 

@@ -67,9 +67,9 @@ INNER_ROOMS = {
     "pipeline": [
         "inputs",
         "results",
-        "parallel",
+        "each_frame",
         "frame",
-        "background",
+        "pooled_background",
         "measured_series",
         "series",
         "pictures",

@@ -10,7 +10,7 @@ from loky import get_reusable_executor
 
 from contactimg import timings as module
 from contactimg.cli import main
-from contactimg.engine.calls import in_parallel
+from contactimg.engine.parallel import in_parallel
 from contactimg.timings import OTHER, WAITING, Timings, collect, collect_call, gather, stage
 
 

@@ -7,7 +7,7 @@ intervals. Read in this order:
 on
   both axes for every law that is linear in its parameters;
 - ``power_laws``: one exponent, or two and the point where they meet;
-- ``load_cell`` and ``area_against_load``: real contact area at each load, and its exponent;
+- ``load_cell`` and ``area_power_law``: real contact area at each load, and its exponent;
 - ``annuli`` and ``radial_profiles``: contacts summed over annuli around the apparent contact's centre, of
 places
   and of simulated patterns, and the intervals of few of them;

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from contactimg.analysis.area_against_load import group_loads
+from contactimg.analysis.area_power_law import group_loads
 from contactimg.analysis.estimates import Estimate, student_estimate
 from contactimg.analysis.linear_fit import Points, fit_proportional
 from contactimg.errors import InputError

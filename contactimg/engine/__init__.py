@@ -1,6 +1,6 @@
 """Many calls of one function: in this process, in several of this machine, or on a cluster.
 
-`calls` is the one entrance, `progress` counts the turns of a loop, `cluster` hands calls to the workers of a
-dask.distributed scheduler and tells whether two machines run the same code, `processes` ends workers and
+`parallel` is the one entrance, `progress` counts the turns of a loop, `cluster` hands calls to the workers of
+a dask.distributed scheduler and tells whether two machines run the same code, `processes` ends workers and
 commands.
 """

@@ -191,7 +191,7 @@ def patience() -> float:
 
 @contextmanager
 def on_cluster(place: str) -> Iterator[Cluster]:
-    """Let the workers of a cluster take the calls of `contactimg.engine.calls.in_parallel`.
+    """Let the workers of a cluster take the calls of `contactimg.engine.parallel.in_parallel`.
 
     Parameters
     ----------

@@ -3,9 +3,9 @@
 In: frames, scenes, tables and calibrations. Out: tables, frames, figures and output folders.
 
 Read in this order: `experiment` (a scene and the files it names), `sources` (frames of any format),
-`decoders` (their pixels), `corrections` (of pixels and contacts), `tables` (CSV or Parquet), `output` (the
-folder of a run, its provenance, its parts while it lasts, and how it replaces the earlier one), `runs`
-(reading results back), `exports` (for other programs), `height_maps`, `atomic` and `figures`.
+`decoders` (their pixels), `corrections` (of pixels and contacts), `tables` (CSV or Parquet), `resume` (the
+parts of a run that lasts), `output` (the folder of a run, its provenance, and how it replaces the earlier
+one), `runs` (reading results back), `exports` (for other programs), `height_maps`, `atomic` and `figures`.
 """
 
 import lazy_loader as _lazy

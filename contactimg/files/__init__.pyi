@@ -27,12 +27,12 @@ from .figures import write_palette_image as write_palette_image
 from .height_maps import read_height_map as read_height_map
 from .output import PROVENANCE_FILE as PROVENANCE_FILE
 from .output import OutputFolder as OutputFolder
-from .output import PartStore as PartStore
-from .output import fingerprint as fingerprint
 from .output import finish_commit as finish_commit
 from .output import provenance as provenance
-from .output import read_part as read_part
 from .output import read_records as read_records
+from .resume import PartStore as PartStore
+from .resume import fingerprint as fingerprint
+from .resume import read_part as read_part
 from .runs import CALIBRATION_FILE as CALIBRATION_FILE
 from .runs import RUN_TABLES as RUN_TABLES
 from .runs import FrameTables as FrameTables

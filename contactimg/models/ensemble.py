@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from contactimg.engine.calls import in_parallel
+from contactimg.engine.parallel import in_parallel
 from contactimg.errors import InputError
 from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.interacting import COUPLINGS, solve_loads

@@ -25,9 +25,9 @@ from contactimg.imaging.pixels.masks import clear_disks
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.edge_shape import PARAMETERS, edge_profile
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
+from contactimg.pipeline.each_frame import for_each_frame, measured_and_failed
 from contactimg.pipeline.frame import FrameOptions, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites
-from contactimg.pipeline.parallel import for_each_frame, measured_and_failed
 from contactimg.tables import CHECK, DRAWN
 
 MOST_DRAWN, LEAST_DRAWN, DRAWN_SHARE = 60, 8, 0.25

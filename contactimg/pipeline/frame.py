@@ -22,7 +22,7 @@ from contactimg.imaging.measure import LINEARITY, ImageMeasurement
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.optics.render_settings import lamp
-from contactimg.pipeline.parallel import FailedFrame
+from contactimg.pipeline.each_frame import FailedFrame
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.pose import Pose
 from contactimg.scene import Scene, scene_from_dict

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from contactimg import files
 from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.local_law import LawPlan, decide_law, law_evidence
-from contactimg.engine.calls import in_parallel
+from contactimg.engine.parallel import in_parallel
 from contactimg.files.runs import apex_record, frame_shift, pose_record
 from contactimg.forces import fill_forces, sphere_radii
-from contactimg.pipeline.background import evenly_spread
 from contactimg.pipeline.frame import MeasuredFrame, locate_contacts
 from contactimg.pipeline.inputs import contact_sites
+from contactimg.pipeline.pooled_background import evenly_spread
 from contactimg.plausibility import FORCES_OFF_LOAD, doubts_about_match, mean_spacing, settle
 from contactimg.pose import Pose, fit
 from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find_centre
@@ -318,7 +318,7 @@ class MeasuredSeries:
     law : LawPlan or None
         The law of the local forces, on which the contacts of all frames decide; None without forces.
     workers : int or None
-        As for `contactimg.engine.calls.in_parallel`, for what is done with blocks.
+        As for `contactimg.engine.parallel.in_parallel`, for what is done with blocks.
     """
 
     scene: Scene

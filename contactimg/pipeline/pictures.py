@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from contactimg.engine.calls import in_parallel
+from contactimg.engine.parallel import in_parallel
 from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, FrameTables, write_palette_image
-from contactimg.pipeline.background import evenly_spread
 from contactimg.pipeline.measured_series import MeasuredSeries
+from contactimg.pipeline.pooled_background import evenly_spread
 from contactimg.plots.overlay import (
     COUPLED,
     HERTZ,

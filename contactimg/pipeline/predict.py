@@ -10,7 +10,7 @@ import pandas as pd
 
 from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.plan import Plan, make_plan
-from contactimg.engine.calls import in_parallel
+from contactimg.engine.parallel import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.pipeline.inputs import largest_load, need_asperities, scene_asperities
 from contactimg.pipeline.results import write_results
@@ -56,7 +56,7 @@ def predict_loads(
     annulus : float
         Width of the profile's annuli (interacting model), m.
     workers : int or None
-        Processes that share the loads, as for `contactimg.engine.calls.in_parallel`.
+        Processes that share the loads, as for `contactimg.engine.parallel.in_parallel`.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def predict_in_view(
     jobs : sequence of (str, str, float, FieldOfView or None)
         Name of a surface, of a frame, its load (N), and what the camera sees; None sees everything.
     workers, shown
-        As for `contactimg.engine.calls.in_parallel`.
+        As for `contactimg.engine.parallel.in_parallel`.
     """
 
     def seen(name: str, frame: str, load: float, field: FieldOfView | None) -> Prediction | ContactimgError:

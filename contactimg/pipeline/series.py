@@ -13,11 +13,19 @@ from contactimg.errors import FrameError, InputError
 from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
 from contactimg.imaging.fit.pooling import FEWEST_SCORES, pool_edges, pool_optics
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.pipeline import background
+from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
 from contactimg.pipeline.measured_series import MeasuredSeries
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.pooled_background import (
+    FEWEST_FALSE_SPOTS,
+    FEWEST_FRAMES,
+    MOST_VIEWS,
+    evenly_spread,
+    is_measured,
+    measure_on_pool,
+    pool_background,
+)
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene
 
@@ -136,25 +144,25 @@ def _measure_frames(
         return found
 
     counts_pixels = method == "threshold" and options.scene.images.background != "pooled"
-    sample = background.evenly_spread(numbers, len(frames) if counts_pixels else background.MOST_VIEWS)
+    sample = evenly_spread(numbers, len(frames) if counts_pixels else MOST_VIEWS)
     parts |= measured(alone, dict.fromkeys(sample))
     shapes = Counter(part.shape for part in parts.values() if part.shape)
-    if len(shapes) != 1 or shapes.total() < background.FEWEST_FRAMES:
+    if len(shapes) != 1 or shapes.total() < FEWEST_FRAMES:
         parts |= measured(alone, {k: None for k in numbers if k not in parts})
     if not (usual := _of_usual_shape(parts)):
         raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
-    shown = {k: part for k, part in usual.items() if background.is_measured(part)}
-    pool = background.pool_background(experiment, options, shown, workers=workers)
-    if pool is not None and pool.spots >= background.FEWEST_FALSE_SPOTS:
+    shown = {k: part for k, part in usual.items() if is_measured(part)}
+    pool = pool_background(experiment, options, shown, workers=workers)
+    if pool is not None and pool.spots >= FEWEST_FALSE_SPOTS:
         fault = f"the reference shows {pool.spots} spots like contacts that no frame confirms"
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
         shown |= measured(alone, dict.fromkeys(shown))
         parts |= shown
-        pool = background.pool_background(experiment, options, shown, workers=workers, fault=fault)
+        pool = pool_background(experiment, options, shown, workers=workers, fault=fault)
     call, (common, lent) = alone, _lent_optics(_of_usual_shape(parts), method)
     if pool is not None:
-        on_pool = partial(background.measure_on_pool, pool=pool)
+        on_pool = partial(measure_on_pool, pool=pool)
         # without a reference the frames alone know their contrast badly
         better = measured(on_pool, {k: None if pool.source else lent.get(k) for k in shown})
         if pool.gains(better):
@@ -187,7 +195,7 @@ def _lent_optics(
         return None, {}
     edges = {k: optics.edge for k in sorted(parts) if (optics := parts[k].own_optics) is not None}
     seen = {k: edge for k, edge in edges.items() if edge is not None and edge.count >= FEWEST_SCORES}
-    pool = {k: seen[k] for k in background.evenly_spread(list(seen), background.MOST_VIEWS)}
+    pool = {k: seen[k] for k in evenly_spread(list(seen), MOST_VIEWS)}
     edge_of_others = {k: pool_edges([edge for other, edge in pool.items() if other != k]) for k in pool}
     common = replace(pooled, edge=pool_edges(list(pool.values())))
     lent = {k: replace(common, edge=edge_of_others.get(k, common.edge)) for k in parts}

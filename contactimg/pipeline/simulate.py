@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.effects.plan import Plan
-from contactimg.engine.calls import in_parallel
+from contactimg.engine.parallel import in_parallel
 from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.optics.render_settings import rendered_effects
@@ -100,7 +100,7 @@ def write_simulation(
     folder : Path
         Exists.
     workers : int or None
-        As for `contactimg.engine.calls.in_parallel`.
+        As for `contactimg.engine.parallel.in_parallel`.
 
     Raises
     ------

@@ -20,8 +20,8 @@ from contactimg.errors import InputError
 from contactimg.files.atomic import read_bytes
 from contactimg.files.output import command_of
 from contactimg.files.runs import is_out_of_date
-from contactimg.pipeline.background import evenly_spread
 from contactimg.pipeline.pictures import file_stem
+from contactimg.pipeline.pooled_background import evenly_spread
 from contactimg.plots import CAPTIONS, caption_of, plot_area
 from contactimg.plots.numbers import number_with_std, plain_number
 from contactimg.report import summary

@@ -11,7 +11,7 @@ from contactimg.analysis.annuli import (
     density_beside,
     sum_moments,
 )
-from contactimg.analysis.area_against_load import (
+from contactimg.analysis.area_power_law import (
     area_by_load,
     fit_area_law,
     frame_areas,

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import contactimg
-from contactimg.analysis.area_against_load import fit_area_law
+from contactimg.analysis.area_power_law import fit_area_law
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.threshold import calibrate_modulus, load_slope
 from contactimg.errors import InputError

@@ -13,11 +13,11 @@ from stored_results import stored_results
 from contactimg import InputError, solve_ensemble
 from contactimg.cli import main
 from contactimg.engine import cluster as cluster_module
-from contactimg.engine.calls import in_parallel
 from contactimg.engine.cluster import PATIENCE_VARIABLE, ClusterError, on_cluster
+from contactimg.engine.parallel import in_parallel
 from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline.analyse.places import grouped, open_place, predict_places
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
 
 pytest.importorskip("distributed")
 

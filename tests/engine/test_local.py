@@ -13,14 +13,14 @@ from small_calls import deadly_square, once_deadly, process_of
 from small_series import copy_of
 
 from contactimg import read_scene
-from contactimg.engine import calls
-from contactimg.engine.calls import in_parallel
+from contactimg.engine import parallel
 from contactimg.engine.cluster import WorkerEndedError
+from contactimg.engine.parallel import in_parallel
 from contactimg.engine.processes import ending_cleanly
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import open_experiment
-from contactimg.pipeline import parallel
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline import each_frame
+from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
 from contactimg.timings import collect
 
 COUNT = 30
@@ -63,7 +63,7 @@ class EndedOnce:
     def submit(self, function, name, number):
         future = Future()
         self.handed.append(number)
-        self.broken &= number < calls.AHEAD * 2 and self.handed.count(number) == 1
+        self.broken &= number < parallel.AHEAD * 2 and self.handed.count(number) == 1
         if self.broken:
             future.set_exception(WorkerEndedError())
         else:
@@ -76,10 +76,10 @@ class EndedOnce:
 
 def test_only_calls_that_were_under_way_are_made_again_alone():
     workers = EndedOnce()
-    found = calls._in_order(workers, partial(deadly_square, set()), ((k,) for k in range(COUNT)), None)
+    found = parallel._in_order(workers, partial(deadly_square, set()), ((k,) for k in range(COUNT)), None)
     assert list(found) == [k**2 for k in range(COUNT)]
-    alone = [0, calls.AHEAD * 2, 1]  # the next call is handed over between the two
-    assert workers.handed[calls.AHEAD * 2 :][:17] == [*alone, *range(2, calls.AHEAD * 2)]
+    alone = [0, parallel.AHEAD * 2, 1]  # the next call is handed over between the two
+    assert workers.handed[parallel.AHEAD * 2 :][:17] == [*alone, *range(2, parallel.AHEAD * 2)]
 
 
 def test_without_a_replacement_the_error_is_raised_and_the_processes_work_again():
@@ -89,7 +89,7 @@ def test_without_a_replacement_the_error_is_raised_and_the_processes_work_again(
 
 
 def test_calls_that_all_end_their_process_are_not_tried_for_ever(monkeypatch):
-    monkeypatch.setattr(calls, "MOST_FAILURES", 2)
+    monkeypatch.setattr(parallel, "MOST_FAILURES", 2)
     given_up = []
     with pytest.raises(ContactimgError, match="a worker process was ended from outside"):
         squares(partial(deadly_square, set(range(COUNT))), lambda _error, number: given_up.append(number))
@@ -97,7 +97,7 @@ def test_calls_that_all_end_their_process_are_not_tried_for_ever(monkeypatch):
 
 
 def test_a_process_that_ends_while_a_call_is_handed_over_costs_nothing(monkeypatch):
-    executor_of, broken = calls.get_reusable_executor, []
+    executor_of, broken = parallel.get_reusable_executor, []
 
     def broken_once(*args, **named):
         executor = executor_of(*args, **named)
@@ -106,7 +106,7 @@ def test_a_process_that_ends_while_a_call_is_handed_over_costs_nothing(monkeypat
             broken[0].exception()
         return executor
 
-    monkeypatch.setattr(calls, "get_reusable_executor", broken_once)
+    monkeypatch.setattr(parallel, "get_reusable_executor", broken_once)
     assert squares(partial(deadly_square, set())) == [k**2 for k in range(COUNT)]
     assert broken
 
@@ -124,10 +124,10 @@ def test_by_default_processes_are_started_only_if_that_saves_time(monkeypatch):
         with ending_cleanly():
             return list(in_parallel(process_of, [(seconds,)] * count, count=count, workers=None))
 
-    monkeypatch.setattr(calls, "cpu_count", lambda: 2)
+    monkeypatch.setattr(parallel, "cpu_count", lambda: 2)
     # at most 5 x 0.02 s x (1 - 1/2) = 0.05 s could be saved
     assert set(processes(6, 0.02)) == {os.getpid()}
-    monkeypatch.setattr(calls, "START_SECONDS", 0.1)
+    monkeypatch.setattr(parallel, "START_SECONDS", 0.1)
     found = processes(40, 0.02)  # 38 x 0.02 s x 1/2 = 0.38 s
     assert found[:2] == [os.getpid()] * 2
     assert os.getpid() not in found[2:]
@@ -169,7 +169,7 @@ def test_a_frame_that_ended_its_process_fails_and_the_others_are_kept(small_seri
             ended = source.name == "frame_2.tif"
             yield lost(WorkerEndedError("ended its process"), source) if ended else function(source, *more)
 
-    monkeypatch.setattr(parallel, "in_parallel", ending)
+    monkeypatch.setattr(each_frame, "in_parallel", ending)
     experiment = open_experiment(read_scene(small_series))
     parts = list(for_each_frame(experiment, lambda frame, _reference: frame.name, workers=2))
     assert len(parts) == 3

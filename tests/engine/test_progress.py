@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import pytest
 
 from contactimg.cli.printing import progress_bars
-from contactimg.engine.calls import in_parallel
+from contactimg.engine.parallel import in_parallel
 from contactimg.engine.progress import counted, shown_by
 from contactimg.errors import InputError
 

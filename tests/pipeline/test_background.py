@@ -19,7 +19,7 @@ from contactimg.files import (
 )
 from contactimg.frame import Frame
 from contactimg.imaging.fit.disks import render_disks
-from contactimg.pipeline import background as background_module
+from contactimg.pipeline import pooled_background as background_module
 from contactimg.pipeline.inputs import read_reference
 from contactimg.pipeline.series import measure_parts, measure_series
 from contactimg.scene import scene_from_dict

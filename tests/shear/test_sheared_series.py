@@ -11,8 +11,8 @@ from contactimg import tables
 from contactimg.cli import main
 from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places
-from contactimg.pipeline.background import contacts_of
 from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
+from contactimg.pipeline.pooled_background import contacts_of
 
 
 @pytest.fixture(scope="module")

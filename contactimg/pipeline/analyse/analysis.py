@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.analysis.annuli import annulus_edges, sum_moments
-from contactimg.analysis.area_against_load import area_by_load, fit_area_law, frame_areas
+from contactimg.analysis.area_power_law import area_by_load, fit_area_law, frame_areas
 from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contact_law, pressure_points
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress, stress_by_velocity

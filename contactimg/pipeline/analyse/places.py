@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from contactimg.analysis.annuli import MOMENTS, SECTORS, FieldOfView, annulus_moments
-from contactimg.analysis.area_against_load import group_loads
+from contactimg.analysis.area_power_law import group_loads
 from contactimg.errors import ContactimgError, ConvergenceError, InputError, ModelRangeError
 from contactimg.files import Experiment, Run, input_hashes, open_experiment, read_calibration, read_run
 from contactimg.files.runs import frame_shift

@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.analysis.area_against_load import group_loads
+from contactimg.analysis.area_power_law import group_loads
 from contactimg.analysis.estimates import Estimate
 from contactimg.errors import ContactimgError
 from contactimg.files.runs import frame_shift
 from contactimg.frame import Frame
 from contactimg.pipeline.analyse.places import Place, fit_or_note
+from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
 from contactimg.pipeline.frame import count_pixels
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.shear.followed import ShearLaws, fit_beta, fit_shear_laws, follow_contacts
 from contactimg.shear.laws import RateLaw, fit_strength
 from contactimg.shear.unseen import limit_radii

@@ -19,8 +19,8 @@ from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_open
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
+from contactimg.pipeline.each_frame import FailedFrame, for_each_frame, measured_and_failed
 from contactimg.pipeline.frame import count_pixels
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame, measured_and_failed
 from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.laws import LINE_POINTS

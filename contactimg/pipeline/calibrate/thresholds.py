@@ -16,10 +16,10 @@ from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
 from contactimg.imaging.measure import count_again
+from contactimg.pipeline.each_frame import for_each_frame, measured_and_failed
 from contactimg.pipeline.frame import count_pixels, frame_row
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
 from contactimg.pipeline.measured_series import find_pose, local_law, with_forces, with_pose
-from contactimg.pipeline.parallel import for_each_frame, measured_and_failed
 from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
 from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import doubts_about_forces, settle

@@ -23,9 +23,9 @@ from contactimg.imaging.background.subtract import BACKGROUND_IS
 from contactimg.imaging.pixels.robust import ROUGH_RATIO
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.inputs import read_reference
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.tables import SHARED_SHIFTS
 
 logger = logging.getLogger(__name__)
@@ -232,7 +232,7 @@ def pool_background(
     parts : mapping of int to MeasuredFrame
         Frames of these numbers as measured with the reference of the experiment, or without one.
     workers : int or None
-        As for `contactimg.engine.calls.in_parallel`.
+        As for `contactimg.engine.parallel.in_parallel`.
     fault : str
         Why the reference of the scene is left out, if it is.
 

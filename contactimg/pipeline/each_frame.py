@@ -9,7 +9,7 @@ from typing import Any, ClassVar, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from contactimg.engine.calls import in_parallel
+from contactimg.engine.parallel import in_parallel
 from contactimg.engine.processes import end_if_asked
 from contactimg.engine.progress import counted
 from contactimg.errors import FrameError, InputError
@@ -65,7 +65,7 @@ def for_each_frame(
     jobs : sequence of tuple, optional
         Each a `contactimg.files.FrameSource` and further arguments; default: every frame of the experiment.
     workers : int or None
-        As for `contactimg.engine.calls.in_parallel`.
+        As for `contactimg.engine.parallel.in_parallel`.
     store : PartStore, optional
         Results that it holds are taken from it, the others are added; failures are not.
     shown : str
