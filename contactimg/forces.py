@@ -8,10 +8,10 @@ those of the modulus and of the pixel size, which are common to everything.
 Contacts below the detection limit add to the area and the force of a frame. A contact of radius ``a`` on a
 sphere of radius ``R`` is pressed in by ``a^2/R``. Summits just touched are as many per depth as those a
 little deeper, whatever the heights' distribution, as long as it is smooth on that scale: the density of
-contacts in ``u = a^2`` is even near zero. That density is counted just above the detection limit and extended
-below it, with its trend where that is no chance. The light of a small contact is proportional to ``u``, and
-what stands out of the noise by `FALSE_ALARM_SIGMA` is detected in half of the cases, so that a share
-``Phi(FALSE_ALARM_SIGMA (u/u_half - 1))`` of the contacts is found.
+contacts in ``u = a^2`` is uniform near zero. That density is counted just above the detection limit and
+extended below it, with its trend where that is no chance. The light of a small contact is proportional to
+``u``, and what stands out of the noise by `FALSE_ALARM_SIGMA` is detected in half of the cases, so that a
+share ``Phi(FALSE_ALARM_SIGMA (u/u_half - 1))`` of the contacts is found.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,8 @@ chosen: the upper end, a balance between counting and the trend of the distribut
 the window give."""
 
 PRIOR_COUNT = 0.5
-"""Contacts added to those of the window (Jeffreys' prior of a count), so that none in it is not nothing."""
+"""Contacts added to those of the window (Jeffreys' prior of a count): an empty window then still gives an
+uncertainty."""
 
 
 @dataclass(frozen=True)
@@ -391,8 +392,8 @@ def unseen_area(contacts: pd.DataFrame, smallest: float) -> Total:
 
     Examples
     --------
-    >>> even = pd.DataFrame({"radius_m": 1e-6 * np.sqrt(np.arange(1.25, 30, 0.5))})
-    >>> found = unseen_area(even, 1e-6)  # two contacts per unit of u/u_half, and half a one
+    >>> uniform = pd.DataFrame({"radius_m": 1e-6 * np.sqrt(np.arange(1.25, 30, 0.5))})
+    >>> found = unseen_area(uniform, 1e-6)  # two contacts per unit of u/u_half, and half a one
     >>> round(found.value / (np.pi * 1e-12), 2)
     1.09
     """
@@ -435,7 +436,7 @@ def _unseen_sum(contacts: pd.DataFrame, smallest: float, *, power: float, factor
     near, far = np.histogram(ratio, halves)[0]
     number, trend = near + far + PRIOR_COUNT, near - far
     # a straight line through the two halves, to where the missing area is; shrunk as far as it is chance
-    # (2/3: mean of u/u_half over the unseen area, of an even density up to 1)
+    # (2/3: mean of u/u_half over the unseen area, of a uniform density up to 1)
     reach = (middle - 2 / 3) / (0.25 * width**2)
     shrunk = trend**2 / (trend**2 + number)
     density = max(number / width + shrunk * reach * trend, PRIOR_COUNT / width)  # per u_half

@@ -6,9 +6,9 @@ force, radius and penetration of every contact. To first order these differences
 is the base with all that is missing from it, and an answer without some effects is the complete one less what
 they add.
 
-More contacts than `PART_CONTACTS` are solved as a whole only for coupling and layer, without adhesion; the
-other effects, which act in a contact and among its nearest neighbours, are compared on the part of the scene
-about the apex.
+With more than `PART_CONTACTS` contacts only coupling and layer are compared on the whole scene, without
+adhesion; the other effects, which act in a contact and among its nearest neighbours, are compared on the part
+of the scene about the apex.
 """
 
 from collections.abc import Callable, Collection
@@ -176,8 +176,8 @@ class Comparison:
         off = scene.effects.switched_off(*MECHANICAL_EFFECTS)
         self.on = {"coupling"} - off
         self.on |= {name for name in ("adhesion", "layer") if name not in off and not self.lacks(name)}
-        dry = bool(self.lacks("adhesion")) or self.alone.touching.size > PART_CONTACTS
-        if dry:
+        no_adhesion = bool(self.lacks("adhesion")) or self.alone.touching.size > PART_CONTACTS
+        if no_adhesion:
             self.on -= {"adhesion"}
         try:
             self.base = self.solve(self.on)
@@ -186,7 +186,7 @@ class Comparison:
             refuse_engulfed(self.alone)
             raise
         # adhesive contacts hold at negative penetrations too
-        self.by_depth = np.isfinite(self.base.penetration) & dry
+        self.by_depth = np.isfinite(self.base.penetration) & no_adhesion
 
     def solve(
         self, effects: Collection[str], start: InteractingSolution | None = None
@@ -295,9 +295,9 @@ class Comparison:
 
     def change_by_fields(self) -> dict[str, float]:
         """Change of each output by full coupling, without adhesion; 1 where that has no solution."""
-        dry = self.on - {"adhesion"}
+        others = self.on - {"adhesion"}
         try:
-            states = [self.state(self.solve(effects)) for effects in (dry, dry | {"full_coupling"})]
+            states = [self.state(self.solve(effects)) for effects in (others, others | {"full_coupling"})]
         except (ConvergenceError, ModelRangeError):
             return dict.fromkeys(WRITTEN, 1.0)
         return self._changes(*states, may_form=False)
@@ -345,11 +345,13 @@ def reason(pair: Comparison, effect: str, other: InteractingSolution) -> str:
         return f"the loaded region's radius is {extent / elastic.thickness:.2g} of the thickness"
     if effect == "sphere_profile":
         return f"a/R up to {base.validity.max_strain:.2f}"
-    dry = other if effect in pair.on else base
-    if not dry.touching.size:
+    if effect != "adhesion":
+        raise ValueError(f"no number is known that decides on {effect!r}")
+    without = other if effect in pair.on else base
+    if not without.touching.size:
         return "without adhesion there is no contact at this load"
-    bears = float(dry.force[dry.touching].mean())
-    pull = 3 * np.pi * elastic.work_of_adhesion * float(dry.composite_radius[dry.touching].mean())
+    bears = float(without.force[without.touching].mean())
+    pull = 3 * np.pi * elastic.work_of_adhesion * float(without.composite_radius[without.touching].mean())
     gain = (pull + np.sqrt(2 * pull * bears + pull**2)) / bears
     return f"it adds {gain:.0%} to a^3 of a contact of {bears:.2g} N"
 

@@ -39,7 +39,7 @@ def solve_greenwood_tripp(
     tolerance: float = 1e-10,
     max_iterations: int = 30,
 ) -> RingSolution:
-    """Solve for random asperities on an elastic sphere: the average of the coupled model.
+    """Solve for a sphere with random asperities on an elastic half-space: the average of the coupled model.
 
     Parameters
     ----------
@@ -121,6 +121,8 @@ def solve_greenwood_tripp(
 
 class _ScaledLayer:
     """The layer in units of the smooth contact: ``x - D + r^2/2 + A p(x) = 0`` and ``v p(x) = 4/3``.
+
+    ``A p`` are the displacements by the pressures of the rings, ``v`` the areas of the rings.
 
     Hertz's radius ``length`` and indentation ``height`` (m); ``pressure`` is ``E* height/length`` (Pa).
     ``sinking`` is the penetration of the layer under Hertz's peak pressure, ``edge`` the half-width of the
