@@ -10,7 +10,7 @@ from contactimg.imaging.detect.candidates import ODD_RATIO, dark_spots, measure_
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.evidence.background_left import UNEVENNESS, inspect_background
 from contactimg.imaging.evidence.rules import PLACE, SPECK_BLUR_WIDTHS, Columns, Judged, excess_of_counts
-from contactimg.imaging.fit.edge_profile import describe_edge
+from contactimg.imaging.fit.learned_edge import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS

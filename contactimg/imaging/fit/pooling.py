@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from contactimg.imaging.fit.edge_scores import FEWEST_SCORES
+from contactimg.imaging.fit.learned_edge import FEWEST_SCORES
 from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.edge_shape import FAMILIES, LARGEST
 from contactimg.imaging.profile.limits import ROUGH_STD

@@ -29,7 +29,7 @@ from contactimg.optics.film import Light, excess_table, thick_transmission, tran
 BLUR_RATIO = 1.15
 """Of the blurs of neighbouring tables. Accuracy: the parabola errs by 6e-4 of the contrast beside spheres of
 100 um at 2 and 3 um a pixel, by 7e-3 at 1 um, where the rim is as wide as twenty blurs."""
-ROUNDED_LOG = 1e-4  # step of the logarithm of the blur; accuracy: tables are kept for the same blur
+ROUNDED_LOG = 1e-5  # step of the logarithm of the blur; accuracy: tables are kept for the same blur
 RADII = 80  # rows of the table; accuracy, see the note of `rim_table`
 COARSE_NODES, FINE_NODES = 64, 320  # Gauss-Legendre nodes over the rim ...
 FEWEST_NODES_PER_BLUR_WIDTH = 24  # ... the coarse ones if they are as dense as this; accuracy

@@ -15,8 +15,10 @@ from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.pooling import pool_optics
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.shared_optics import OpticsPrior, settle_optics
+from contactimg.imaging.fit.shared_scores import SharedScores
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.limits import FEW
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.mechanics import hertz
 from contactimg.pipeline.frame import measure_frame
@@ -338,13 +340,15 @@ def test_a_frame_object_keeps_its_name():
 
 
 def test_scores_without_information_do_not_disagree():
-    count = shared_optics.FEW
+    count = FEW
     information = np.zeros((count, 2, 2))
     information[:, 1, 1] = 1.0  # of the blur alone
-    scores = shared_optics.DiskScores(np.zeros((count, 2)), information, np.zeros((count, 4, 2)))
-    score, total = scores.total(1.0, float("nan"))
+    nothing = np.zeros((count, 2))
+    scores = SharedScores(nothing, information, np.zeros((count, 4, 2)), np.zeros((count, 4)), nothing)
+    score, total, factor, _ = scores.total(np.array([0, 1]))
     assert score == pytest.approx(0.0)
     assert total == pytest.approx(np.diag([0.0, count]))
+    assert factor == 1.0
 
 
 def test_a_disk_without_information_does_not_fly_off():
