@@ -223,14 +223,6 @@ class EdgeSearch:
         isolated = isolated_disks(self.problem, disks, blur=self.joint.fit.blur)
         return isolated[self.joint.prior.is_odd(disks)[isolated] < 0]
 
-    @cached_property
-    def least_factor(self) -> float:
-        """Factor of the variances by the fit, which includes noise that neighbouring pixels share."""
-        fit = self.joint.fit
-        rows = evenly(self.isolated if len(self.isolated) else np.arange(len(fit.disks)), FEW_CONTACTS)
-        alone = rim_scores(self.at(self.joint.contrast), fit.disks[rows], self.plain, EVERY[:1]).own_std[:, 1]
-        return max(float(np.median((fit.std[rows, RADIUS] / alone) ** 2)), 1.0)
-
     def at(self, contrast: float) -> FitProblem:
         """The problem at another common contrast."""
         return replace(self.problem, prior=self.joint.prior.at(contrast))
@@ -241,7 +233,7 @@ class EdgeSearch:
         rest = rim_residuals(problem, rims.disks, rims.edge)
         whole = np.isfinite(rest[:, 0])
         rims = replace(rims, disks=rims.disks[whole])
-        factor = self.least_factor
+        factor = self.joint.least_factor
         return rim_scores(problem, rims.disks, rims.edge, chosen, rest=rest[whole], least_factor=factor), rims
 
     def prior(self, edge: Edge, contrast: float, *, own: bool = False) -> tuple[Values, Values]:
@@ -349,7 +341,7 @@ class EdgeSearch:
             options, share = self.options(scores, rims, ()), count / len(rims.disks)
             more = [option.log_odds + 0.5 * (share - 1.0) * option.wald for option in options.values()]
             if max(more) < np.log(TAKEN_ODDS):
-                return self._finish(plain, scores, rims, of=count)
+                return self._finish(plain, scores, rims, options, of=count)
         current = plain
         for _ in range(ROUNDS):
             scores, rims, families = self._explain(current)
@@ -393,7 +385,7 @@ class EdgeSearch:
         """
         disks, edge = evenly(current.joint.fit.disks, FEW_CONTACTS), current.learned.edge
         rims = replace(self.start(edge, current.joint), disks=disks)
-        scores = rim_scores(self.at(rims.contrast), disks, edge, least_factor=self.least_factor)
+        scores = rim_scores(self.at(rims.contrast), disks, edge, least_factor=self.joint.least_factor)
         share = 0.0 if current.learned.families else 1.0
         return replace(scores, score=0.0 * scores.score, information=share * scores.information), rims
 
@@ -416,10 +408,13 @@ class EdgeSearch:
                 break
         return EdgeFit(problem, joint, LearnedEdge(edge, families))
 
-    def _finish(self, current: EdgeFit, scores: SharedScores, rims: Rims, *, of: int = 0) -> EdgeFit:
+    def _finish(
+        self, current: EdgeFit, scores: SharedScores, rims: Rims, options: dict[str, Option] | None = None,
+        *, of: int = 0,
+    ) -> EdgeFit:  # fmt: skip
         """The fit with the uncertainties that the edge brings to all radii.
 
-        ``scores`` are those of ``rims``, which may be a sample of ``of`` contacts.
+        ``scores`` and ``options`` are those of ``rims``, which may be a sample of ``of`` contacts.
         """
         learned, joint = current.learned, current.joint
         step = scores.step(parameters_of(learned.families), self.prior(rims.edge, rims.contrast))
@@ -429,7 +424,7 @@ class EdgeSearch:
         std[step.chosen] = np.sqrt(np.diag(step.covariance))
         undecided = np.zeros(len(joint.fit.disks))
         if len(rims.disks) >= FEWEST_SCORES:
-            options = self.options(scores, rims, learned.families)
+            options = options or self.options(scores, rims, learned.families)
             undecided = _undecided(joint.fit.disks[:, RADIUS], rims.disks[:, RADIUS], scores, options)
         knowledge = self._knowledge(learned, scores, of)
         learned = replace(learned, std=std[SHARED:], knowledge=knowledge, undecided=undecided)

@@ -251,8 +251,12 @@ class _Frame:
         chi_square = joint.fit.chi_square
         many = len(radius) >= FEW and not noise.rim
         common = min(float(np.median(chi_square)), 1.0) if many else 1.0
-        std = joint.fit.std * np.sqrt(inflation * np.maximum(chi_square, common))[:, None]
-        return replace(joint, fit=replace(joint.fit, std=std), correlation=correlation)
+        factor = inflation * np.maximum(chi_square, common)
+        fit, least_factor = (
+            replace(joint.fit, std=joint.fit.std * np.sqrt(factor)[:, None]),
+            np.median(factor),
+        )
+        return replace(joint, fit=fit, correlation=correlation, least_factor=max(float(least_factor), 1.0))
 
     def with_ellipses(self, plain: FrameFit, *, everywhere: bool) -> FrameFit:
         """The fit with ellipses where no disk describes a contact."""

@@ -104,6 +104,8 @@ class JointFit:
         ln contrast and blur (px of the fit, pixel included) that this frame alone shows, to first order.
     correlation : NoiseCorrelation
         Of the noise that neighbouring pixels share.
+    least_factor : float
+        Factor of the variances of most disks, for this noise and their misfit.
     """
 
     fit: FittedDisks
@@ -115,6 +117,7 @@ class JointFit:
     prior: ContrastPrior
     alone: NDArray[np.float64]
     correlation: NoiseCorrelation = field(default_factory=NoiseCorrelation.independent)
+    least_factor: float = 1.0
 
     def optics(self, covariance: NDArray[np.float64], *, binning: int) -> SharedOptics:
         """Contrast and blur with a given covariance, in pixels of the frame."""
@@ -247,7 +250,7 @@ def _newton(
     most = problem.largest_contrast
     contrast = min(problem.prior.mean, most)
     prior = problem.prior.at(contrast)
-    noise_slope, least_factor = problem.noise.slope / contrast, float(np.median(inflation))
+    noise_slope, least_factor = problem.noise.slope / contrast, max(float(np.median(inflation)), 1.0)
     last_step = np.zeros(2)
     for remaining in reversed(range(steps)):
         scores = disk_scores(fit, prior, least_factor)
