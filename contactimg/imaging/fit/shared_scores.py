@@ -24,7 +24,7 @@ from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.radial_sums import add_profiles, sum_residuals
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
-from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS
+from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, blurred_disks
 from contactimg.imaging.profile.edge_shape import (
     FINE_STEPS_PER_BLUR,
     INNER_NODES,
@@ -33,7 +33,6 @@ from contactimg.imaging.profile.edge_shape import (
     SHARED,
     Edge,
     Nodes,
-    blurred_disks,
 )
 from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, FAINT_FRACTION, FEW
 

@@ -21,12 +21,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.compiled import njit
 from contactimg.imaging.profile.blurred_disk import (
     INNER_BLUR_WIDTHS,
     PIXEL_VARIANCE,
-    STEPS_PER_BLUR_WIDTH,
+    blurred_disks,
     disk_table,
+    look_up,
 )
 from contactimg.imaging.profile.film_rim import FilmRim, film_table
 from contactimg.imaging.profile.limits import LEAST_FRACTION, LONGEST_BLUR_STEP, SHOWN_BLUR_WIDTHS
@@ -204,7 +204,7 @@ class Edge:
             light = light + shape[RIM] * (blurred_disks(r, (1.0 + RIM_RADII) * a, s) - plain)
         if shape[LIGHT] and self.film is not None:
             table = film_table(self.film, self.blur).values
-            light = light + shape[LIGHT] * (_look_up(table, r, a, self.blur)[0] - plain)
+            light = light + shape[LIGHT] * (look_up(table, r, a, self.blur)[0] - plain)
         if shape[TREND]:
             light = light * (1.0 + shape[TREND] / (1.0 + (a / (SHOWN_BLUR_WIDTHS * self.blur)) ** 2))
         return self._respond(light) if shape[RESPONSE] else light
@@ -228,42 +228,7 @@ class Edge:
         return out
 
 
-def blurred_disks(r: Values, a: Values, s: Values | float) -> Values:
-    """``P(r; a, s)`` from the table of the plain disk, for shapes (n, k), (n, 1) and (n, 1) or a number."""
-    return np.asarray(_look_up(disk_table().values, r, a, s)[0])
-
-
 def blurred_dome(r: Values, a: Values, s: Values | float) -> Values:
     """The blurred ``1/2 - r^2/a^2``; products with x become x + s^2 d/dx under a Gaussian."""
-    p, by_a, by_r = _look_up(disk_table().values, r, a, s, 3)
+    p, by_a, by_r = look_up(disk_table().values, r, a, s, 3)
     return np.asarray(0.5 * p - ((r**2 + 2 * s**2) * p + s * (r * by_r - a * by_a)) / a**2)
-
-
-def _look_up(table: NDArray[np.float32], r: Values, a: Values, s: Values | float, count: int = 1) -> Values:
-    """The first of ``P``, ``s dP/da``, ``s dP/dr`` from the values of an edge table, shape (count, n, k)."""
-    blur = np.broadcast_to(np.asarray(s, float), a.shape)
-    return np.asarray(_interpolate(table, np.array(a[:, 0]), np.array(blur[:, 0]), r, count))
-
-
-@njit(cache=True, error_model="numpy")
-def _interpolate(table, radius, blur, distance, count):
-    """Profile and derivatives from the table of the plain disk, shape (count, n, k)."""
-    out = np.zeros((count, *distance.shape))
-    rows, columns = table.shape[:2]
-    for i in range(len(radius)):
-        a, s = radius[i], blur[i]
-        row = s / (s + a) * (rows - 1)
-        k = min(int(row), rows - 2)
-        f = row - k
-        for n in range(distance.shape[1]):
-            column = ((distance[i, n] - a) / s + INNER_BLUR_WIDTHS) * STEPS_PER_BLUR_WIDTH
-            if column <= 0.0:
-                out[0, i, n] = 1.0
-            elif column < columns - 1:
-                j = int(column)
-                g = column - j
-                for m in range(count):
-                    low = table[k, j, m] + g * (table[k, j + 1, m] - table[k, j, m])
-                    high = table[k + 1, j, m] + g * (table[k + 1, j + 1, m] - table[k + 1, j, m])
-                    out[m, i, n] = low + f * (high - low)
-    return out
