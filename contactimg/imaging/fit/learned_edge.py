@@ -342,15 +342,8 @@ class EdgeSearch:
             more = [option.log_odds + 0.5 * (share - 1.0) * option.wald for option in options.values()]
             if max(more) < np.log(TAKEN_ODDS):
                 return self._finish(plain, scores, rims, options, of=count)
-        current = plain
-        for _ in range(ROUNDS):
-            scores, rims, families = self._explain(current)
-            chosen = rims.step.chosen
-            change = (rims.edge.shared - current.learned.edge.shared)[chosen]
-            rest = change[1:] @ np.linalg.solve(rims.step.covariance[1:, 1:], change[1:])
-            if families == current.learned.families and rest < SETTLED_SIGMA**2 * len(change):
-                break
-            current = self._fit_with(current, rims, families)
+        scores, rims, families = self._explain(plain)
+        current = self._fit_with(plain, rims, families) if families else plain
         misfit, before = (np.median(each.joint.fit.chi_square) for each in (current, plain))
         if misfit > WORSE_CHI_SQUARE_RATIO * before:
             current = plain
