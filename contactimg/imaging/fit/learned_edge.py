@@ -39,6 +39,7 @@ from contactimg.imaging.profile.edge_shape import (
     DOME,
     FAMILIES,
     FIELD,
+    LIGHT,
     PRIOR_STD,
     RESPONSE,
     RIM,
@@ -412,7 +413,7 @@ class EdgeSearch:
         learned, joint = current.learned, current.joint
         step = scores.step(parameters_of(learned.families), self.prior(rims.edge, rims.contrast))
         if learned.families:
-            joint = self._with_uncertainties(current, scores, step)
+            joint = self.with_uncertainties(current, scores, step)
         std = np.zeros(SHARED + len(PRIOR_STD))
         std[step.chosen] = np.sqrt(np.diag(step.covariance))
         undecided = np.zeros(len(joint.fit.disks))
@@ -439,11 +440,11 @@ class EdgeSearch:
         count = max(of, int(np.count_nonzero(scores.score.any(axis=1))))
         return EdgeKnowledge(learned.families, blur, shape, own, own @ shape + pull, count)
 
-    def _with_uncertainties(self, current: EdgeFit, scores: SharedScores, step: SharedStep) -> JointFit:
+    def with_uncertainties(self, current: EdgeFit, scores: SharedScores, step: SharedStep) -> JointFit:
         """The fit with the uncertainties that a learned edge brings to all radii."""
         joint, edge, chosen = current.joint, current.learned.edge, step.chosen
         disks, problem, shape = joint.fit.disks, self.at(joint.contrast), edge.shape
-        learned = rim_scores(problem, disks, edge, np.union1d(chosen, SHARED + np.flatnonzero(shape)))
+        learned = rim_scores(problem, disks, edge, np.union1d(chosen, SHARED + np.flatnonzero(shape[:LIGHT])))
         plain = rim_scores(problem, disks, Edge.plain(edge.blur), chosen[:1])
         response = learned.response[:, 1]
         own = joint.fit.std * np.maximum(learned.own_std / plain.own_std, 1.0)[:, [1]]

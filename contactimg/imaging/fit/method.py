@@ -28,12 +28,12 @@ from contactimg.imaging.fit.disks import (
     wide_disks,
 )
 from contactimg.imaging.fit.film_choice import WeighedFilm, weigh_film
-from contactimg.imaging.fit.learned_edge import EdgeSearch, LearnedEdge
+from contactimg.imaging.fit.learned_edge import EdgeFit, EdgeSearch, LearnedEdge
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round, poor_disks
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, contrast_prior, settle_optics
-from contactimg.imaging.fit.shared_scores import rim_scores, with_plain_edges
+from contactimg.imaging.fit.shared_scores import with_plain_edges
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -311,7 +311,7 @@ class _Frame:
         all that follows sees contacts without a film.
         """
         rims = search.settle(search.start(replace(search.plain, film=rim).with_light(1.0)), ())
-        chosen, edge, exact = rims.step.chosen, rims.edge, self.prior.with_exact_blur(rims.edge.blur)
+        edge, exact = rims.edge, self.prior.with_exact_blur(rims.edge.blur)
         with_rims = replace(self.problem, profile=film_table(rim, edge.blur), prior=plain.problem.prior)
         result = self.settle(with_rims, edge.blur, exact, has_film=True)
         if result.joint is None:
@@ -319,15 +319,8 @@ class _Frame:
         image = with_plain_edges(result.problem.image, result.fit.disks, edge)
         problem = replace(result.problem, image=image, profile=self.problem.profile)
         joint = self.refine(problem, result.fit, exact)
-        known, disks = replace(problem, prior=joint.prior), joint.fit.disks
-        with_film, without = (rim_scores(known, disks, each, chosen) for each in (edge, edge.with_light(0.0)))
-        own = joint.fit.std * np.maximum(with_film.own_std / without.own_std, 1.0)[:, [1]]
-        alone = search.scores(rims, chosen)[0].step(chosen, search.prior(edge, rims.contrast, own=True))
-        joint = replace(
-            joint, fit=replace(joint.fit, std=own), covariance=rims.step.covariance,
-            own_covariance=alone.covariance,
-            radius_shifts=with_film.response[:, 1, :2] @ np.linalg.cholesky(rims.step.covariance),
-        )  # fmt: skip
+        scores, _ = search.scores(rims)
+        joint = search.with_uncertainties(EdgeFit(problem, joint, LearnedEdge(edge)), scores, rims.step)
         return replace(result, problem=problem, fit=joint.fit, joint=joint, film=weighed)
 
 
