@@ -23,10 +23,10 @@ START, END = "<!-- table: ablation -->", "<!-- end -->"
 BASE = "contactimg.imaging."
 
 
-def plain_edge(problem, joint, *_arguments, **_options):
+def plain_edge(search):
     """The edge of a disk behind one Gaussian."""
-    edge = importlib.import_module(BASE + "fit.edge_profile")
-    return edge.EdgeFit(problem, joint, edge.LearnedEdge(edge.Edge.plain(joint.fit.blur)))
+    edge = importlib.import_module(BASE + "fit.learned_edge")
+    return edge.EdgeFit(search.problem, search.joint, edge.LearnedEdge(search.plain))
 
 
 def fall_of_disks(foreground, disks, blur, _plateau):
@@ -57,7 +57,7 @@ def mechanisms():
         "outlines at a lower level": [("detect.candidates", "_whole_at_lower_level", lambda *_a: None)],
         "contrasts that no contact shows": [("fit.shared_optics", "_is_unseen", lambda *_a: False)],
         "halo": [("fit.method", "remove_halo", nothing["remove_halo"])],
-        "learned edge": [("fit.method", "learn_edge", plain_edge)],
+        "learned edge": [("fit.learned_edge", "EdgeSearch.learn", plain_edge)],
         "coarse rims": [
             (room, "allow_for_coarse_rims", lambda problem, *_a, **_o: problem)
             for room in ("fit.assemble", "fit.method")

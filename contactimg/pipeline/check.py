@@ -18,12 +18,11 @@ from scipy.spatial import cKDTree
 from contactimg.errors import FrameError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
-from contactimg.imaging.fit.edge_scores import Placement
 from contactimg.imaging.kernels.radial_sums import add_profiles
 from contactimg.imaging.measure import ImageMeasurement
 from contactimg.imaging.pixels.masks import clear_disks
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.edge_shape import PARAMETERS, edge_profile
+from contactimg.imaging.profile.edge_shape import Edge, Nodes
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
 from contactimg.pipeline.each_frame import for_each_frame, measured_and_failed
 from contactimg.pipeline.frame import FrameOptions, measure_prepared
@@ -232,13 +231,12 @@ def draw_contacts(
     """
     difference, level = measurement.foreground.difference, max(abs(measurement.level), 1.0)
     knowledge = measurement.own_optics.edge
-    blur, shape = _blur(measurement), np.zeros(len(PARAMETERS))
+    edge = Edge.plain(_blur(measurement), measurement.contrast / level)
     if knowledge is not None:
-        shape = knowledge.shape
-        blur = knowledge.blur_px if "point spread" in knowledge.families else blur
-    nodes = Placement(image.shape, measurement.contrast / level).place(disks, blur=blur)
-    light = np.zeros(image.shape, np.float32)
-    add_profiles(light, disks, nodes.inner, edge_profile(nodes.disks, blur, shape), nodes.step)
+        blur = knowledge.blur_px if "point spread" in knowledge.families else edge.blur
+        edge = replace(edge, blur=blur, shape=knowledge.shape)
+    nodes, light = Nodes.about(disks, image.shape, edge.blur), np.zeros(image.shape, np.float32)
+    add_profiles(light, disks, nodes.inner, edge.profile(nodes), nodes.step)
     if difference.level > 0 and (difference.ratio or np.ptp(difference.brightness) > 0):
         # contacts transmit a fraction of the light that falls on them
         light *= _local_light(image) / np.float32(measurement.level)

@@ -17,7 +17,7 @@ from contactimg.imaging.evidence.rules import (
     Judged,
     excess_of_counts,
 )
-from contactimg.imaging.fit.edge_profile import describe_edge
+from contactimg.imaging.fit.learned_edge import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS

@@ -2,7 +2,7 @@
 
 In turn: disks are assembled at a first contrast (`assemble`), halo and remaining background are
 removed (`residual_light`), contrast and blur are settled (`shared_optics`), and the edge that all contacts
-share is looked for: a plain one, one learned from the frame (`edge_profile`), or that of an air film
+share is looked for: a plain one, one learned from the frame (`learned_edge`), or that of an air film
 (`film_choice`).
 """
 
@@ -27,17 +27,17 @@ from contactimg.imaging.fit.disks import (
     render_disks,
     wide_disks,
 )
-from contactimg.imaging.fit.edge_profile import LearnedEdge, learn_edge
-from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement, with_plain_edges
-from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
+from contactimg.imaging.fit.film_choice import WeighedFilm, weigh_film
+from contactimg.imaging.fit.learned_edge import EdgeFit, EdgeSearch, LearnedEdge
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round, poor_disks
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, contrast_prior, settle_optics
+from contactimg.imaging.fit.shared_scores import with_plain_edges
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.film_rim import FilmSetting, film_table
+from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting, film_table
 from contactimg.imaging.profile.limits import FEW, FEWEST, ITERATIONS, LEAST_NOISE_FRACTION
 from contactimg.imaging.profile.optics import Halo, KnownEdge
 from contactimg.timings import stage
@@ -251,8 +251,12 @@ class _Frame:
         chi_square = joint.fit.chi_square
         many = len(radius) >= FEW and not noise.rim
         common = min(float(np.median(chi_square)), 1.0) if many else 1.0
-        std = joint.fit.std * np.sqrt(inflation * np.maximum(chi_square, common))[:, None]
-        return replace(joint, fit=replace(joint.fit, std=std), correlation=correlation)
+        factor = inflation * np.maximum(chi_square, common)
+        fit, least_factor = (
+            replace(joint.fit, std=joint.fit.std * np.sqrt(factor)[:, None]),
+            np.median(factor),
+        )
+        return replace(joint, fit=fit, correlation=correlation, least_factor=max(float(least_factor), 1.0))
 
     def with_ellipses(self, plain: FrameFit, *, everywhere: bool) -> FrameFit:
         """The fit with ellipses where no disk describes a contact."""
@@ -280,55 +284,43 @@ class _Frame:
         """The fit with the edge that describes the contacts best: plain, learned, or that of a film."""
         if plain.joint is None:
             return plain
-        refine = partial(self.refine, correlation=plain.joint.correlation)
-        trial = None
+        refine, given = (
+            partial(self.refine, correlation=plain.joint.correlation),
+            self.foreground.prior_optics,
+        )
+        search = EdgeSearch(
+            plain.problem, plain.joint, self.prior, plain.ratio, refine, given, linear=self.linear
+        )
+        learned = weighed = None
+        if self.film is None or self.film.asked != "on":
+            learned = search.learn()
         if self.film is not None:
-            placement = Placement(plain.problem.image.shape, plain.ratio)
-            likely = film_makes_contrast(self.film.rim, plain.ratio)
-            trial = FilmTrial(plain.problem, plain.joint, self.prior, placement, self.film, likely)
-            weighed = trial.weigh() if self.film.asked == "on" else None
-            if weighed is not None:
-                return self._with_film(plain, trial, weighed)
-        learned = learn_edge(
-            plain.problem, plain.joint, self.prior, ratio=plain.ratio, refine=refine,
-            given=self.foreground.prior_optics, linear=self.linear,
-        )  # fmt: skip
-        weighed = None if trial is None else trial.weigh(learned.learned.families)
-        if trial is not None and weighed is not None and weighed.verdict.taken:
-            return self._with_film(plain, trial, weighed)
+            weighed = weigh_film(search, self.film, learned.learned.families if learned else ())
+            if weighed is not None and weighed.verdict.taken:
+                return self._with_film(plain, search, weighed, self.film.rim)
+        learned = learned or search.learn()
         return replace(
             plain, problem=learned.problem, fit=learned.joint.fit, joint=learned.joint, edge=learned.learned,
             film=weighed,
         )  # fmt: skip
 
-    def _with_film(self, plain: FrameFit, trial: FilmTrial, weighed: WeighedFilm) -> FrameFit:
+    def _with_film(self, plain: FrameFit, search: EdgeSearch, weighed: WeighedFilm, rim: FilmRim) -> FrameFit:
         """Assemble the disks with the rim of a film, at the blur that the rims show.
 
         In the end the light of the film is subtracted from the image, and disks with a plain edge are fitted:
         all that follows sees contacts without a film.
         """
-        bare = Edge.plain(plain.fit.blur)
-        rims = trial.settle(replace(bare, film=trial.setting.rim, light=1.0), free=False)
+        rims = search.settle(search.start(replace(search.plain, film=rim).with_light(1.0)), ())
         edge, exact = rims.edge, self.prior.with_exact_blur(rims.edge.blur)
-        profile = film_table(trial.setting.rim, edge.blur)
-        with_rims = replace(self.problem, profile=profile, prior=plain.problem.prior)
+        with_rims = replace(self.problem, profile=film_table(rim, edge.blur), prior=plain.problem.prior)
         result = self.settle(with_rims, edge.blur, exact, has_film=True)
         if result.joint is None:
             return result
-        image = with_plain_edges(result.problem.image, result.fit.disks, edge, trial.placement)
+        image = with_plain_edges(result.problem.image, result.fit.disks, edge)
         problem = replace(result.problem, image=image, profile=self.problem.profile)
         joint = self.refine(problem, result.fit, exact)
-        known = replace(problem, prior=joint.prior)
-        with_film, without = (
-            EdgeScores.expected(known, joint.fit.disks, each, trial.placement, np.array([0, 1]))
-            for each in (edge, replace(edge, light=0.0))
-        )
-        own = joint.fit.std * np.maximum(with_film.radius_std / without.radius_std, 1.0)[:, None]
-        joint = replace(
-            joint, fit=replace(joint.fit, std=own), covariance=rims.covariance,
-            own_covariance=rims.own_covariance,
-            radius_shifts=with_film.response[:, :2] @ np.linalg.cholesky(rims.covariance),
-        )  # fmt: skip
+        scores, _ = search.scores(rims)
+        joint = search.with_uncertainties(EdgeFit(problem, joint, LearnedEdge(edge)), scores, rims.step)
         return replace(result, problem=problem, fit=joint.fit, joint=joint, film=weighed)
 
 

@@ -5,14 +5,13 @@ in every frame, as is the blur, up to slow changes. Frames are weighted by their
 variance between frames.
 """
 
-from array import array
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from contactimg.imaging.fit.edge_scores import FEWEST_SCORES
+from contactimg.imaging.fit.learned_edge import FEWEST_SCORES
 from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.edge_shape import FAMILIES, LARGEST
 from contactimg.imaging.profile.limits import ROUGH_STD
@@ -40,15 +39,12 @@ def pool_optics(frames: Iterable[SharedOptics]) -> SharedOptics | None:
     >>> round(pooled.contrast, 3), round(pooled.blur_px, 3)
     (1.254, 1.404)
     """
-    values, best = array("d"), None
-    for frame in frames:
-        if frame.contrast_relative_std < ROUGH_STD:
-            values.extend((frame.contrast, frame.contrast_relative_std, frame.blur_px, frame.blur_std_px))
-            if best is None or frame.contrast_relative_std < best.contrast_relative_std:
-                best = frame
-    if best is None:
+    kept = [frame for frame in frames if frame.contrast_relative_std < ROUGH_STD]
+    if not kept:
         return None
-    contrasts, relative_stds, blurs, blur_stds = np.frombuffer(values).reshape(-1, 4).T.copy()
+    best = min(kept, key=lambda frame: frame.contrast_relative_std)
+    contrasts, blurs, blur_stds = np.array([[x.contrast, x.blur_px, x.blur_std_px] for x in kept]).T
+    relative_stds = np.array([frame.contrast_relative_std for frame in kept])
     log_contrast, contrast_std, contrast_shared = _mean(np.log(contrasts), relative_stds)
     blur, blur_std, blur_shared = _mean(blurs, blur_stds)
     level = float(np.exp(log_contrast))

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.foreground import Foreground
@@ -62,16 +61,17 @@ class ContrastPrior:
         """Row in ``odd`` of each disk; -1 where it has the contrast of the frame."""
         rows = np.full(len(disks), -1)
         if len(self.odd) and len(disks):
-            near, reach = cKDTree(disks[:, :2]), SAME_PLACE_RADII * np.maximum(self.odd[:, [RADIUS]], 1.0)
+            reach = SAME_PLACE_RADII * np.maximum(self.odd[:, [RADIUS]], 1.0)
             low, high = (self.odd[:, :2] + side * reach for side in (-1.0, 1.0))
             # a group of disks lies beside few of them
             beside = (high >= disks[:, :2].min(axis=0)) & (low <= disks[:, :2].max(axis=0))
             for k in np.flatnonzero(beside.all(axis=1)):
-                x, y, radius, _ = self.odd[k]
-                found = near.query_ball_point([x, y], SAME_PLACE_RADII * max(radius, 1.0))
-                alike = [i for i in found if 0.4 < disks[i, RADIUS] / max(radius, 1e-3) < 2.5]
-                if alike:
-                    rows[min(alike, key=lambda i: np.hypot(disks[i, X] - x, disks[i, Y] - y))] = k
+                apart = np.hypot(disks[:, X] - self.odd[k, X], disks[:, Y] - self.odd[k, Y]) / reach[k]
+                ratio = disks[:, RADIUS] / max(self.odd[k, RADIUS], 1e-3)
+                apart[(ratio < 0.4) | (ratio > 2.5)] = np.inf
+                nearest = int(np.argmin(apart))
+                if apart[nearest] <= 1.0:
+                    rows[nearest] = k
         return rows
 
     def of_disks(self, disks: NDArray, blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

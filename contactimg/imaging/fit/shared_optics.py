@@ -33,6 +33,7 @@ from contactimg.imaging.fit.disks import (
     wide_disks,
 )
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.shared_scores import SharedScores
 from contactimg.imaging.fit.unseen_contrast import (
     LARGEST_CONTRAST_RATIO,
     PLATEAU_STD_FRACTION,
@@ -41,7 +42,6 @@ from contactimg.imaging.fit.unseen_contrast import (
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, MAD_TO_STD, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import (
-    FEW,
     FEWEST,
     ITERATIONS,
     LONGEST_BLUR_STEP,
@@ -104,6 +104,8 @@ class JointFit:
         ln contrast and blur (px of the fit, pixel included) that this frame alone shows, to first order.
     correlation : NoiseCorrelation
         Of the noise that neighbouring pixels share.
+    least_factor : float
+        Factor of the variances of most disks, for this noise and their misfit.
     """
 
     fit: FittedDisks
@@ -115,6 +117,7 @@ class JointFit:
     prior: ContrastPrior
     alone: NDArray[np.float64]
     correlation: NoiseCorrelation = field(default_factory=NoiseCorrelation.independent)
+    least_factor: float = 1.0
 
     def optics(self, covariance: NDArray[np.float64], *, binning: int) -> SharedOptics:
         """Contrast and blur with a given covariance, in pixels of the frame."""
@@ -247,17 +250,21 @@ def _newton(
     most = problem.largest_contrast
     contrast = min(problem.prior.mean, most)
     prior = problem.prior.at(contrast)
-    noise_slope, least_factor = problem.noise.slope / contrast, float(np.median(inflation))
+    noise_slope, least_factor = problem.noise.slope / contrast, max(float(np.median(inflation)), 1.0)
     last_step = np.zeros(2)
     for remaining in reversed(range(steps)):
-        scores = DiskScores.of(fit, prior)
-        gradient, own = scores.total(least_factor, float(np.log(wide_contrast / contrast)))
-        here, by_itself = np.array([np.log(contrast), fit.blur]), gradient.copy()
-        gradient += optics_prior.score(contrast, fit.blur)
+        scores = disk_scores(fit, prior, least_factor)
+        gradient, own = _with_plateau(scores, float(np.log(wide_contrast / contrast)))
+        here, by_itself = np.array([np.log(contrast), fit.blur]), gradient
         covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
-        step = covariance @ gradient
-        bounds = np.array([np.log(most / contrast), NARROWEST_BLUR_PX - fit.blur])
-        step = _within_bounds(step, gradient, own + optics_prior.information, bounds)
+        step = covariance @ (gradient + optics_prior.score(contrast, fit.blur))
+        low, high = (
+            np.array([-np.inf, NARROWEST_BLUR_PX - fit.blur]),
+            np.array([np.log(most / contrast), np.inf]),
+        )
+        for k in (0, 1):  # where one ends at its bound, the other follows
+            step = step + (np.clip(step[k], low[k], high[k]) - step[k]) * covariance[:, k] / covariance[k, k]
+        step = np.clip(step, low, high)
         if not remaining or not _is_worth_a_fit(step, fit, scores, covariance):
             break
         step *= 0.5 if step @ last_step < 0 else 1.0
@@ -268,25 +275,24 @@ def _newton(
         if abs(step[0]) < LINEAR_STEP and abs(step[1]) < LINEAR_STEP * blur:
             change = scores.response @ step
             # a disk of which the pixels say next to nothing would go anywhere
-            far = np.abs(change[:, RADIUS:]) > ROUGH_STD * np.abs(fit.disks[:, RADIUS:])
-            fit = replace(fit, disks=fit.disks + np.where(far.any(axis=1)[:, None], 0.0, change), blur=blur)
+            far = np.any(np.abs(change[:, RADIUS:]) > ROUGH_STD * np.abs(fit.disks[:, RADIUS:]), axis=1)
+            fit = replace(fit, disks=fit.disks + np.where(far[:, None], 0.0, change), blur=blur)
             break
         stepped = replace(problem, noise=replace(problem.noise, slope=noise_slope * contrast), prior=prior)
         disks, radius = fit.disks.copy(), fit.disks[:, RADIUS]
-        disks[:, RADIUS] = np.maximum(radius + scores.radius_response @ step, 0.3 * radius)
+        disks[:, RADIUS] = np.maximum(radius + scores.response[:, RADIUS] @ step, 0.3 * radius)
         disks[:, CONTRAST] *= np.exp(step[0])
         fit = fit_disks(
             stepped, disks, blur=blur, control=CONTROL, brightness=fit.brightness,
             start=ModelImage.over(fit.model, len(fit.disks), complete=False),
         )  # fmt: skip
-    own = _without_point_spread_shape(own, fit)
-    covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
     # where the frame determines nothing, its own covariance stays finite
     least_information = np.diag(1e-6 / np.array([1.0, fit.blur]) ** 2)
-    own_covariance = np.asarray(np.linalg.inv(own + least_information), float)
+    own_covariance = np.asarray(np.linalg.inv(own + least_information), float) + _of_kurtosis(fit)
+    covariance = np.asarray(np.linalg.inv(np.linalg.inv(own_covariance) + optics_prior.information), float)
     return JointFit(
         fit, contrast, prior.std, covariance, own_covariance,
-        radius_shifts=scores.radius_response @ np.linalg.cholesky(covariance), prior=prior,
+        radius_shifts=scores.response[:, RADIUS] @ np.linalg.cholesky(covariance), prior=prior,
         alone=here + own_covariance @ by_itself,
     )  # fmt: skip
 
@@ -308,8 +314,8 @@ def _widest(fit: FittedDisks) -> float:
     return float(radius[min(FEWEST - 1, half)])
 
 
-def _without_point_spread_shape(information: NDArray, fit: FittedDisks) -> NDArray[np.float64]:
-    """Information on (ln contrast, blur) with a point spread function known to `KURTOSIS_STD`.
+def _of_kurtosis(fit: FittedDisks) -> NDArray[np.float64]:
+    """Covariance of (ln contrast, blur) by a point spread function known to `KURTOSIS_STD`.
 
     Of a contact that does not show its plateau, the light ``C a^2`` and the variance ``s^2 + a^2/4`` are seen
     directly; contrast and radius are told apart by the excess kurtosis ``-(q/(1+q))^2`` alone,
@@ -317,98 +323,64 @@ def _without_point_spread_shape(information: NDArray, fit: FittedDisks) -> NDArr
     ``ln a`` by ``k (1+q)^2/(4 q^2)``, to first order in q.
     """
     widest, blur = _widest(fit), fit.blur
-    if widest > NEAR_BLUR_WIDTHS * blur:
-        return information
     q = max((widest / blur) ** 2 / 4.0, LEAST_WIDTH_RATIO)
     mode = KURTOSIS_STD * (1.0 + 1.0 / q) ** 2 / 4.0 * np.array([2.0, q * blur])
-    weighted = information @ mode  # (I^-1 + m m^T)^-1 by Sherman and Morrison
-    return np.asarray(information - np.outer(weighted, weighted) / (1.0 + float(mode @ weighted)))
+    return np.outer(mode, mode) * (widest <= NEAR_BLUR_WIDTHS * blur)
 
 
-def _within_bounds(step: NDArray, gradient: NDArray, information: NDArray, bounds: NDArray) -> NDArray:
-    """The Newton step of (ln contrast, blur) up to an upper and a lower bound, the other one following."""
-    step = step.copy()
-    for k, other, beyond in ((0, 1, step[0] > bounds[0]), (1, 0, step[1] < bounds[1])):
-        if beyond:
-            step[k] = bounds[k]
-            step[other] = (gradient[other] - information[0, 1] * step[k]) / information[other, other]
-    return np.array([min(step[0], bounds[0]), max(step[1], bounds[1])])
-
-
-def _is_worth_a_fit(step: NDArray, fit: FittedDisks, scores: "DiskScores", covariance: NDArray) -> bool:
+def _is_worth_a_fit(step: NDArray, fit: FittedDisks, scores: SharedScores, covariance: NDArray) -> bool:
     """Whether a step changes the sum of a^3 by more than a fraction of its uncertainty."""
     weights = 3.0 * fit.disks[:, RADIUS] ** 2
-    slope = weights @ scores.radius_response
+    slope = weights @ scores.response[:, RADIUS]
     variance = slope @ covariance @ slope + np.sum((weights * fit.std[:, RADIUS]) ** 2)
     return bool((slope @ step) ** 2 > SETTLED_SIGMA**2 * variance)
 
 
-@dataclass(frozen=True, eq=False)
-class DiskScores:
-    """Score and information of each disk on (ln contrast, blur), and the response of its parameters.
+def disk_scores(fit: FittedDisks, prior: ContrastPrior, least_factor: float = 1.0) -> SharedScores:
+    """Scores on (ln contrast, blur) from the last normal equations of a fit with this prior.
+
+    Own are x, y, radius and contrast. A contact with a contrast of its own says nothing about the common one.
+    """
+    mean, std = prior.of_disks(fit.disks, fit.blur)
+    pull = np.where(prior.is_odd(fit.disks) >= 0, 0.0, prior.mean / std**2)
+    normal, n = fit.information[:, :4, :4].copy(), len(fit.disks)
+    # a disk outside the image or under a mask has no information: keep its matrix regular
+    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(4)
+    cross, information = np.zeros((n, 4, 2)), np.zeros((n, 2, 2))
+    cross[:, CONTRAST, 0], cross[:, :, 1] = -pull, fit.information[:, :4, 4]
+    information[:, 0, 0], information[:, 1, 1] = pull * prior.mean, fit.information[:, 4, 4]
+    score = np.stack([pull * (fit.disks[:, CONTRAST] - mean), fit.blur_score], axis=-1)
+    scores = SharedScores.eliminated(normal, np.zeros((n, 4)), cross, score, information, least_factor)
+    # a disk that had another prior when it was fitted may be left with less than nothing
+    values, vectors = np.linalg.eigh(scores.information)
+    information = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    return replace(scores, information=information)
+
+
+def _with_plateau(scores: SharedScores, plateau_offset: float) -> tuple[NDArray, NDArray]:
+    """Score and information of all disks, with variances as large as the disks disagree.
+
+    Where they disagree, edges are not those assumed. The plateau of wide contacts does not depend on the
+    edges: it then enters as a datum, ``plateau_offset`` being the logarithm of its ratio to the contrast.
+    """
+    score, information, factor, _ = scores.total(np.array([0, 1]))
+    weight = max(1.0 - USUAL_CHI_SQUARE / factor, 0.0) / PLATEAU_STD_FRACTION**2
+    datum = weight * np.array([1.0, 0.0]) if np.isfinite(plateau_offset) else np.zeros(2)
+    return score / factor + datum * np.nan_to_num(plateau_offset), information / factor + np.diag(datum)
+
+
+def as_common_error(modes: NDArray, radius: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Independent errors of all radii as one with the same effect on the sum of areas, and what each leaves.
 
     Parameters
     ----------
-    score : ndarray, shape (n, 2)
-        Derivative of the log-likelihood.
-    information : ndarray, shape (n, 2, 2)
-    response : ndarray, shape (n, 4, 2)
-        Derivative of x, y, radius, contrast.
+    modes : ndarray, shape (n, k), px
+        Change of each radius by one standard uncertainty of each error.
+    radius : ndarray, shape (n,), px
     """
-
-    score: NDArray[np.float64]
-    information: NDArray[np.float64]
-    response: NDArray[np.float64]
-
-    @property
-    def radius_response(self) -> NDArray[np.float64]:
-        """Derivative of the radius, shape (n, 2)."""
-        return self.response[:, RADIUS]
-
-    @classmethod
-    def of(cls, fit: FittedDisks, prior: ContrastPrior) -> "DiskScores":
-        """The sums from the last normal equations of a fit with this prior.
-
-        A contact with a contrast of its own says nothing about the common one.
-        """
-        contrast = prior.mean
-        mean, std = prior.of_disks(fit.disks, fit.blur)
-        tight = np.where(prior.is_odd(fit.disks) >= 0, 0.0, 1.0 / std**2)
-        excess = fit.disks[:, CONTRAST] - mean
-        normal = fit.information[:, :4, :4].copy()
-        cross = np.zeros((len(normal), 4, 2))
-        cross[:, CONTRAST, 0], cross[:, :, 1] = -tight * contrast, fit.information[:, :4, 4]
-        # a disk outside the image or under a mask has no information: keep its matrix regular
-        normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(4)
-        response = -np.asarray(np.linalg.solve(normal, cross), float)
-        information = np.swapaxes(cross, 1, 2) @ response
-        information[:, 0, 0] += tight * contrast**2
-        information[:, 1, 1] += fit.information[:, 4, 4]
-        score = np.stack([tight * contrast * excess, fit.blur_score], axis=-1)
-        # rounding leaves negative eigenvalues
-        values, vectors = np.linalg.eigh(information)
-        information = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-        return cls(score, information, response)
-
-    def total(self, least_factor: float, plateau_offset: float) -> tuple[NDArray, NDArray]:
-        """Score and information of all disks, with variances as large as the disks disagree.
-
-        Where they disagree, edges are not those assumed. The plateau of wide contacts does not depend on the
-        edges: it then enters as a datum, ``plateau_offset`` being the logarithm of its ratio to the contrast.
-        """
-        factor, whole = max(least_factor, 1.0), self.information.sum(axis=0)
-        if len(self.score) >= FEW:
-            # where every disk is lost, nothing is known of contrast or blur, and nothing disagrees
-            total = np.linalg.pinv(whole, hermitian=True)
-            # what each would still change after the step that suits all best
-            rest = self.score - self.information @ (total @ self.score.sum(axis=0))
-            factor = max(factor, 0.5 * float(np.einsum("ni,ij,nj->", rest, total, rest)))
-        weight = max(1.0 - USUAL_CHI_SQUARE / factor, 0.0) / PLATEAU_STD_FRACTION**2
-        weight = weight if np.isfinite(plateau_offset) else 0.0
-        information = whole / factor + np.diag([weight, 0.0])
-        score = self.score.sum(axis=0) / factor
-        score[0] += weight * plateau_offset if weight else 0.0
-        return score, information
+    along = modes.T @ radius
+    common = modes @ along / max(float(np.linalg.norm(along)), 1e-30)
+    return common, np.sqrt(np.maximum(np.sum(modes**2, axis=1) - common**2, 0.0))
 
 
 def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[np.float64]) -> ContrastPrior:

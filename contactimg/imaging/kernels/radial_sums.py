@@ -1,31 +1,17 @@
 """Residuals of disks against the distance from their centres; radial profiles added to an image (compiled).
 
-Profiles and templates are given at nodes, linear between them: `INNER_NODES` equal steps from the centre of a
-disk to ``inner``, then steps of a given length.
+Profiles and templates are given at nodes (`contactimg.imaging.profile.edge_shape.Nodes`), linear between
+them.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contactimg.compiled import njit
+from contactimg.imaging.profile.edge_shape import INNER_NODES
 
-INNER_NODES = 6
-"""Steps inside; accuracy: the plateau of a contact is smooth."""
 MOST_HIDDEN = 0.02
 """Share of masked pixels, dead ones here and there, up to which a disk is summed over the others. Accuracy:
 steps become shorter by as much."""
-
-
-def radial_nodes(inner: NDArray[np.float64], step: float, count: int) -> NDArray[np.float64]:
-    """Distances of the nodes of each disk, shape (n, `INNER_NODES` + count).
-
-    Examples
-    --------
-    >>> radial_nodes(np.array([12.0]), 0.5, 3)
-    array([[ 0. ,  2. ,  4. ,  6. ,  8. , 10. , 12. , 12.5, 13. ]])
-    """
-    inside = inner[:, None] * (np.arange(INNER_NODES) / INNER_NODES)
-    return np.hstack([inside, inner[:, None] + step * np.arange(count)])
 
 
 @njit(cache=True)

@@ -18,6 +18,10 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from contactimg.compiled import njit
+
+Values = NDArray[np.float64]
+
 PIXEL_VARIANCE = 1.0 / 12.0
 """Variance of the position inside a square pixel, px^2."""
 
@@ -121,3 +125,38 @@ def _powers(u: NDArray[np.float64], values: NDArray[np.float32]) -> NDArray[np.f
             powers[PROFILE_DEGREE - np.arange(len(row)), column::columns] += np.outer(row, part)
     powers = powers.reshape(PROFILE_DEGREE + 1, rows, columns)
     return np.ascontiguousarray(np.swapaxes(powers, 0, 1), np.float32)
+
+
+def blurred_disks(r: Values, a: Values, s: Values | float) -> Values:
+    """``P(r; a, s)`` from the table of the plain disk, for shapes (n, k), (n, 1) and (n, 1) or a number."""
+    return np.asarray(look_up(disk_table().values, r, a, s)[0])
+
+
+def look_up(table: NDArray[np.float32], r: Values, a: Values, s: Values | float, count: int = 1) -> Values:
+    """The first of ``P``, ``s dP/da``, ``s dP/dr`` from the values of an edge table, shape (count, n, k)."""
+    blur = np.broadcast_to(np.asarray(s, float), a.shape)
+    return np.asarray(_interpolate(table, np.array(a[:, 0]), np.array(blur[:, 0]), r, count))
+
+
+@njit(cache=True, error_model="numpy")
+def _interpolate(table, radius, blur, distance, count):
+    """Profile and derivatives from the table of the plain disk, shape (count, n, k)."""
+    out = np.zeros((count, *distance.shape))
+    rows, columns = table.shape[:2]
+    for i in range(len(radius)):
+        a, s = radius[i], blur[i]
+        row = s / (s + a) * (rows - 1)
+        k = min(int(row), rows - 2)
+        f = row - k
+        for n in range(distance.shape[1]):
+            column = ((distance[i, n] - a) / s + INNER_BLUR_WIDTHS) * STEPS_PER_BLUR_WIDTH
+            if column <= 0.0:
+                out[0, i, n] = 1.0
+            elif column < columns - 1:
+                j = int(column)
+                g = column - j
+                for m in range(count):
+                    low = table[k, j, m] + g * (table[k, j + 1, m] - table[k, j, m])
+                    high = table[k + 1, j, m] + g * (table[k + 1, j + 1, m] - table[k + 1, j, m])
+                    out[m, i, n] = low + f * (high - low)
+    return out

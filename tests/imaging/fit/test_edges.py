@@ -9,22 +9,24 @@ from edge_frames import CASES, OPTICS, edge_frame, errors
 
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import render_disks
-from contactimg.imaging.fit.edge_profile import LearnedEdge, describe_edge
-from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement
+from contactimg.imaging.fit.learned_edge import LearnedEdge, describe_edge
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
-from contactimg.imaging.kernels.radial_sums import INNER_NODES, sum_residuals
+from contactimg.imaging.fit.shared_scores import EVERY, rim_residuals, rim_scores
+from contactimg.imaging.kernels.radial_sums import sum_residuals
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.blurred_disk import blurred_disk
 from contactimg.imaging.profile.edge_shape import (
     DOME,
+    INNER_NODES,
+    LIGHT,
     PARAMETERS,
     PRIOR_STD,
     RESPONSE,
+    SHARED,
     SOFTNESS,
-    BlurredDisks,
-    blurred_profile,
-    edge_profile,
-    edge_templates,
+    Edge,
+    Nodes,
+    blurred_dome,
 )
 from contactimg.optics.sensor import CameraResponse
 from contactimg.tables import Flag
@@ -116,60 +118,58 @@ def test_a_soft_edge_is_said_and_its_uncertainty_covers_a_rim_outside(case):
 
 def placed(radius, blur):
     disks = np.array([[100.0, 100.0, a, 1.0] for a in radius])
-    return Placement((200, 200), 1.25).place(disks, blur=blur, per_blur=16)
+    return Nodes.about(disks, (200, 200), blur, per_blur=16)
+
+
+def edge_with(**values):
+    """An edge of a blur of 1.4 px with some parameters."""
+    shape = np.zeros(len(PARAMETERS))
+    for place, value in values.items():
+        shape[int(place[1:])] = value
+    return Edge(1.4, shape, 1.25)
 
 
 def test_the_profile_of_a_plain_edge_is_that_of_the_blurred_disk():
     nodes = placed([1.0, 4.0, 20.0], 1.4)
-    plain = edge_profile(nodes.disks, 1.4, np.zeros(len(PARAMETERS)))
-    exact = [blurred_disk(r, a, 1.4) for r, a in zip(nodes.disks.distance, [1.0, 4.0, 20.0], strict=True)]
+    exact = [blurred_disk(r, a, 1.4) for r, a in zip(nodes.distance, [1.0, 4.0, 20.0], strict=True)]
     # linear interpolation between 128 radii
-    np.testing.assert_allclose(plain, exact, atol=5e-4)
+    np.testing.assert_allclose(edge_with().profile(nodes), exact, atol=5e-4)
 
 
 @pytest.mark.parametrize("parameter", range(5))
 def test_a_point_spread_function_conserves_light(parameter):
     nodes = placed([3.0, 20.0], 1.4)
-    shape = np.zeros(len(PARAMETERS))
-    shape[parameter] = 0.3
-    light = np.sum(edge_profile(nodes.disks, 1.4, shape) * nodes.areas, axis=1)
+    light = np.sum(edge_with(**{f"p{parameter}": 0.3}).profile(nodes) * nodes.areas, axis=1)
     # of the widest Gaussian, 2.9 blurs, 5 % of a contact of 3 px lie beyond 7 blurs
     np.testing.assert_allclose(light, np.pi * np.array([9.0, 400.0]), rtol=0.3 * 0.06)
 
 
 def test_a_dome_has_no_light_and_the_curvature_of_its_definition():
     nodes = placed([20.0], 1.0)
-    dome = BlurredDisks.of(nodes.disks, 1.0).dome(nodes.disks, 1.0)
+    dome = blurred_dome(nodes.distance, nodes.radius, 1.0)
     assert abs(np.sum(dome * nodes.areas)) < 0.01 * np.pi * 400
     # 1/2 - (r^2 + 2 s^2)/a^2 on the plateau
-    r = nodes.disks.distance[0, 2]
+    r = nodes.distance[0, 2]
     assert dome[0, 2] == pytest.approx(0.5 - (r**2 + 2) / 400, abs=1e-4)
 
 
-@pytest.mark.parametrize("parameter", range(len(PARAMETERS)))
-def test_templates_are_the_derivatives_of_the_profile(parameter):
-    nodes, step = placed([2.0, 8.0], 1.4), 1e-3 * PRIOR_STD[parameter]
-    nodes.disks.field[:] = [0.5, -0.3, 0.1, 0.2, -0.1]
-    shape = np.zeros((2, len(PARAMETERS)))
-    shape[:, parameter] = step, -step
-    above, below = (edge_profile(nodes.disks, 1.4, row) for row in shape)
-    template = edge_templates(nodes.disks, 1.4, np.zeros(len(PARAMETERS)), [1 + parameter])[:, 0]
-    np.testing.assert_allclose((above - below) / (2 * step), template, atol=0.02 * np.abs(template).max())
+def test_derivatives_of_a_plain_edge_are_those_of_the_blurred_disk():
+    nodes, a, s, step = placed([2.0, 8.0], 1.4), np.array([[2.0], [8.0]]), 1.4, 1e-4
+    edge = edge_with()
+    found = edge.derivatives(nodes, edge.profile(nodes), np.array([1]))
+    for column, (da, ds) in enumerate(((step, 0.0), (0.0, step))):
+        above, below = (blurred_disk(nodes.distance, a + x * da, s + x * ds) for x in (1.0, -1.0))
+        exact = (above - below) / (2 * step)
+        np.testing.assert_allclose(found[:, column], exact, atol=0.02 * np.abs(exact).max())
 
 
-def test_a_profile_alone_is_that_with_its_derivatives():
-    nodes = placed([1.0, 3.0, 20.0], 1.4)
-    for blur in (0.7, 1.4, 4.0):
-        whole = BlurredDisks.of(nodes.disks, blur)
-        np.testing.assert_array_equal(blurred_profile(nodes.disks, blur), whole.p)
-
-
-def test_templates_are_computed_as_chosen():
-    nodes, shape = placed([2.0, 8.0], 1.4), np.zeros(len(PARAMETERS))
-    shape[RESPONSE] = 0.2
-    every = edge_templates(nodes.disks, 1.4, shape, range(1 + len(PARAMETERS)))
-    chosen = [7, 0, 15]
-    np.testing.assert_array_equal(edge_templates(nodes.disks, 1.4, shape, chosen), every[:, chosen])
+@pytest.mark.parametrize("parameter", range(LIGHT))
+def test_derivatives_are_those_of_the_profile(parameter):
+    nodes, step = placed([2.0, 8.0], 1.4), 1e-2 * PRIOR_STD[parameter]
+    nodes.field[:] = [0.5, -0.3, 0.1, 0.2, -0.1]
+    above, below = (edge_with(**{f"p{parameter}": x}).profile(nodes) for x in (step, -step))
+    found = edge_with().derivatives(nodes, edge_with().profile(nodes), np.array([SHARED + parameter]))[:, 1]
+    np.testing.assert_allclose((above - below) / (2 * step), found, atol=0.02 * np.abs(found).max())
 
 
 def test_scores_of_small_contacts_end_six_blur_widths_from_their_rims():
@@ -182,7 +182,8 @@ def test_scores_of_small_contacts_end_six_blur_widths_from_their_rims():
     def score(light_from):
         lit = image + 3.0 * (far > light_from).astype(np.float32)
         problem = FitProblem(lit, Noise(1.0), ContrastPrior.loose(100.0))
-        return EdgeScores.of(problem, disks, Edge.plain(blur), Placement(image.shape, 1.25)).score
+        rest = rim_residuals(problem, disks, Edge.plain(blur))
+        return rim_scores(problem, disks, Edge.plain(blur), EVERY, rest=rest).score
 
     # light among which the rims of others would lie
     np.testing.assert_array_equal(score(7.0 * blur), score(np.inf))

@@ -14,9 +14,11 @@ from contactimg.imaging.fit import shared_optics
 from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.pooling import pool_optics
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
-from contactimg.imaging.fit.shared_optics import OpticsPrior, settle_optics
+from contactimg.imaging.fit.shared_optics import OpticsPrior, disk_scores, settle_optics
+from contactimg.imaging.fit.shared_scores import SharedScores
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.limits import FEW
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.mechanics import hertz
 from contactimg.pipeline.frame import measure_frame
@@ -338,13 +340,27 @@ def test_a_frame_object_keeps_its_name():
 
 
 def test_scores_without_information_do_not_disagree():
-    count = shared_optics.FEW
+    count = FEW
     information = np.zeros((count, 2, 2))
     information[:, 1, 1] = 1.0  # of the blur alone
-    scores = shared_optics.DiskScores(np.zeros((count, 2)), information, np.zeros((count, 4, 2)))
-    score, total = scores.total(1.0, float("nan"))
+    nothing = np.zeros((count, 2))
+    scores = SharedScores(nothing, information, np.zeros((count, 4, 2)), np.zeros((count, 4)), nothing)
+    score, total, factor, _ = scores.total(np.array([0, 1]))
     assert score == pytest.approx(0.0)
     assert total == pytest.approx(np.diag([0.0, count]))
+    assert factor == 1.0
+
+
+def test_a_disk_fitted_with_another_prior_says_nothing_rather_than_less():
+    information = np.diag([100.0, 100.0, 100.0, 1e-3, 400.0])[None]  # of the contrast less than the prior has
+    disk = np.array([[20.0, 20.0, 2.0, 80.0]])
+    fit = FittedDisks(
+        disk, np.full((1, 4), 0.01), np.ones(1), np.full(1, 100), 1.5, np.zeros((40, 40), np.float32),
+        information, np.zeros(1), np.ones(1),
+    )  # fmt: skip
+    left = disk_scores(fit, ContrastPrior(80.0, 1.0, 1.0)).information[0]
+    assert np.linalg.eigvalsh(left).min() >= 0.0
+    assert left[1, 1] == pytest.approx(400.0)
 
 
 def test_a_disk_without_information_does_not_fly_off():

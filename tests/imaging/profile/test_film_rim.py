@@ -10,6 +10,7 @@ from contact_frames import match
 
 from contactimg.errors import InputError
 from contactimg.imaging.measure import measure_image
+from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, STEPS_PER_BLUR_WIDTH, blurred_disk
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
 from contactimg.optics.film import Light, excess_table
 
@@ -83,3 +84,22 @@ def test_table_far_from_the_rim_is_that_of_a_disk():
 def test_rims_need_positive_lengths():
     with pytest.raises(InputError, match="positive sphere radius and pixel size"):
         FilmRim(LED, SPHERE, 0.0)
+
+
+class NarrowFringes:
+    """Bright and dark fringes a tenth of a pixel wide."""
+
+    def excess(self, distance_px, _radius_px):
+        return np.cos(2.0 * np.pi * distance_px / 0.1)
+
+    def extent_px(self, _radius_px):
+        return 6.0
+
+
+def test_fringes_that_no_pixel_shows_average_out():
+    blur = 1.4
+    profile = np.asarray(rim_table(NarrowFringes(), blur).values)[8, :, 0]  # a/s = 71/8
+    u = np.arange(len(profile)) / STEPS_PER_BLUR_WIDTH - INNER_BLUR_WIDTHS
+    # the first quarter of a fringe, 0.016 px of light, is not averaged: 0.016/(sqrt(2 pi) 1.4) = 0.005
+    disk = blurred_disk((71.0 / 8.0 + u) * blur, 71.0 / 8.0 * blur, blur)
+    np.testing.assert_allclose(profile, disk, atol=0.008)
