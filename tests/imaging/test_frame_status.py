@@ -109,6 +109,21 @@ def test_a_texture_below_the_noise_tells_the_shift_to_a_pixel():
     assert np.hypot(*shifts[0]) > 10
 
 
+@pytest.mark.parametrize(("size", "share"), [(1, 0.5), (3, 0.35), (6, 0.3)])
+def test_scattered_holes_do_not_hide_the_shift(size, share):
+    world = World(texture=0.03, moves=14.0, dusty=False)
+    scene = world(60, np.random.default_rng([6, 1]))
+    whole = measure_image(scene.frame, scene.reference)
+    frame, rng = scene.frame.astype(np.float32), np.random.default_rng(2)
+    for _ in range(int(share * frame.size / size**2)):
+        y, x = (rng.integers(0, n - size) for n in frame.shape)
+        frame[y : y + size, x : x + size] = np.nan
+    found = measure_image(frame, scene.reference.astype(np.float32))
+    shifts = [(one.shift_x_px, one.shift_y_px) for one in (whole, found)]
+    assert np.hypot(*shifts[0]) > 10
+    np.testing.assert_allclose(*shifts, atol=1.5)
+
+
 def test_a_reference_that_leaves_a_margin_bare_is_said(truth):
     frame, reference = pair(truth)
     near, far = (measure_image(frame, np.roll(reference, by, axis=0)) for by in (2, 16))

@@ -23,7 +23,14 @@ from contactimg.imaging.background.alignment import (
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, ITERATIONS, Illumination
 from contactimg.imaging.pixels.blocks import side_of, strips
 from contactimg.imaging.pixels.masks import Flags, Mask, Values, mean_of_seen
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST_VALUES, SIGNIFICANT_SIGMA, median, robust_std
+from contactimg.imaging.pixels.robust import (
+    CLIP_SIGMA,
+    FEWEST_VALUES,
+    SIGNIFICANT_SIGMA,
+    median,
+    quantile,
+    robust_std,
+)
 from contactimg.timings import stage
 
 # Pixels for each independent value after the smoothing. Theory: the noise-equivalent area of a Gaussian.
@@ -52,7 +59,7 @@ LARGEST_SHIFT_FRACTION = 0.25  # of the size of the image: larger shifts are not
 # Half the side of the window whose mean the detail is relative to, wider than texture and dirt; and how far
 # the shift of a tile may lie from that of the whole image. By hand.
 WINDOW_BINS = 10
-WHOLE_WINDOW = 0.75  # share of it that is seen, at least. By hand
+WHOLE_WINDOW = 0.75  # share of it that is seen, of that of the widest, at least. By hand
 # What stands out and is wider is a contact and left out, what is narrower may be dirt; and about the half
 # width of what belongs to a peak. By hand.
 CONTACT_BINS = 5
@@ -268,19 +275,21 @@ def search_alignment(
     size = (frame.shape[1] // BIN_PX, frame.shape[0] // BIN_PX)
     if min(size) < 2 * WINDOW_BINS:
         return None
-    binned, before = (
-        cv2.resize(np.asarray(image, np.float32), size, interpolation=cv2.INTER_AREA)
+    every = np.ones(frame.shape, np.bool_) if valid is None else valid > 0
+    (binned, share), (before, _) = (
+        mean_of_seen(
+            lambda part: cv2.resize(part, size, interpolation=cv2.INTER_AREA),
+            np.asarray(image, np.float32),
+            every,
+        )
         for image in (frame, reference)
     )
-    usable = np.ones(size[::-1], np.bool_)
-    if valid is not None:
-        holes = cv2.resize(1 - valid, size, interpolation=cv2.INTER_AREA)
-        usable = cv2.dilate(holes, np.ones((3, 3), np.uint8)) == 0
+    usable = share > 0.5
     window = (2 * WINDOW_BINS + 1, 2 * WINDOW_BINS + 1)
     around, _ = mean_of_seen(lambda part: cv2.blur(part, window), before, usable)
     # near the border and holes the mean lies to one side of a place, and a slope of the light is no texture
     seen = cv2.blur(usable.astype(np.float32), window, borderType=cv2.BORDER_CONSTANT)
-    usable &= seen > WHOLE_WINDOW
+    usable &= seen > WHOLE_WINDOW * (quantile(seen[usable], 0.9) if usable.any() else 1.0)
     usable &= around > DARKEST_FRACTION * float(np.abs(around).max())
     if np.count_nonzero(usable) < FEWEST_VALUES:
         return None
