@@ -137,7 +137,7 @@ def rim_errors(
 
 
 def count_at_own(image: NDArray[np.float32], contacts: dict[str, NDArray], crossing: Crossing) -> Values:
-    """Radii of contacts of another brightness at the same fraction of their own contrast; NaN of the others.
+    """Radii of contacts of another brightness at the same fraction of their own contrast; NaN for others.
 
     Their own contrast is that of their mean height. The pixels counted are those connected with the middle.
     """

@@ -169,7 +169,7 @@ class Rims:
 
 
 class Option(NamedTuple):
-    """One family more: the step of the shared quantities with it, its odds, and what part the pixels have."""
+    """One family more: the step with it, the logarithm of its odds, and Wald's statistic of its values."""
 
     step: SharedStep
     log_odds: float
@@ -469,7 +469,7 @@ class EdgeSearch:
 
 
 def _undecided(radius: Values, seen: Values, scores: SharedScores, options: dict[str, Option]) -> Values:
-    """Shift of the radii by the other family of edges that may change the areas most, px.
+    """Shift of the radii, px, by the other family of edges that may change the areas most.
 
     Root mean square over a family that is present with the probability that its odds give: where the
     residuals exclude it that is next to nothing, where they cannot tell it is what the family may be.
