@@ -88,6 +88,8 @@ def assemble_disks(
     else:
         work.add_wide_residuals()
     work.add_peaks(most)
+    if shapes == "auto":
+        work.find_ellipses(np.ones(len(work.fit.disks), np.bool_))
     if not work.limited and work.improve_covers():
         work.add_peaks(most, outside=True)
     if shapes == "auto":
