@@ -233,12 +233,6 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
             break
         disks = fit.disks[members] - window.offset
         better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
-        if len(members) == 1 and len(better) == 2:
-            found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
-            # the first two that describe the pixels need not have settled
-            better, chi_square = window.fit(better, np.full(2, np.inf))
-            if any(_misfit(window, each) < chi_square for each in found.fitted):
-                continue
         simple = _simpler(window, better, usual)
         better, shaped = (better, np.zeros(len(better), np.bool_)) if simple is None else simple
         if better is not disks:
