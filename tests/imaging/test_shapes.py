@@ -88,12 +88,16 @@ def test_ellipses_of_two_to_one_are_not_cut_up(seed):
     assert len(match(scene.truth, disks)) >= 0.98 * len(scene.truth)
 
 
-def test_a_frame_of_ellipses_has_the_areas_within_their_errors():
+@pytest.mark.parametrize(("ratio", "share"), [(1.3, 0.9), (1.08, 0.5)])
+def test_a_frame_of_ellipses_has_the_areas_within_their_errors(ratio, share):
+    """An ellipse of 1.08 : 1 differs from a disk by 4 % of the radius, which small ones do not show."""
     pulls, shares = [], []
     for seed in range(3):
-        world = World(layout=sparse(radii=(4, 14)), alter=stretched(1.3))
+        world = World(layout=sparse(radii=(4, 14)), alter=stretched(ratio))
         scene = world(25, np.random.default_rng([43, seed]))
-        disks = measure_image(scene.frame, scene.reference).disks
+        result = measure_image(scene.frame, scene.reference)
+        assert result.status == "ok"
+        disks = result.disks
         pairs = match(scene.truth, disks)
         assert len(pairs) == len(disks) == len(scene.truth)
         found = disks.iloc[pairs[:, 1]]
@@ -102,7 +106,7 @@ def test_a_frame_of_ellipses_has_the_areas_within_their_errors():
         shares.append(np.mean(found["shape"] == "ellipse"))
     # 75 normal deviates: 95 +- 2.5 %, three times that
     assert np.mean(np.concatenate(pulls) < 2) > 0.87
-    assert min(shares) > 0.9
+    assert min(shares) > share
 
 
 FREE = {"ring": ring(0.5), "bone": bone(), "triangle": triangle()}

@@ -35,7 +35,7 @@ from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, f
 from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
 from contactimg.imaging.pixels.blocks import SignedImage, block_means
 from contactimg.imaging.pixels.robust import ROUGH_RATIO
-from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, REACH_BLUR_WIDTHS
+from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, POOR_CHI_SQUARE, REACH_BLUR_WIDTHS
 from contactimg.timings import stage
 
 MOST_DISKS_PER_PX2 = 1.0 / 40.0
@@ -89,7 +89,7 @@ def assemble_disks(
         work.add_wide_residuals()
     work.add_peaks(most)
     if shapes == "auto":
-        work.find_ellipses(np.ones(len(work.fit.disks), np.bool_))
+        work.find_ellipses(work.fit.chi_square > POOR_CHI_SQUARE * max(work.usual_chi_square, 1.0))
     if not work.limited and work.improve_covers():
         work.add_peaks(most, outside=True)
     if shapes == "auto":
@@ -134,6 +134,11 @@ class Assembly:
             fit = fit_disks(self.problem, disks, blur=fit.blur, control=control, largest=largest)
             self.problem = allow_for_coarse_rims(problem, fit)
         self.fit = fit
+
+    @property
+    def usual_chi_square(self) -> float:
+        """The median of all disks."""
+        return float(np.median(self.fit.chi_square)) if len(self.fit.disks) else 1.0
 
     def add(self, disks: NDArray[np.float64]) -> None:
         """Add disks, which are free to grow, and drop those near them that are not significant."""
