@@ -36,7 +36,6 @@ from contactimg.imaging.fit.shapes import (
     EXACT_OPTICS,
     Ellipses,
     FittedEllipse,
-    find_ellipses,
     fit_ellipse,
     render_ellipse,
 )
