@@ -23,6 +23,7 @@ from contactimg.imaging.detect.inscribed_disks import (
     inscribed_in,
 )
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual
+from contactimg.imaging.fit.contact_pixels import look_at_pixels
 from contactimg.imaging.fit.disks import (
     WELL_FITTED_CHI_SQUARE,
     FitControl,
@@ -34,6 +35,7 @@ from contactimg.imaging.fit.disks import (
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, X, Y
 from contactimg.imaging.fit.shapes import (
     EXACT_OPTICS,
+    LEAST_ELONGATION,
     Ellipses,
     FittedEllipse,
     fit_ellipse,
@@ -67,6 +69,9 @@ EXCESS_LEFT_FRACTION = 0.35
 JOINED_ELLIPTICITY, MOST_JOINED = 0.3, 4
 """Ellipticity from which the fit of one ellipse to touching disks starts, and disks that it may replace. By
 hand: three disks in a row are an ellipse of 3 : 1."""
+IMPERFECT_RIM = 0.12
+"""Root mean square residual about the rim of a round disk, of the contrast, below which it is not cut up. By
+hand: three disks in a triangle leave 0.17, an outline rough by 2 % of the radius 0.05."""
 LARGEST_GROUP = 20
 """Disks of the largest group for which covers are tried. By hand, for time."""
 LEAST_GAIN = 1.0
@@ -217,12 +222,18 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
     chance = FALSE_ALARM_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1))
     limit = np.maximum(SUSPICIOUS_CHI_SQUARE, 1.0 + chance)
     bad = fit.chi_square > limit * usual
+    left_over = np.sqrt(np.maximum(fit.chi_square - 1.0, 0.0)) * problem.pixel_noise
+    imperfect = bad & (left_over < IMPERFECT_RIM * problem.contrast)
+    if imperfect.any():
+        seen = look_at_pixels(problem, fit, rows=np.flatnonzero(imperfect))
+        imperfect[imperfect] = seen.elongation < LEAST_ELONGATION
     # the smallest groups first: most of them are resolved if the work does not suffice for all
     coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
     for members in sorted(_groups_with(bad, fit.disks, NEAR_BLUR_WIDTHS * fit.blur), key=len):
-        # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
+        # a single disk must fit worse than most, as in a frame of ragged contacts all fit badly, and be longer
+        # than wide, as two disks are, or leave more than an imperfect rim, as three do
         usual_ones = fit.chi_square[members] < limit[members] * median
-        if len(members) == 1 and (usual_ones[0] or members[0] in ellipses.rows):
+        if len(members) == 1 and (usual_ones[0] or imperfect[members[0]] or members[0] in ellipses.rows):
             continue
         window = GroupWindow.about(coarse, fit, members)
         if window is None:
