@@ -230,7 +230,7 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
     # the smallest groups first: most of them are resolved if the work does not suffice for all
     coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
     for members in sorted(_groups_with(bad, fit.disks, NEAR_BLUR_WIDTHS * fit.blur), key=len):
-        # a single disk must fit worse than most, as in a frame of ragged contacts all fit badly, and be longer
+        # a single disk must fit worse than most, as in a frame of ragged contacts all do, and be longer
         # than wide, as two disks are, or leave more than an imperfect rim, as three do
         usual_ones = fit.chi_square[members] < limit[members] * median
         if len(members) == 1 and (usual_ones[0] or imperfect[members[0]] or members[0] in ellipses.rows):
