@@ -28,8 +28,8 @@ def test_threshold_counts_pixels_and_shrinks_as_it_rises(rng):
     assert sums[0] > sums[1] > sums[2]
 
 
-def test_light_scattered_far_makes_no_contacts(rng):
-    optics = Optics(shape=(600, 800), halo=0.2)
+def test_light_scattered_far_makes_no_contacts():
+    rng, optics = np.random.default_rng(1), Optics(shape=(600, 800), halo=0.2)
     truth = scatter(125, optics, rng)
     frame, reference = render(truth, optics, rng)
     found = measure_image(frame, reference, polarity="bright", full_scale=255.0)
