@@ -64,7 +64,7 @@ def mechanisms():
         ],
         "ellipses": [
             ("fit.method", "_Frame.with_ellipses", lambda _self, plain, **_: plain),
-            ("fit.assemble", "Assembly.find_ellipses", lambda _self, _tried: None),
+            ("fit.assemble", "Assembly.find_ellipses", lambda _self, *_: None),
         ],
         "foreign objects": [("foreground", "find_foreign", lambda *_a, **_o: foreign)],
         "uneven background": [

@@ -13,6 +13,7 @@ from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual, find_peaks, least_peak
 from contactimg.imaging.fit.covers import (
+    LONG_RATIO,
     SETTLED_GROWTH_RATIO,
     Replacement,
     are_parts,
@@ -31,7 +32,14 @@ from contactimg.imaging.fit.disks import (
     reach_of,
 )
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
-from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
+from contactimg.imaging.fit.shapes import (
+    EXACT_OPTICS,
+    LEAST_ELONGATION,
+    NO_ELLIPSES,
+    Ellipses,
+    find_ellipses,
+    made_round,
+)
 from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
 from contactimg.imaging.pixels.blocks import SignedImage, block_means
 from contactimg.imaging.pixels.robust import ROUGH_RATIO
@@ -77,7 +85,7 @@ def assemble_disks(
     largest = largest_radii(disks, problem.image.shape, blur, GROWTH_RATIO, 1.0)
     work = Assembly(problem, disks, largest, whole, blur=blur, free_blur=free_blur)
     if shapes == "auto":
-        work.find_ellipses(whole)
+        work.find_ellipses(whole, LONG_RATIO)  # neighbours that are not found yet make disks look longer
     work.drop_insignificant()
     # no more are added where they share so many pixels with their neighbours
     pairs = find_pairs(work.fit.disks, 0.5 * EDGE_BLUR_WIDTHS * work.fit.blur)
@@ -89,7 +97,8 @@ def assemble_disks(
         work.add_wide_residuals()
     work.add_peaks(most)
     if shapes == "auto":
-        work.find_ellipses(work.fit.chi_square > POOR_CHI_SQUARE * max(work.usual_chi_square, 1.0))
+        poor = work.fit.chi_square > POOR_CHI_SQUARE * max(work.usual_chi_square, 1.0)
+        work.find_ellipses(poor, LEAST_ELONGATION)
     if not work.limited and work.improve_covers():
         work.add_peaks(most, outside=True)
     if shapes == "auto":
@@ -202,9 +211,11 @@ class Assembly:
             active = _neighbours(disks, dropped, EDGE_BLUR_WIDTHS * self.fit.blur)[~dropped]
             self._exchange(Replacement(dropped, disks[:0]), np.empty(0), 4, active)
 
-    def find_ellipses(self, tried: NDArray[np.bool_]) -> None:
+    def find_ellipses(self, tried: NDArray[np.bool_], elongation: float) -> None:
         """Replace the regions that are ellipses by disks of equal area in the image."""
-        found = find_ellipses(self.problem, self.fit, self.problem.prior, EXACT_OPTICS, among=tried)
+        found = find_ellipses(
+            self.problem, self.fit, self.problem.prior, EXACT_OPTICS, among=tried, elongation=elongation
+        )
         pairs = find_pairs_of_disks(self.problem, self.fit, found)
         self._replace(pairs)
         self._make_round(found.kept(~pairs.replaced))

@@ -77,8 +77,8 @@ LARGEST_GROUP = 20
 LEAST_GAIN = 1.0
 """Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
 uncertainty of one parameter."""
-LEAST_PAIR_RATIO = 1.12
-"""Ratio of the axes of an ellipse from which two disks are tried in its place. By hand: two disks that are
+LONG_RATIO = 1.12
+"""Ratio of the axes from which two disks are tried in the place of an ellipse. By hand: two disks that are
 told apart make 1.24."""
 LIT_FRACTION = 0.02
 """Height from which pixels belong to a group, of the contrast. By hand."""
@@ -331,7 +331,7 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
         major, minor = ellipse.half_axes
         margin = max(float(major - fit.disks[row, RADIUS]), 0.0)
         window = GroupWindow.about(common, fit, np.array([row]), margin=margin)
-        if window is None or major < LEAST_PAIR_RATIO * minor:
+        if window is None or major < LONG_RATIO * minor:
             continue
         # only the pixels that the ellipse lights count: neighbours may still be described badly
         model = render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
