@@ -78,8 +78,10 @@ class NoiseCorrelation:
         """The correlation of pixels that share no noise."""
         return cls(np.zeros(LARGEST_LAG + 1))
 
-    def rim_inflation(self, radius: NDArray, blur: float, *, noise: Noise, gain: float) -> NDArray:
-        """Ratio of the variance of a radius to that for independent pixels.
+    def inflation(
+        self, radius: NDArray, blur: float, *, noise: Noise, gain: float, rim: bool
+    ) -> NDArray[np.float64]:
+        """Ratio of the variance of a radius (``rim``) or of a contrast to that for independent pixels.
 
         Parameters
         ----------
@@ -89,23 +91,15 @@ class NoiseCorrelation:
         noise : Noise
         gain : float
             Brightness of a contact relative to the background, by which it multiplies the texture.
+        rim : bool
+            Whether it is that of the radius, whose pixels are at half height.
 
         Notes
         -----
         The derivative of a blurred disk with respect to its radius has the spectrum ``J0(k a) exp(-k^2
-        s^2/2)``; its autocorrelation is the weight of the covariance of two pixels at that distance.
+        s^2/2)``, that with respect to its contrast ``J1(k a)/(k a) exp(-k^2 s^2/2)``; its autocorrelation is
+        the weight of the covariance of two pixels at that distance.
         """
-        return self._inflation(radius, blur, noise, gain, rim=True)
-
-    def plateau_inflation(self, radius: NDArray, blur: float, *, noise: Noise, gain: float) -> NDArray:
-        """Return the factor for the contrast.
-
-        The derivative with respect to it has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``.
-        """
-        return self._inflation(radius, blur, noise, gain, rim=False)
-
-    def _inflation(self, radius: NDArray, blur: float, noise: Noise, gain: float, *, rim: bool) -> NDArray:
-        """Factor for the radius, at half height, or for the contrast, on the plateau."""
         level = 0.5 if rim else 1.0
         lags = np.arange(-LARGEST_LAG, LARGEST_LAG + 1)
         distance = np.hypot(lags[:, None], lags[None, :]).ravel()

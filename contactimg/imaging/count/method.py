@@ -34,7 +34,7 @@ from contactimg.imaging.evidence.rules import OWN_RISE, PLACE, Columns, Judged, 
 from contactimg.imaging.fit.unseen_contrast import LARGEST_CONTRAST_RATIO, PLATEAU_STD_FRACTION
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import touches
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import NOISY_RATIO, SHOWN_BLUR_WIDTHS, SMALL_AREA_PX2
@@ -83,16 +83,19 @@ def measure_by_count(
         prior = foreground.prior_optics
         return Judged(foreground, nothing, nothing, prior, prior, unmatched=edits)
     contacts, rejected = count_contacts(
-        image, fraction=fraction, plateau=contrast.plateau, noise=foreground.noise, saturated=pair.saturated
+        image, fraction=fraction, plateau=contrast.plateau, noise=foreground.noise
     )
     blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
     x, y, radius, flags = (contacts[name] for name in (*PLACE, "flags"))
     long = contacts["semi_major_px"] > LONGEST_PART * contacts["semi_minor_px"]
     long &= flags & int(Flag.MERGED) > 0
-    cut = pair.near_hole(x, y, radius + 2.0 * DEFAULT_BLUR_PX)  # a hole so near spoils the rim
-    contacts["flags"] = flags | np.where(long, int(Flag.POOR_FIT), 0) | np.where(cut, int(Flag.EDGE), 0)
-    dust = own_rise(foreground, np.column_stack([x, y, radius]), blur) < OWN_RISE
+    places = np.column_stack([x, y, radius])
+    cut = touches(pair.valid, 0, places, radius + 2.0 * DEFAULT_BLUR_PX)  # a hole so near spoils the rim
+    full = touches(pair.saturated, 1, places, radius)
+    for flag, shown in ((Flag.POOR_FIT, long), (Flag.EDGE, cut), (Flag.SATURATED, full)):
+        contacts["flags"] = contacts["flags"] | np.where(shown, int(flag), 0)
+    dust = own_rise(foreground, places, blur) < OWN_RISE
     dust &= flags & int(Flag.MANUAL) == 0
     gone = {name: contacts[name][dust] for name in PLACE}
     gone["reason"] = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
@@ -173,7 +176,7 @@ def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> floa
 
 @stage("counting")
 def count_contacts(
-    image: NDArray[np.float32], *, fraction: float, plateau: float, noise: float, saturated: Mask = None
+    image: NDArray[np.float32], *, fraction: float, plateau: float, noise: float
 ) -> tuple[Columns, Columns]:
     """Connected components above ``fraction`` of the contrast, ``radius = sqrt(area/pi)``.
 
@@ -189,8 +192,6 @@ def count_contacts(
         Contrast of the contacts.
     noise : float
         Standard deviation of a background pixel.
-    saturated : Mask
-        1 at full scale.
 
     Returns
     -------
@@ -200,7 +201,7 @@ def count_contacts(
     """
     noisy = plateau < NOISY_RATIO * noise
     components, split = split_components(
-        image, fraction * plateau, marks=saturated, smoothing=DEFAULT_BLUR_PX if noisy else 0.0
+        image, fraction * plateau, smoothing=DEFAULT_BLUR_PX if noisy else 0.0
     )
     light = components["flux"] - components["area"] * np.maximum(_level_around(image, components), 0.0)
     bad = light < LIGHT_SIGMA * noise * np.sqrt(components["area"])
@@ -230,7 +231,6 @@ def _flags(
     """Flags of components, those that touch the border of an image of that shape included."""
     return (
         int(Flag.EDGE) * np.any(sides_cut(components, shape), axis=0)
-        + int(Flag.SATURATED) * (components["marked"] > 0)
         + int(Flag.TOO_SMALL) * (components["area"] < SMALL_AREA_PX2)
         + int(Flag.MERGED) * split
     )

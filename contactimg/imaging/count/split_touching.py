@@ -24,7 +24,6 @@ from contactimg.imaging.detect.components import (
 )
 from contactimg.imaging.detect.inscribed_disks import disks_in_mask
 from contactimg.imaging.kernels.pairs import hidden
-from contactimg.imaging.pixels.masks import Mask
 
 ELONGATION = 1.015
 """Second moment of a component over that of a disk of its area above which it may be several contacts.
@@ -35,13 +34,13 @@ LEAST_AREA_PX2 = 25
 
 
 def split_components(
-    image: NDArray[np.float32], level: float, *, marks: Mask = None, smoothing: float = 0.0
+    image: NDArray[np.float32], level: float, *, smoothing: float = 0.0
 ) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
     """Components of the pixels above a level, split where they consist of several contacts.
 
     Parameters
     ----------
-    image, level, marks
+    image, level
         As for `contactimg.imaging.detect.components.label_components`.
     smoothing : float, px
         Width of a Gaussian that removes notches due to noise before disks are inscribed; 0 for none.
@@ -61,7 +60,7 @@ def split_components(
     >>> [int(area) for area in parts["area"]], split.tolist()
     ([249, 249], [True, True])
     """
-    components, runs = label_runs(image, level, marks=marks)
+    components, runs = label_runs(image, level)
     area = np.maximum(components["area"], 1)
     # n pixels in a disk have the second moment n^2/(2 pi), of which n/6 is that of the pixels themselves
     shape = 2.0 * np.pi * (components["moment"] + area / 6.0) / area**2 - 2.0 * np.pi / 6.0 / area
@@ -79,7 +78,7 @@ def split_components(
         if len(disks) < 2:
             continue
         counts[number] = len(disks)
-        parts = _share(alone, None if marks is None else marks[box], disks)
+        parts = _share(alone, disks)
         for name in ("x", "peak_x", "left", "right"):
             parts[name] += box[1].start
         for name in ("y", "peak_y", "top", "bottom"):
@@ -92,11 +91,11 @@ def split_components(
     return whole[seen], split[seen]
 
 
-def _share(image: NDArray[np.float32], marks: Mask, disks: NDArray[np.float64]) -> NDArray[np.void]:
+def _share(image: NDArray[np.float32], disks: NDArray[np.float64]) -> NDArray[np.void]:
     """Give each pixel of a component to the disk with the least power ``|p - c|^2 - r^2``.
 
     The image is 0 outside the component.
     """
     rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
     owner = np.argmin([(columns - x) ** 2 + (rows - y) ** 2 - a**2 for x, y, a in disks], axis=0)
-    return measure_parts(image, owner, len(disks), marks=marks)
+    return measure_parts(image, owner, len(disks))

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import lengthened, njit
-from contactimg.imaging.pixels.masks import Mask, for_kernel
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 
 NONE, EIGHT = np.uint64(0), np.uint64(0x0101010101010101)
@@ -31,13 +30,12 @@ COMPONENT = np.dtype(
         ("right", np.int64),
         ("top", np.int64),
         ("bottom", np.int64),
-        ("marked", np.int64),  # pixels set in the marks
     ]
 )
 """One component; lengths in px."""
 
 
-def label_components(image: NDArray[np.float32], level: float, *, marks: Mask = None) -> NDArray[np.void]:
+def label_components(image: NDArray[np.float32], level: float) -> NDArray[np.void]:
     """Label the components of the pixels above ``level``, joined by sides and corners.
 
     Parameters
@@ -46,8 +44,6 @@ def label_components(image: NDArray[np.float32], level: float, *, marks: Mask = 
         Positive where the contacts are.
     level : float
         A pixel belongs to a component if it is strictly above.
-    marks : Mask
-        Pixels to count in ``marked``, e.g. saturated ones.
 
     Returns
     -------
@@ -61,12 +57,10 @@ def label_components(image: NDArray[np.float32], level: float, *, marks: Mask = 
     >>> [(int(c["area"]), float(c["flux"])) for c in found]
     [(2, 5.0), (1, 4.0)]
     """
-    return label_runs(image, level, marks=marks)[0]
+    return label_runs(image, level)[0]
 
 
-def label_runs(
-    image: NDArray[np.float32], level: float, *, marks: Mask = None
-) -> tuple[NDArray[np.void], NDArray[np.int64]]:
+def label_runs(image: NDArray[np.float32], level: float) -> tuple[NDArray[np.void], NDArray[np.int64]]:
     """Label the components and return the runs of pixels of which they consist.
 
     Returns
@@ -78,26 +72,22 @@ def label_runs(
     image = np.ascontiguousarray(image)
     runs = _find_runs(image, np.float32(level))
     _join_runs(runs)
-    return _measured(image, runs, marks, _number(runs)), runs
+    return _measured(image, runs, _number(runs)), runs
 
 
-def measure_parts(
-    image: NDArray[np.float32], owner: NDArray[np.intp], count: int, *, marks: Mask = None
-) -> NDArray[np.void]:
+def measure_parts(image: NDArray[np.float32], owner: NDArray[np.intp], count: int) -> NDArray[np.void]:
     """The pixels above 0 of each owner, from 0, as one component, whether they are connected or not."""
     parts = [_find_runs(np.where(owner == k, image, np.float32(0.0)), np.float32(0.0)) for k in range(count)]
     runs = np.concatenate(parts)
     runs[:, 3] = np.repeat(np.arange(count), [len(part) for part in parts])
-    return _measured(image, runs, marks, count)
+    return _measured(image, runs, count)
 
 
-def _measured(
-    image: NDArray[np.float32], runs: NDArray[np.int64], marks: Mask, count: int
-) -> NDArray[np.void]:
+def _measured(image: NDArray[np.float32], runs: NDArray[np.int64], count: int) -> NDArray[np.void]:
     """So many components, with the sums over their runs."""
     components = np.zeros(count, COMPONENT)
     components["top"], components["left"] = image.shape
-    _measure(image, runs, for_kernel(marks), components)
+    _measure(image, runs, components)
     return components
 
 
@@ -265,9 +255,8 @@ def _number(runs):
 
 
 @njit(cache=True)
-def _measure(image, runs, marks, out):
+def _measure(image, runs, out):
     """Sums over the pixels of each component."""
-    marked = marks.shape == image.shape
     for i in range(len(runs)):
         y, first, last, c = runs[i, 0], runs[i, 1], runs[i, 2], out[runs[i, 3]]
         _add_run(c, y, first, last)
@@ -278,8 +267,6 @@ def _measure(image, runs, marks, out):
             while image[y, x] < peak:
                 x += 1
             c["peak_x"] = x
-        if marked:
-            c["marked"] += _count(marks[y, first : last + 1])
     for c in out:
         if c["area"] > 0:
             c["x"] /= c["area"]
@@ -297,15 +284,6 @@ def _light(pixels):
         flux += value
         peak = max(peak, value)
     return flux, peak
-
-
-@njit(cache=True)
-def _count(marks):
-    """Number of marks that are set."""
-    count = 0
-    for mark in marks:
-        count += mark > 0
-    return count
 
 
 @njit(cache=True)

@@ -32,10 +32,10 @@ from contactimg.imaging.detect.inscribed_disks import (
 from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
 from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, erase_disks
 from contactimg.imaging.fit.method import FrameFit
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching, label_groups
-from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels
+from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels, touches
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE

@@ -228,7 +228,7 @@ class _Frame:
         correlation = correlation or measure_correlation(
             image, fit.model, problem.background, noise=problem.pixel_noise
         )
-        shared = correlation.plateau_inflation(radius, fit.blur, noise=noise, gain=gain)
+        shared = correlation.inflation(radius, fit.blur, noise=noise, gain=gain, rim=False)
         prior = contrast_prior(fit, problem, inflation=shared)
         seen = np.count_nonzero(wide_disks(fit)) >= FEWEST
         wide = prior.mean if seen else float("nan")
@@ -241,7 +241,7 @@ class _Frame:
             problem, fit.disks, blur=fit.blur, control=FitControl(free_blur, iterations=5),
             start=ModelImage.over(fit.model, len(radius), complete=False),
         )  # fmt: skip
-        inflation = correlation.rim_inflation(radius, fit.blur, noise=noise, gain=gain)
+        inflation = correlation.inflation(radius, fit.blur, noise=noise, gain=gain, rim=True)
         joint = settle_optics(
             problem, fit, optics_prior, inflation=inflation, wide_contrast=wide, steps=steps
         )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
-from contactimg.imaging.pixels.masks import Mask, nearest_pixels
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
 from contactimg.imaging.profile.limits import ROUGH_STD
 
@@ -196,15 +196,6 @@ class FitProblem:
     def in_frame(self, position: NDArray) -> NDArray[np.float64]:
         """Position in pixels of the frame."""
         return np.asarray(position * self.binning + (self.binning - 1) / 2)
-
-
-def touches(mask: Mask, value: int, disks: NDArray, reach: NDArray) -> NDArray[np.bool_]:
-    """Disks within ``reach`` (px) of which a pixel of the mask has the value."""
-    other = None if mask is None else (mask != value).astype(np.uint8)
-    if other is None or other.all():
-        return np.zeros(len(disks), np.bool_)
-    distance = cv2.distanceTransform(other, cv2.DIST_L2, cv2.DIST_MASK_5)
-    return np.asarray(distance[nearest_pixels(disks[:, X], disks[:, Y], other.shape)] < reach)
 
 
 def _binned(mask: Mask, binning: int, combine: Callable[..., NDArray]) -> Mask:

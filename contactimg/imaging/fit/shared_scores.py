@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y, touches
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.radial_sums import add_profiles, sum_residuals
-from contactimg.imaging.pixels.masks import for_kernel
+from contactimg.imaging.pixels.masks import for_kernel, touches
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, blurred_disks
 from contactimg.imaging.profile.edge_shape import (

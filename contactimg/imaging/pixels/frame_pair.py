@@ -3,11 +3,10 @@
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels.masks import Mask, exclude, nearest_pixels
+from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.tables import Status
 
@@ -117,13 +116,6 @@ class FramePair:
     def without(self, mask: Mask) -> "FramePair":
         """The pair with further holes, where ``mask`` is 1."""
         return replace(self, valid=exclude(self.valid, mask))
-
-    def near_hole(self, x: NDArray, y: NDArray, reach: NDArray) -> NDArray[np.bool_]:
-        """Whether a hole lies within ``reach`` (px) of each position."""
-        if self.valid is None or self.valid.all():
-            return np.zeros(len(x), np.bool_)
-        distance = cv2.distanceTransform(self.valid, cv2.DIST_L2, cv2.DIST_MASK_5)
-        return np.asarray(distance[nearest_pixels(x, y, distance.shape)] < reach)
 
     @classmethod
     def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "FramePair":

@@ -44,6 +44,15 @@ def nearest_pixels(x: NDArray, y: NDArray, shape: tuple[int, ...]) -> tuple[NDAr
     return rows, columns
 
 
+def touches(mask: Mask, value: int, places: NDArray, reach: NDArray) -> NDArray[np.bool_]:
+    """Places (x, y, ...) within ``reach`` (px) of which a pixel of the mask has the value."""
+    other = None if mask is None else (mask != value).astype(np.uint8)
+    if other is None or other.all():
+        return np.zeros(len(places), np.bool_)
+    distance = cv2.distanceTransform(other, cv2.DIST_L2, cv2.DIST_MASK_5)
+    return np.asarray(distance[nearest_pixels(places[:, 0], places[:, 1], other.shape)] < reach)
+
+
 def mean_of_seen(blur: Callable[[NDArray], NDArray], image: NDArray, seen: Flags) -> tuple[Values, Values]:
     """Mean of the pixels seen around each one, with the weights of a blur; and their weight.
 

@@ -35,15 +35,6 @@ def test_components_are_those_of_scipy(rng, density, shape):
         )  # fmt: skip
 
 
-def test_marks_are_counted_inside_the_component():
-    image = np.zeros((5, 6), np.float32)
-    image[1:4, 1:4] = 2.0
-    marks = np.zeros((5, 6), np.uint8)
-    marks[2, 2] = marks[3, 3] = marks[4, 5] = 1
-    (only,) = label_components(image, 1.0, marks=marks)
-    assert only["marked"] == 2
-
-
 def test_a_spiral_is_one_component():
     # union of runs that meet only rows later
     image = np.array(
@@ -61,6 +52,6 @@ def test_pixels_go_to_the_disk_with_the_least_power(rng):
     disks = np.column_stack([rng.uniform(0, 60, 40), rng.uniform(0, 40, 40), rng.uniform(2, 9, 40)])
     y, x = np.mgrid[0:40, 0:60]
     powers = [(x - cx) ** 2 + (y - cy) ** 2 - a**2 for cx, cy, a in disks]
-    parts = _share(np.ones(x.shape, np.float32), None, disks)
+    parts = _share(np.ones(x.shape, np.float32), disks)
     nearest = np.argmin(powers, axis=0)
     assert parts["area"].tolist() == np.bincount(nearest.ravel(), minlength=40).tolist()

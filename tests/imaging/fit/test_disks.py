@@ -125,14 +125,14 @@ def test_white_noise_needs_no_inflation_and_smooth_noise_does(rng):
     background = np.ones((150, 150), bool)
     radius = np.array([1.5, 5.0, 20.0])
     found = measure_correlation(white, 0.0 * white, background, noise=2.0)
-    none = found.rim_inflation(radius, 1.5, noise=Noise(4.0), gain=1.0)
+    none = found.inflation(radius, 1.5, noise=Noise(4.0), gain=1.0, rim=True)
     # 2 x 2.4e5 products a lag scatter by 4/690; over the 2 pi d pixels at distance d <= 10, weighted by the
     # rim's
     # autocorrelation (0.3 and less), that is sqrt(sum (2 pi d 0.3)^2) x 0.0014 = 6 %
     assert np.all(none < 1.2)
     # noise that is one value over 3 x 3 pixels counts nine times where the rim is wide, less across it
     smooth = NoiseCorrelation(np.r_[4.0, 4.0, 4.0, np.zeros(8)])
-    assert np.all(smooth.rim_inflation(radius, 1.5, noise=Noise(4.0), gain=1.0) > 4.0)
+    assert np.all(smooth.inflation(radius, 1.5, noise=Noise(4.0), gain=1.0, rim=True) > 4.0)
 
 
 def test_overlap_rule():

@@ -229,13 +229,11 @@ def test_parting_loses_no_pixel():
     image = np.zeros(x.shape, np.float32)
     for cx, cy, a in [(30, 30, 12), (48, 30, 7), (58, 38, 6), (100, 20, 9)]:
         image[np.hypot(x - cx, y - cy) < a] = 2.0
-    marks = np.zeros(image.shape, np.uint8)
-    marks[28:32, 28:32] = 1
-    found = label_components(image, 1.0, marks=marks)
-    parts, split = split_components(image, 1.0, marks=marks)
+    found = label_components(image, 1.0)
+    parts, split = split_components(image, 1.0)
     assert len(found) == 2
     assert sorted(split) == [False, True, True, True]
-    for name in ("area", "flux", "marked"):
+    for name in ("area", "flux"):
         assert parts[name].sum() == found[name].sum()
     for name in ("x", "y"):
         assert parts["area"] @ parts[name] == pytest.approx(found["area"] @ found[name], rel=1e-12)
