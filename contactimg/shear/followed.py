@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contactimg.errors import InputError
 from contactimg.shear.laws import Decrease, RateLaw, fit_decrease, fit_rate_law, half_axes_along
 from contactimg.surfaces import of_asperities
-from contactimg.tables import FOLLOWED
+from contactimg.tables import FOLLOWED, Status
 
 Values = NDArray[np.float64]
 
@@ -43,13 +43,14 @@ def follow_contacts(
     DataFrame
         Columns of `contactimg.tables.FOLLOWED`: one row for each asperity that touches in some frame and each
         measured frame, without upper limits. Where it does not touch, its place is the one where it would:
-        that of its contacts in other frames, moved with the contacts of this frame (medians).
+        that of its contacts in other frames, moved with the contacts of this frame (medians). Frames without
+        a pose are left out: the few of their contacts that fall on an asperity do so by chance.
 
     Examples
     --------
     >>> contacts = pd.DataFrame({"frame": ["a", "a", "b"], "asperity": [0, 1, 1], "x_m": [0.1, 1.1, 1.3],
     ...     "y_m": 0.0, "radius_m": 0.01, "area_m2": 3e-4})
-    >>> frames = pd.DataFrame({"frame": ["a", "b"], "load_N": 0.1, "n_contacts": [2, 1]})
+    >>> frames = pd.DataFrame({"frame": ["a", "b"], "status": "ok", "load_N": 0.1, "n_contacts": [2, 1]})
     >>> loads = pd.DataFrame({"frame": ["a", "b"], "tangential_N": [0.0, 0.2]})
     >>> table = follow_contacts(contacts, frames, loads, pd.DataFrame({"x_m": [0.0, 1.0], "y_m": 0.0}))
     >>> table[["asperity", "frame", "touches", "x_m", "displacement_x_m"]].round(6)
@@ -59,7 +60,8 @@ def follow_contacts(
     2         1     a     True  1.1               0.0
     3         1     b     True  1.3               0.2
     """
-    shots = frames.loc[frames["n_contacts"].notna(), ["frame", "load_N"]]
+    posed = frames["n_contacts"].notna() & (frames["status"] != Status.NO_POSE)
+    shots = frames.loc[posed, ["frame", "load_N"]]
     shots = shots.merge(
         loads.filter(["frame", "tangential_N", "time_s"]).drop_duplicates("frame"), how="left"
     )
@@ -156,14 +158,14 @@ def fit_shear_laws(
             f"laws under shear need {FEWEST_FRAMES} frames of one normal load with a tangential load, "
             f"got {len(shots)}"
         )
-    loads, std = shots["tangential_N"], shots["area_std_m2"].fillna(0.0)
-    total = fit_decrease(loads, shots["area_m2"], std=std, confidence=confidence)
+    loads = shots["tangential_N"]
+    total = fit_decrease(loads, shots["area_m2"], std=_stated(shots["area_std_m2"]), confidence=confidence)
     part = followed[followed["touches"] & followed["frame"].isin(shots.index)]
     counts = part.groupby("asperity")["frame"].transform("size")
     rows = []
     for asperity, one in part[counts >= FEWEST_FRAMES].groupby("asperity"):
         if len(one["tangential_N"].abs().unique()) > 1:
-            own = (2 * np.pi * one["radius_m"] * one["radius_std_m"]).fillna(0.0)
+            own = _stated(2 * np.pi * one["radius_m"] * one["radius_std_m"])
             scatter = 0.0 if (own > 0).all() else None
             law = fit_decrease(one["tangential_N"], one["area_m2"], std=own, scatter=scatter)
             start, rate, share = law.start, law.rate, (total.start.value / law.start.value) ** 2
@@ -181,6 +183,11 @@ def fit_shear_laws(
     )
     load, contacts, largest = float(shots["load_N"].mean()), contacts[contacts["area"] > 0], loads.abs().max()
     return ShearLaws(load, total, contacts, along, across, float(largest))
+
+
+def _stated(std: pd.Series) -> pd.Series:
+    """Standard uncertainties; none if one is unknown, whose value would count as exact beside others."""
+    return std if std.notna().all() else pd.Series(0.0, std.index)
 
 
 def fit_beta(laws: Sequence[ShearLaws], *, confidence: float = 0.95) -> RateLaw:

@@ -13,7 +13,8 @@ from contactimg.pipeline.analyse.places import open_place
 from contactimg.pipeline.analyse.sheared import analyse_shear
 from contactimg.pose.fit import common_shift
 from contactimg.shear.followed import fit_beta, fit_shear_laws, follow_contacts
-from contactimg.tables import CONTACTS, FRAMES, LOADS
+from contactimg.shear.laws import fit_decrease
+from contactimg.tables import CONTACTS, FRAMES, LOADS, Status
 
 BETA = 5e-17
 TANGENTIAL = np.array([0.0, 4e-4, 7e-4, 1e-3])
@@ -67,6 +68,31 @@ def test_a_frame_without_contacts_keeps_the_places_of_the_frame_before():
     assert followed.loc[(0, "f2"), "x_m"] == pytest.approx(followed.loc[(0, "f1"), "x_m"])
     failed = frames.assign(n_contacts=frames["n_contacts"].mask(frames["frame"] == "f2"))
     assert "f2" not in follow_contacts(contacts, failed, loads, ASPERITIES)["frame"].tolist()
+
+
+def test_contacts_of_a_frame_without_a_pose_are_not_followed():
+    contacts, frames, loads = tables()
+    lost = frames.assign(status=frames["status"].mask(frames["frame"] == "f2", Status.NO_POSE))
+    followed = follow_contacts(contacts, lost, loads, ASPERITIES)
+    assert followed["frame"].unique().tolist() == ["f0", "f1", "f3"]
+
+
+def test_a_value_of_unknown_uncertainty_is_not_taken_for_exact():
+    contacts, frames, loads = tables()
+    # the first two frames lie 1 and 2 of 5e-12 m^2 off; one of unknown uncertainty is no better than they
+    areas = frames["area_m2"] + np.array([5e-12, 10e-12, 0.0, 0.0])
+    frames = frames.assign(area_m2=areas, area_std_m2=[np.nan, 5e-12, 5e-12, 5e-12])
+    followed = follow_contacts(contacts, frames, loads, ASPERITIES)
+    law = fit_shear_laws(followed, frames).total
+    assert law.start.std == pytest.approx(fit_decrease(TANGENTIAL, areas).start.std)
+    assert law.start.std > 2e-12
+    # of the contacts likewise
+    one = contacts["asperity"].eq(1) & contacts["frame"].eq("f0")
+    unknown = contacts.assign(radius_std_m=contacts["radius_std_m"].mask(one))
+    found = fit_shear_laws(follow_contacts(unknown, frames, loads, ASPERITIES), frames).contacts
+    assert found["area_std"][1] == pytest.approx(
+        fit_decrease(TANGENTIAL, contacts.loc[contacts["asperity"] == 1, "area_m2"]).start.std
+    )
 
 
 def test_exact_contacts_give_the_laws_that_made_them():
@@ -169,6 +195,12 @@ def test_loads_that_allow_no_law_are_named(tiny):
     assert "laws under shear need 3 frames of one normal load with a tangential load, got 1" in notes[0]
     # frames that slide do not count
     slid = tiny.loads.assign(tangential_N=[0.0, 0.001, 0.002], velocity_m_s=1e-3)
-    assert shear_of(replace(tiny, loads=slid))[1] == []
+    assert shear_of(replace(tiny, loads=slid))[1] == [
+        f"{tiny.name}: no laws under shear: no frame at rest has a normal and a tangential load"
+    ]
+    # equal loads tell no law
+    equal = tiny.loads.assign(load_N=0.1, tangential_N=0.001)
+    found = replace(tiny, frames=tiny.frames.assign(load_N=0.1), loads=equal)
+    assert "two or more different tangential loads, got 1" in shear_of(found)[1][0]
     # nor do loads that are not known
     assert shear_of(replace(tiny, loads=tiny.loads.assign(tangential_N=[0.0, np.nan, np.nan])))[1] == []

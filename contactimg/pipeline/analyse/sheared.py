@@ -105,11 +105,12 @@ def analyse_shear(
         tables.append(table if len(places) == 1 else table.assign(place=place.name))
         still = place.loads.loc[~(place.loads["velocity_m_s"].abs() > 0), "frame"]
         resting = table[table["frame"].isin(still) & table["tangential_N"].notna() & table["load_N"].notna()]
-        if resting["tangential_N"].abs().nunique() < 2:
+        if not place.loads["tangential_N"].any():
             continue
         direction = place.scene.load.tangential_direction
         angle = direction if place.pose is None else float(place.pose.angle_in_image(direction))
-        loads, before, said = resting["load_N"].to_numpy(float), len(laws), ""
+        loads, before = resting["load_N"].to_numpy(float), len(laws)
+        said = f"{place.name}: no laws under shear: no frame at rest has a normal and a tangential load"
         for _, part in resting.groupby(group_loads(loads, tolerance=load_tolerance)):
             try:
                 laws.append(fit_shear_laws(part, place.frames, direction=angle, confidence=confidence))
