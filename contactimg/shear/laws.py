@@ -321,13 +321,13 @@ def fit_strength(
     >>> round(fit_strength(law, 0.25).value)
     285714
     """
-    force = positive("static_friction", static_friction, "N")
+    force, force_std = positive("static_friction", static_friction, "N"), float(non_negative("std", std, "N"))
     area = decrease.start.value - decrease.rate.value * force**2
     if not area > 0:
         raise ModelRangeError(f"no contact area is left at a tangential load of {force:.6g} N")
     parts = np.array([-decrease.start.std, force**2 * decrease.rate.std]) / area
     mixed = 2 * decrease.correlation * float(parts.prod())
-    from_force = std / force * (1 + 2 * decrease.rate.value * force**2 / area)
+    from_force = force_std / force * (1 + 2 * decrease.rate.value * force**2 / area)
     relative = float(np.sqrt(max(float(parts @ parts) + mixed, 0.0) + from_force**2))
     sigma = force / area
     return student_estimate(sigma, sigma * relative, freedom=np.inf, confidence=confidence)
@@ -361,10 +361,9 @@ def half_axes_along(
     ([2.0], [3.0])
     """
     major, minor, turn = (np.asarray(one, float) for one in (semi_major, semi_minor, angle))
-    cosine, sine = (np.nan_to_num(part(turn - direction)) ** 2 for part in (np.cos, np.sin))
-    round_one = np.isnan(turn)
-    cosine = np.where(round_one, 1.0, cosine)
-    return (np.sqrt(major**2 * cosine + minor**2 * sine), np.sqrt(major**2 * sine + minor**2 * cosine))
+    share = np.where(np.isnan(turn), 1.0, np.cos(turn - direction) ** 2)
+    rest = 1 - share
+    return np.sqrt(major**2 * share + minor**2 * rest), np.sqrt(major**2 * rest + minor**2 * share)
 
 
 def local_friction(
@@ -506,6 +505,7 @@ class AdhesiveSphere:
         P, T, a, std = np.broadcast_arrays(
             *(np.atleast_1d(np.asarray(one, float)) for one in (load, tangential, radius, radius_std))
         )
+        positive("radius", a, "m")
         hertz = 4 * self.contact_modulus * a**3 / (3 * self.sphere_radius)
         slope = (2 * self._scale - 2 * (hertz - P)) * 3 * hertz / a
         released = 2 * self._scale * hertz - (hertz - P) ** 2

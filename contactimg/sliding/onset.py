@@ -20,7 +20,7 @@ from scipy.linalg.blas import dger
 from scipy.optimize import nnls
 
 from contactimg.errors import ConvergenceError, InputError, finite_number
-from contactimg.mechanics.checks import checked_poisson_ratio, positive
+from contactimg.mechanics.checks import checked_poisson_ratio, non_negative, positive
 
 Values = NDArray[np.float64]
 
@@ -146,12 +146,11 @@ def solve_sliding_onset(
     >>> [round(float(q) * 1e6, 2) for q in onset.forces_at([1e-6, 1e-5])[:, 0]]  # uN
     [106.67, 502.65]
     """
-    if not (np.isfinite(shear_strength) and shear_strength > 0):
-        raise InputError(f"shear_strength must be positive and finite, got {shear_strength!r} Pa")
+    stress = positive("shear_strength", finite_number(shear_strength, "shear_strength", "Pa"), "Pa")
     C = tangential_compliance(
         contacts, contact_modulus=contact_modulus, poisson_ratio=poisson_ratio, direction=direction
     )
-    strength = shear_strength * np.pi * checked_contacts(contacts)[2] ** 2
+    strength = stress * np.pi * checked_contacts(contacts)[2] ** 2
     events, forces = _follow(C, strength)
     residual = _residual(C, strength, events, forces)
     if not residual <= TOLERANCE:
@@ -320,7 +319,8 @@ def tangential_compliance(
     r = np.hypot(dx, dy)
     np.fill_diagonal(r, np.inf)
     _refuse_overlaps(r, a)
-    cosine = (dx * np.cos(direction) + dy * np.sin(direction)) / r
+    angle = finite_number(direction, "direction", "rad")
+    cosine = (dx * np.cos(angle) + dy * np.sin(angle)) / r
     C: Values = ((1 - nu) + nu * cosine**2) / (2 * np.pi * G * r)
     np.fill_diagonal(C, (2 - nu) / (8 * G * a))
     return C
@@ -381,12 +381,14 @@ def recover_shear_forces(
     u, u_std = _per_contact("displacements", displacements, C), _per_contact("stds", displacement_std, C)
     a_std = np.zeros(len(C))
     if "radius_std_m" in contacts:
-        a_std = np.nan_to_num(contacts["radius_std_m"].to_numpy(np.float64))
+        a_std = contacts["radius_std_m"].fillna(0.0).to_numpy(np.float64)
+    non_negative("standard uncertainties of displacements and radii", np.append(u_std, a_std), "m")
     factor = _factor(C)
     q = cho_solve(factor, u)
     relative = a_std / contacts["radius_m"].to_numpy(np.float64)
     spread = cho_solve(factor, np.diag(np.hypot(u_std, np.diag(C) * q * relative)))
-    shared = finite_number(contact_modulus_std, "contact_modulus_std", "Pa") / contact_modulus * q
+    modulus_std = finite_number(contact_modulus_std, "contact_modulus_std", "Pa")
+    shared = non_negative("contact_modulus_std", modulus_std, "Pa") / contact_modulus * q
     return ShearForces(q, spread @ spread.T + np.outer(shared, shared))
 
 

@@ -113,6 +113,8 @@ def test_strength_inverts_static_friction_and_its_error_is_that_of_its_parts(rng
     assert np.std(drawn) == pytest.approx(found.std, rel=0.12)  # 3.5 % from 400 values
     with pytest.raises(ModelRangeError, match="no contact area is left"):
         fit_strength(law, 0.02)
+    with pytest.raises(InputError, match="std must not be negative"):
+        fit_strength(law, 0.005, std=-1e-5)
 
 
 def test_half_axes_are_those_of_second_moments():
@@ -125,6 +127,7 @@ def test_half_axes_are_those_of_second_moments():
     assert along == pytest.approx(2 * np.std(x * np.cos(1.1) + y * np.sin(1.1)), rel=1e-4)
     assert across == pytest.approx(2 * np.std(y * np.cos(1.1) - x * np.sin(1.1)), rel=1e-4)
     assert half_axes_along(4.0, 4.0, np.nan, direction=1.1) == (4.0, 4.0)
+    assert np.isnan(half_axes_along(5.0, 3.0, 0.4, direction=np.nan)).all()
 
 
 def test_local_friction_adds_up_and_its_error_is_that_of_its_parts(rng):
@@ -209,6 +212,8 @@ def test_mode_coupling_is_found_and_its_interval_holds(rng):
 def test_nonsense_is_refused_in_one_sentence():
     with pytest.raises(InputError, match="poisson_ratio must be above -1"):
         AdhesiveSphere(*SPHERE.values(), 0.7)
+    with pytest.raises(InputError, match="radius must be positive, got 0"):
+        AdhesiveSphere(*SPHERE.values(), 0.5).fit_mode_coupling(0.05, [0.0, 0.1], [1e-4, 0.0])
     with pytest.raises(InputError, match="two contacts or more, got 1"):
         fit_rate_law([1e-9], [1e-5])
     with pytest.raises(InputError, match="strength must be positive"):

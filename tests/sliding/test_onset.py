@@ -187,7 +187,9 @@ def test_contacts_that_break_a_rule_are_refused(contacts, said):
     ("change", "said"),
     [
         ({"shear_strength": 0.0}, "shear_strength must be positive"),
-        ({"shear_strength": np.nan}, "shear_strength must be positive"),
+        ({"shear_strength": np.nan}, "shear_strength must be finite"),
+        ({"shear_strength": None}, "shear_strength must be a number"),
+        ({"direction": np.nan}, "direction must be finite"),
         ({"contact_modulus": -1.0}, "contact_modulus must be positive"),
         ({"poisson_ratio": 0.6}, "poisson_ratio must be above -1 and at most 0.5"),
     ],
@@ -204,3 +206,6 @@ def test_displacements_that_break_a_rule_are_refused():
             onset.curve(wrong)
     with pytest.raises(InputError, match="one for each of the 1 contacts"):
         recover_shear_forces(table(0, 0, 2e-5), [1e-6, 2e-6], displacement_std=0, **BODY)
+    for wrong in ({"displacement_std": -1e-8}, {"displacement_std": 0, "contact_modulus_std": -1e5}):
+        with pytest.raises(InputError, match="must not be negative or NaN"):
+            recover_shear_forces(table(0, 0, 2e-5), 1e-6, **BODY | wrong)
