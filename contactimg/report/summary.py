@@ -154,8 +154,9 @@ def warnings(run: Run, others: list[str]) -> list[str]:
         message = str(part["message"].iloc[0] or "").rstrip(".")
         total, verb = len(run.frames), "has" if len(part) == 1 else "have"
         count = f"{len(part)} of {total} frame{'s' * (total > 1)}"
-        sentence = f"{count} {verb} the status “{status}” ({first_names(part['frame'].astype(str))})."
-        found.append(f"{sentence} {message[:1].upper()}{message[1:]}." if message else sentence)
+        sentence = f"{count} {verb} the status “{status}” ({first_names(part['frame'].astype(str))})"
+        first = ", the first" * (part["message"].nunique() > 1)
+        found.append(f"{sentence}{first}: {message}." if message else f"{sentence}.")
     left = len(found) - MOST_WARNINGS
     if left > 0:
         found = [*found[:MOST_WARNINGS], f"{left} more warnings are in the table of the frames."]
