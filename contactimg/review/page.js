@@ -380,7 +380,11 @@ async function untilAnswered(path, data) {
       takeRun(await ask(path, data));
       return;
     } catch (error) {
-      if (!error.lost) throw error;
+      if (!error.lost) { // another page may have changed the edits
+        takeRun(await ask("run.json"));
+        showRun();
+        throw error;
+      }
       tell(`NOT SAVED: ${error.message} ${state.unsaved} kept here and sent again.`, true);
       await new Promise((wake) => setTimeout(wake, 1000));
     }
@@ -409,21 +413,17 @@ async function removeEdit(row, place) {
 async function stepBack(from, to, word) {
   const step = from.pop();
   if (!step) return tell(`nothing to ${word}`);
+  const { did, row } = step, place = did === "insert" ? placeOf(row) : step.place;
+  if (place < 0) return tell("this edit is no longer in the table", true); // another page took it out
   try {
-    if (step.did === "insert") {
-      const place = placeOf(step.row);
-      if (place < 0) throw new Error("this edit is no longer in the table");
-      await send("edits/remove", { row: step.row, place });
-      to.push({ did: "remove", row: step.row, place });
-    } else {
-      await send("edits/insert", { rows: [step.row], place: step.place });
-      to.push({ did: "insert", row: step.row });
-    }
+    if (did === "insert") await send("edits/remove", { row, place });
+    else await send("edits/insert", { rows: [row], place });
   } catch (error) {
     from.push(step);
     throw error;
   }
-  saved(`${word}: ${step.row.action}, saved`);
+  to.push(did === "insert" ? { did: "remove", row, place } : { did: "insert", row });
+  saved(`${word}: ${row.action}, saved`);
 }
 
 /* The steps to undo and redo outlive a reload of the page, unless the edits have changed meanwhile. */

@@ -236,15 +236,14 @@ class Session:
                 self.edits.insert(table[new], place)
 
     def remove(self, place: int, expected: dict[str, Any]) -> None:
-        """Take out an edit, if it is the expected one."""
+        """Take out an edit, of equal ones that nearest to the place: another page may have moved it."""
         with self._lock:
             rows = self.edits.read()
             wanted = EDITS.conform(pd.DataFrame([expected], columns=list(EDITS.columns)))
-            if not 0 <= place < len(rows) or not rows.iloc[[place]].reset_index(drop=True).equals(wanted):
-                raise InputError(
-                    f"{self.edits.path}: was changed by another program; look at it and try again"
-                )
-            self.edits.remove(place)
+            equal = [k for k in rows.index if rows.loc[[k]].reset_index(drop=True).equals(wanted)]
+            if not equal:
+                raise InputError(f"{self.edits.path}: no longer has this edit")
+            self.edits.remove(min(equal, key=lambda k: abs(k - place)))
 
     @property
     def scene_file(self) -> Path | None:

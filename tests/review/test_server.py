@@ -212,9 +212,20 @@ def test_edits_are_inserted_and_taken_out_and_other_rows_keep_their_text(client,
     assert session.edits.read()["x_px"].tolist() == [7.0, 12.5, 100.0]
     wrong = client.post("edits/remove", {"row": edit(x=8.0), "place": 0})
     assert wrong[0] == 400
-    assert "changed by another program" in json.loads(wrong[2])["error"]
+    assert "no longer has this edit" in json.loads(wrong[2])["error"]
     assert client.post("edits/remove", {"row": edit(x=7.0), "place": 0})[0] == 200
     assert session.edits.path.read_text(encoding="utf-8").splitlines() == lines
+
+
+def test_an_edit_is_taken_out_wherever_another_page_has_moved_it(client, session):
+    rows = [edit(x=x, time=time) for x, time in ((1.0, "a"), (2.0, "b"), (1.0, "a"), (3.0, "c"))]
+    session.edits.insert(pd.DataFrame(rows))
+    # seen at the places 3 and 2 before the first row was taken out
+    assert client.post("edits/remove", {"row": rows[0], "place": 0})[0] == 200
+    assert client.post("edits/remove", {"row": rows[3], "place": 3})[0] == 200
+    assert session.edits.read()["x_px"].tolist() == [2.0, 1.0]
+    assert client.post("edits/remove", {"row": rows[2], "place": 2})[0] == 200
+    assert session.edits.read()["x_px"].tolist() == [2.0]
 
 
 def test_an_edit_that_is_sent_twice_is_written_once(client, session):
