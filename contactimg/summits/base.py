@@ -47,7 +47,8 @@ class HeightMap:
     Parameters
     ----------
     heights : ndarray, shape (rows, columns), m
-        Positive away from the material; NaN where nothing was measured.
+        Positive away from the material; NaN where nothing was measured. Integers become floats, whose
+        differences do not overflow.
     pixel_size : (float, float), m
         Distance between neighbouring columns, and between neighbouring rows.
 
@@ -62,15 +63,16 @@ class HeightMap:
     pixel_size: tuple[float, float]
 
     def __post_init__(self) -> None:
-        shape = np.shape(self.heights)
+        object.__setattr__(self, "heights", np.asarray(self.heights, dtype=np.float64))
+        shape = self.heights.shape
         if len(shape) != 2 or min(shape) < TILES:
             raise InputError(
                 f"a height map must be a matrix of at least {TILES} rows and columns, got the shape {shape}"
             )
         if not np.isfinite(self.heights).any():
             raise InputError("the height map holds no finite height")
-        if not all(np.isfinite(size) and size > 0 for size in self.pixel_size):
-            raise InputError(f"the pixel size must be positive, got {self.pixel_size!r} m")
+        if np.shape(self.pixel_size) != (2,) or not all(0 < size < np.inf for size in self.pixel_size):
+            raise InputError(f"the pixel size must be two positive lengths, got {self.pixel_size!r} m")
 
     @property
     def x(self) -> Values:

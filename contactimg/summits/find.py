@@ -370,13 +370,14 @@ def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
     change = (half.sphere - whole.sphere)[2:]
     # of least squares over a part and over all, the variance of the difference is the difference of variances
     scale = (whole.scatter / half.scatter) ** 2 if half.scatter > 0 else 1.0
-    spread = np.maximum(np.diag(half.covariance * scale - whole.covariance)[2:] * factor, 0.0)
+    variance = np.diag(half.covariance * scale - whole.covariance)[2:] * factor
+    spread = np.maximum(variance, (SETTLED * whole.sphere[2:]) ** 2)
     if np.all(change**2 <= SIGNIFICANT_STDS**2 * spread):
         return np.zeros(2), ""
     # the error by the next order of the form is in proportion to the depth: twice as large for the whole
     excess = 2.0 * np.sqrt(np.maximum(change**2 - spread, 0.0))
-    percent = 100 * (whole.sphere[3] / half.sphere[3] - 1)
-    return excess, f"no sphere: the radius of the upper half differs by {percent:+.1f} %"
+    height, radius = 100 * (half.sphere / whole.sphere)[2:] ** [1, -1] - 100
+    return excess, f"no sphere: the upper half has a radius {radius:+.2g} % and a height {height:+.2g} % off"
 
 
 def _doubts(surface: HeightMap, base: Base, table: pd.DataFrame) -> list[str]:

@@ -1,9 +1,11 @@
 """Summits of maps whose spheres are known: heights and radii within their stated uncertainties."""
 
+import re
 import time
 from contextlib import contextmanager
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.ndimage import gaussian_filter
 
@@ -153,7 +155,8 @@ def test_a_summit_that_is_no_sphere_says_so_and_its_uncertainty_covers_it(rng):
         HeightMap(np.maximum(quartic, 0) + rng.normal(0, 1e-8, squared.shape), (PIXEL, PIXEL))
     )
     row = found.table.iloc[0]
-    assert row["message"].startswith("no sphere")
+    # a height h - r^2/(2 R) - r^4/(2 d^3) is steeper farther down: a sphere through all is too high there
+    assert re.match(r"no sphere: the upper half has a radius \+[1-9][.\d]* % and a height -", row["message"])
     assert abs(row["radius_m"] - radius) < 2 * row["radius_std_m"]
     assert found.warnings == ["no sphere: 1 of 1 summits; their uncertainties allow for it"]
 
@@ -200,9 +203,33 @@ def test_an_unknown_form_is_refused():
     [
         (np.zeros(5), 1e-6, "must be a matrix"),
         (np.full((20, 20), np.nan), 1e-6, "no finite height"),
-        (np.zeros((20, 20)), 0.0, "pixel size must be positive"),
+        (np.zeros((20, 20)), 0.0, "pixel size must be two positive lengths"),
+        (np.zeros((20, 20)), np.inf, "pixel size must be two positive lengths"),
     ],
 )
 def test_what_is_no_map_is_refused(heights, size, sentence):
     with pytest.raises(InputError, match=sentence):
         HeightMap(heights, (size, size))
+    with pytest.raises(InputError, match="two positive lengths"):
+        HeightMap(np.zeros((20, 20)), 1e-6)
+
+
+def test_a_map_of_integers_is_that_of_their_values(rng):
+    # in unsigned integers the differences that tell the noise would wrap around
+    _, heights, _ = caps_map(rng, side=150, count=5)
+    counts = np.rint((heights + rng.normal(0, 3e-8, heights.shape)).clip(0) * 1e10)
+    whole, real = (
+        find_summits(HeightMap(counts.astype(kind), (1e4, 1e4))).table for kind in ("uint16", "float64")
+    )
+    assert len(real) == 5
+    pd.testing.assert_frame_equal(whole, real)
+
+
+def test_a_computed_map_of_spheres_has_no_summit_that_is_none(rng):
+    # pixels of 1 by 2: differences of 1e-16 are those of rounding
+    columns, rows = (np.arange(200) - 99.5) * 1e-6, (np.arange(160) - 79.5) * 2e-6
+    places = [(-60e-6, -90e-6), (11e-6, 3e-6), (-70.5e-6, 101.3e-6), (55e-6, 77e-6)]
+    heights = np.max([cap(columns, x, y, 3e-6, 50e-6, y=rows) for x, y in places], axis=0)
+    found = find_summits(HeightMap(heights, (1e-6, 2e-6)))
+    assert found.table["message"].tolist() == [""] * 4
+    assert found.table["radius_m"].to_numpy() == pytest.approx(50e-6, rel=1e-9)
