@@ -149,10 +149,10 @@ def image_settings(case: Case) -> Iterator[Setting]:
 
     def error(disks: pd.DataFrame) -> float:
         radii = solution().composite_radius[solution().touching]
-        return disk_change(case.output, disks, rendered().contacts, radii)
+        return disk_change(case.output, disks, rendered().contacts, shot()[0].shape, radii)
 
     def against_fit(disks: pd.DataFrame) -> float:
-        return disk_change(case.output, disks, fitted())
+        return disk_change(case.output, disks, fitted(), shot()[0].shape)
 
     def stated(disks: pd.DataFrame) -> float:
         if not len(disks):
@@ -173,11 +173,16 @@ def image_settings(case: Case) -> Iterator[Setting]:
 
 
 def disk_change(
-    output: str, measured: pd.DataFrame, expected: pd.DataFrame, sphere_radius: Values | None = None
+    output: str,
+    measured: pd.DataFrame,
+    expected: pd.DataFrame,
+    shape: tuple[int, int],
+    sphere_radius: Values | None = None,
 ) -> float:
-    """Relative error of the output of measured disks; forces as ``a^3/R``.
+    """Relative error of the output of the disks measured on an image of a shape; forces as ``a^3/R``.
 
-    A disk without a partner is compared with no contact; its radius of curvature is the mean one.
+    A disk without a partner is compared with no contact; its radius of curvature is the mean one. Contacts
+    that are expected outside the image do not count, found or not.
     """
     if not len(measured):
         raise InputError("no contact was measured")
@@ -187,12 +192,12 @@ def disk_change(
     i, j, distance = pair_points(found[:, :2], true[:, :2], max_distance=reach)
     same = distance <= np.maximum(MIN_PAIRING_PX, true[j, 2])
     i, j = i[same], j[same]
-    strangers = np.delete(found[:, 2], i)
-    radius = np.concatenate([np.zeros(len(true)), strangers])
+    strangers, radius = np.delete(found[:, 2], i), np.zeros(len(true))
     radius[j] = found[i, 2]
-    complete = np.concatenate([true[:, 2], np.zeros(strangers.size)])
-    mean = float(np.mean(curvature)) if curvature.size else 1.0
-    curvature = np.concatenate([curvature, np.full(strangers.size, mean)])
+    mean = np.full(strangers.size, np.mean(curvature) if curvature.size else 1.0)
+    inside = ((true[:, 1::-1] > -0.5) & (true[:, 1::-1] < np.array(shape) - 0.5)).all(axis=1)
+    pairs_of = (radius, strangers), (true[:, 2], 0 * strangers), (curvature, mean)
+    radius, complete, curvature = (np.append(part[inside], others) for part, others in pairs_of)
     pairs = [(a**3 / curvature, a) for a in (radius, complete)]
     return relative_change(output, without=pairs[0], complete=pairs[1])
 

@@ -5,7 +5,7 @@ import shutil
 
 import pandas as pd
 import pytest
-from small_series import SCENE
+from small_series import SCENE, TINY
 
 from contactimg import (
     measure_tradeoff,
@@ -69,6 +69,15 @@ def test_the_image_methods_are_compared_with_the_truth(found):
     # small contacts lose s^2/a^2 at half height
     assert image["pixels above the threshold"] > 0.05
     assert image["fit of blurred disks"] < 0.01
+
+
+def test_contacts_outside_the_frame_are_no_error_of_its_measurement():
+    # 2 of 7 contacts lie outside this frame, and two are cut by its edge
+    asked = scene_from_dict(TINY | {"tolerance": {"output": "area"}})
+    knobs, _ = prepare_tradeoff(asked, knobs=["image"])
+    image = errors(run_knobs(knobs, relative=0.01, seconds=0.0), "image")
+    assert image["fit of blurred disks"] < 0.01
+    assert 0.05 < image["pixels above the threshold"] < 0.2
 
 
 def test_the_output_can_be_forces_or_radii(scene):
