@@ -155,7 +155,7 @@ def warnings(run: Run, others: list[str]) -> list[str]:
         total, verb = len(run.frames), "has" if len(part) == 1 else "have"
         count = f"{len(part)} of {total} frame{'s' * (total > 1)}"
         sentence = f"{count} {verb} the status “{status}” ({first_names(part['frame'].astype(str))})"
-        first = ", the first" * (part["message"].nunique() > 1)
+        first = ", the first" * (len(set(part["message"])) > 1)
         found.append(f"{sentence}{first}: {message}." if message else f"{sentence}.")
     left = len(found) - MOST_WARNINGS
     if left > 0:

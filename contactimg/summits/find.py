@@ -377,7 +377,8 @@ def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
     # the error by the next order of the form is in proportion to the depth: twice as large for the whole
     excess = 2.0 * np.sqrt(np.maximum(change**2 - spread, 0.0))
     height, radius = 100 * (half.sphere / whole.sphere)[2:] ** [1, -1] - 100
-    return excess, f"no sphere: the upper half has a radius {radius:+.2g} % and a height {height:+.2g} % off"
+    apart = f"{radius:+.2g} and {height:+.2g} %"
+    return excess, f"no sphere: radius and height of the upper half differ by {apart}"
 
 
 def _doubts(surface: HeightMap, base: Base, table: pd.DataFrame) -> list[str]:
