@@ -85,7 +85,7 @@ def assemble_disks(
     largest = largest_radii(disks, problem.image.shape, blur, GROWTH_RATIO, 1.0)
     work = Assembly(problem, disks, largest, whole, blur=blur, free_blur=free_blur)
     if shapes == "auto":
-        work.find_ellipses(whole, LONG_RATIO)  # neighbours that are not found yet make disks look longer
+        work.find_ellipses(whole, (LONG_RATIO, np.inf))
     work.drop_insignificant()
     # no more are added where they share so many pixels with their neighbours
     pairs = find_pairs(work.fit.disks, 0.5 * EDGE_BLUR_WIDTHS * work.fit.blur)
@@ -98,7 +98,8 @@ def assemble_disks(
     work.add_peaks(most)
     if shapes == "auto":
         poor = work.fit.chi_square > POOR_CHI_SQUARE * max(work.usual_chi_square, 1.0)
-        work.find_ellipses(poor, LEAST_ELONGATION)
+        # neighbours that were not found made disks look slightly longer; pieces of a scratch are far longer
+        work.find_ellipses(poor, (LEAST_ELONGATION, LONG_RATIO))
     if not work.limited and work.improve_covers():
         work.add_peaks(most, outside=True)
     if shapes == "auto":
@@ -211,7 +212,7 @@ class Assembly:
             active = _neighbours(disks, dropped, EDGE_BLUR_WIDTHS * self.fit.blur)[~dropped]
             self._exchange(Replacement(dropped, disks[:0]), np.empty(0), 4, active)
 
-    def find_ellipses(self, tried: NDArray[np.bool_], elongation: float) -> None:
+    def find_ellipses(self, tried: NDArray[np.bool_], elongation: tuple[float, float]) -> None:
         """Replace the regions that are ellipses by disks of equal area in the image."""
         found = find_ellipses(
             self.problem, self.fit, self.problem.prior, EXACT_OPTICS, among=tried, elongation=elongation

@@ -248,12 +248,12 @@ def find_ellipses(
     everywhere: bool = False,
     among: NDArray[np.bool_] | None = None,
     rows: NDArray[np.intp] | None = None,
-    elongation: float = LEAST_ELONGATION,
+    elongation: tuple[float, float] = (LEAST_ELONGATION, np.inf),
 ) -> Ellipses:
     """Ellipses where no disk describes a contact, ``everywhere``, or of some ``rows``.
 
     ``covariance`` is that of (ln contrast, blur); ``among`` are the disks that may be ellipses, those whose
-    counted pixels are longer than wide by the ``elongation``.
+    counted pixels have axes of a ratio between the two of ``elongation``.
     """
     chosen = rows
     if chosen is None:
@@ -261,7 +261,8 @@ def find_ellipses(
         chosen = chosen if among is None else chosen[among[chosen]]
         if not everywhere and len(chosen):
             looked = look_at_pixels(problem, fit, rows=chosen)
-            chosen = chosen[(looked.elongation > elongation) & (looked.border == 0.0)]
+            low, high = elongation
+            chosen = chosen[(looked.elongation > low) & (looked.elongation < high) & (looked.border == 0.0)]
     chosen = chosen[np.argsort(-fit.disks[chosen, RADIUS], kind="stable")][:MOST_ELLIPSES]
     kept, fitted = [], []
     for row in chosen:
