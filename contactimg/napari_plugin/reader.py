@@ -12,7 +12,7 @@ from dask.array import stack as stack_of
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files import FrameSource, Run, main_tables, read_run
+from contactimg.files import FrameSource, FrameTables, Run, main_tables, read_run
 from contactimg.files.exports import napari_shapes
 from contactimg.pipeline.export import frame_sources
 from contactimg.tables import CONTACTS, flag_names
@@ -21,8 +21,8 @@ from contactimg.tables.outlines import REJECTED_COLOUR, kind_of
 Layer = tuple[Any, dict[str, Any], str]
 """Data, properties and kind of a layer, as napari takes them."""
 
-RUN_KEY, FRAMES_KEY = "contactimg_run", "contactimg_frames"
-"""Keys of the metadata of the layer of contacts: the run folder, and the names of the frames in the stack."""
+FRAMES_KEY = "contactimg_frames"
+"""Key of the metadata of the layer of contacts: name -> tables of the frames in the stack, as opened."""
 FEATURES = ["frame", "label", "radius_px", "radius_std_px", "force_N"]
 """Columns of contacts.csv that napari shows for a contact, besides its flags."""
 
@@ -67,36 +67,34 @@ def read_run_layers(path: str) -> list[Layer]:
     """
     run = read_run(path)
     names = [str(name) for name in run.frames.loc[run.frames["n_contacts"].notna(), "frame"]]
-    number = {name: k for k, name in enumerate(names)}
+    frames, number = dict(run.by_frame()), {name: k for k, name in enumerate(names)}
+    shown = {name: frames[name] for name in names}
     camera = run.scene.camera
     pixel_um = 1.0 if camera is None else 1e6 * camera.pixel_size
     common = {"scale": (1.0, pixel_um, pixel_um)}
-    contacts, holes = _contact_layers(run, number)
-    metadata = {RUN_KEY: str(run.folder.resolve()), FRAMES_KEY: names}
-    contacts[1]["metadata"] = metadata
+    contacts, holes = _contact_layers(shown)
     layers = [*_image_layer(run, names), contacts]
     layers += [layer for layer in (holes, _rejected_layer(run, number)) if len(layer[0])]
     return [(data, common | properties, kind) for data, properties, kind in layers]
 
 
-def _contact_layers(run: Run, number: dict[str, int]) -> tuple[Layer, Layer]:
+def _contact_layers(shown: dict[str, FrameTables]) -> tuple[Layer, Layer]:
     """The contacts, and the holes in them."""
     data: list[NDArray[np.float64]] = []
     kinds: list[str] = []
     holes: list[NDArray[np.float64]] = []
-    frames = dict(run.by_frame())
-    for name, k in number.items():
-        for (kind, points), *inner in map(napari_shapes, frames[name].shapes):
+    for k, tables in enumerate(shown.values()):
+        for (kind, points), *inner in map(napari_shapes, tables.shapes):
             data.append(_in_stack(points, k))
             kinds.append(kind)
             holes += [_in_stack(hole, k) for _, hole in inner]
-    table = CONTACTS.joined(frames[name].contacts for name in number)
+    table = CONTACTS.joined(tables.contacts for tables in shown.values())
     features = table[FEATURES].reset_index(drop=True).assign(flags=flag_names(table["flags"]))
-    style = {"face_color": "transparent", "edge_width": 0.5}
+    style, known = {"face_color": "transparent", "edge_width": 0.5}, {FRAMES_KEY: shown}
     colours = [kind_of(int(flags)).colour for flags in table["flags"]]
-    drawn = {"name": "contacts", "shape_type": kinds, "features": features, "edge_color": colours, **style}
+    drawn = {"name": "contacts", "shape_type": kinds, "features": features, "edge_color": colours}
     inside = {"name": "holes", "shape_type": "path", "edge_color": "white", **style}
-    return (data, drawn, "shapes"), (holes, inside, "shapes")
+    return (data, drawn | style | {"metadata": known}, "shapes"), (holes, inside, "shapes")
 
 
 def _rejected_layer(run: Run, number: dict[str, int]) -> Layer:

@@ -10,10 +10,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files import FrameTables, read_run
+from contactimg.files import FrameTables
 from contactimg.files.corrections import EditsFile
 from contactimg.files.exports import Region, napari_shapes, polygon_region
-from contactimg.napari_plugin.reader import FRAMES_KEY, RUN_KEY
+from contactimg.napari_plugin.reader import FRAMES_KEY
 from contactimg.pipeline.export import edits_between, region_name
 from contactimg.tables import EDITS
 
@@ -39,19 +39,22 @@ def write_corrections(path: str, data: Sequence[Any], properties: dict[str, Any]
     Raises
     ------
     InputError
-        If the layer is not that of the contacts of a run, or the run is not there any more.
+        If the layer is not that of the contacts of a run.
+
+    Notes
+    -----
+    What was changed is told by the tables as they were opened: `process` may have written others since, in
+    which the labels mean other contacts.
     """
-    metadata = properties.get("metadata", {})
-    if RUN_KEY not in metadata or FRAMES_KEY not in metadata:
+    shown = properties.get("metadata", {}).get(FRAMES_KEY)
+    if not shown:
         raise InputError(
             "this layer does not hold the contacts of a run; open a run folder and correct those"
         )
-    run = read_run(metadata[RUN_KEY])
-    names, shown = metadata[FRAMES_KEY], dict(run.by_frame())
-    drawn = _regions_by_frame(data, properties, len(names))
+    drawn = _regions_by_frame(data, properties, len(shown))
     edits = [
-        _edits(shown.get(name, FrameTables()), regions).assign(frame=name, author="", time="")
-        for name, regions in zip(names, drawn, strict=True)
+        _edits(tables, regions).assign(frame=name, author="", time="")
+        for (name, tables), regions in zip(shown.items(), drawn, strict=True)
     ]
     rows = EDITS.joined(edits)
     target = EditsFile(Path(path))

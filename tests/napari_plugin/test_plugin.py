@@ -106,6 +106,22 @@ def test_corrections_become_edits_that_process_applies(run, layers, tmp_path):
     assert any(int(flags) & Flag.MANUAL for flags in again["flags"])
 
 
+def test_a_layer_may_be_saved_again_after_the_run_was_made_anew(run, tmp_path):
+    series = moved(run.parent, tmp_path / "series")
+    ((data, properties),) = [
+        one[:2]
+        for one in run_reader(str(series / "run"))(str(series / "run"))
+        if one[1]["name"] == "contacts"
+    ]
+    target, keep = series / "edits.csv", slice(1, None)
+    less = properties | {name: properties[name][keep] for name in ("features", "shape_type")}
+    write_corrections(str(target), data[keep], less)
+    process(series, series / "run")
+    # now the labels of the first frame are other ones, but nothing else was changed on the layer
+    write_corrections(str(target), data[keep], less)
+    assert read_edits(target)["action"].tolist() == ["exclude"]
+
+
 def test_another_layer_is_refused(tmp_path):
     with pytest.raises(InputError, match="open a run folder"):
         write_corrections(str(tmp_path / "edits.csv"), [np.zeros((4, 3))], {"metadata": {}})
