@@ -117,13 +117,9 @@ def fit_decrease(
             "a law of the tangential load needs values at two or more different tangential loads, "
             f"got {np.unique(np.abs(load)).size}"
         )
-    fit = fit_line(Points(load**2, value, y_std=error), scatter=scatter)
-    stds = np.sqrt(np.maximum(np.diag(fit.covariance), np.finfo(float).tiny))
-    rate = student_estimate(
-        -float(fit.parameters[1]), float(stds[1]), freedom=fit.freedom, confidence=confidence
-    )
-    start = fit.estimate(0, confidence=confidence)
-    correlation = -float(fit.covariance[0, 1] / stds.prod())
+    fit = fit_line(Points(-(load**2), value, y_std=error), scatter=scatter)
+    start, rate = (fit.estimate(k, confidence=confidence) for k in (0, 1))
+    correlation = float(fit.covariance[0, 1]) / max(start.std * rate.std, np.finfo(float).tiny)
     return Decrease(start, rate, correlation, fit.scatter, int(known.sum()))
 
 
