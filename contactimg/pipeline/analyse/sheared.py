@@ -103,10 +103,10 @@ def analyse_shear(
         limits = _upper_limits(place, table, workers=workers)
         table = table.assign(radius_upper_m=limits)
         tables.append(table if len(places) == 1 else table.assign(place=place.name))
-        still = place.loads.loc[~(place.loads["velocity_m_s"].abs() > 0), "frame"]
-        resting = table[table["frame"].isin(still) & table["tangential_N"].notna() & table["load_N"].notna()]
         if not place.loads["tangential_N"].any():
             continue
+        still = place.loads.loc[~(place.loads["velocity_m_s"].abs() > 0), "frame"]
+        resting = table[table["frame"].isin(still) & table["tangential_N"].notna() & table["load_N"].notna()]
         direction = place.scene.load.tangential_direction
         angle = direction if place.pose is None else float(place.pose.angle_in_image(direction))
         loads, before = resting["load_N"].to_numpy(float), len(laws)
