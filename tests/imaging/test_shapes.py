@@ -79,6 +79,26 @@ def test_ellipses_have_their_half_axes_and_angles(moffat):
         assert abs(turn) < 4 * row.angle_std_rad
 
 
+def test_small_ellipses_of_two_to_one_among_disks_are_not_cut_up():
+    """Two small disks describe such a contact nearly as well as an ellipse does: the likelihood decides."""
+    found = wrong = 0
+    for seed in range(12):
+        rng = np.random.default_rng([53, seed])
+        places = [
+            (x + rng.uniform(-3, 3), y + rng.uniform(-3, 3), rng.uniform(2.8, 5.5))
+            for x in range(30, 280, 44)
+            for y in range(30, 230, 44)
+        ]
+        ratios = np.where(rng.random(len(places)) < 0.5, rng.uniform(1.8, 2.0, len(places)), 1.0)
+        angles = rng.uniform(-1.5, 1.5, len(places))
+        image, reference, _ = frame(
+            [ellipse(ratio) for ratio in ratios], places, angles=angles, rng=rng, shape=(240, 288)
+        )
+        disks = measure_image(image, reference).disks
+        found, wrong = found + len(places), wrong + abs(len(disks) - len(places))
+    assert wrong <= 0.01 * found
+
+
 @pytest.mark.parametrize("seed", [12, 32])
 def test_ellipses_of_two_to_one_are_not_cut_up(seed):
     """Their neighbours, still taken for disks, leave light that small disks beside them would explain."""

@@ -97,7 +97,7 @@ def assemble_disks(
         work.add_wide_residuals()
     work.add_peaks(most)
     if shapes == "auto":
-        poor = work.fit.chi_square > POOR_CHI_SQUARE * max(work.usual_chi_square, 1.0)
+        poor = work.fit.chi_square > POOR_CHI_SQUARE * max(work.fit.usual_chi_square, 1.0)
         # neighbours that were not found made disks look slightly longer; pieces of a scratch are far longer
         work.find_ellipses(poor, (LEAST_ELONGATION, LONG_RATIO))
     if not work.limited and work.improve_covers():
@@ -144,11 +144,6 @@ class Assembly:
             fit = fit_disks(self.problem, disks, blur=fit.blur, control=control, largest=largest)
             self.problem = allow_for_coarse_rims(problem, fit)
         self.fit = fit
-
-    @property
-    def usual_chi_square(self) -> float:
-        """The median of all disks."""
-        return float(np.median(self.fit.chi_square)) if len(self.fit.disks) else 1.0
 
     def add(self, disks: NDArray[np.float64]) -> None:
         """Add disks, which are free to grow, and drop those near them that are not significant."""

@@ -38,6 +38,7 @@ from contactimg.imaging.fit.shapes import (
     LEAST_ELONGATION,
     Ellipses,
     FittedEllipse,
+    find_ellipses,
     fit_ellipse,
     render_ellipse,
 )
@@ -217,7 +218,7 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
     Replacement
     """
     replaced, new, one = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))], [np.empty(0, np.bool_)]
-    median = float(np.median(fit.chi_square)) if len(fit.disks) else 1.0
+    median = fit.usual_chi_square
     usual = float(np.clip(median, 1.0, USUAL_CHI_SQUARE))
     chance = FALSE_ALARM_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1))
     limit = np.maximum(SUSPICIOUS_CHI_SQUARE, 1.0 + chance)
@@ -243,6 +244,12 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
             break
         disks = fit.disks[members] - window.offset
         better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
+        if len(members) == 1 and len(better) == 2:
+            found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
+            # the first two that describe the pixels need not have settled
+            better, chi_square = window.fit(better, np.full(2, np.inf))
+            if any(_misfit(window, each) < chi_square for each in found.fitted):
+                continue
         simple = _simpler(window, better, usual)
         better, shaped = (better, np.zeros(len(better), np.bool_)) if simple is None else simple
         if better is not disks:

@@ -168,6 +168,11 @@ class FittedDisks:
     blur_score: NDArray[np.float64]
     brightness: NDArray[np.float64]
 
+    @property
+    def usual_chi_square(self) -> float:
+        """The median of the disks; 1 where there is none."""
+        return float(np.median(self.chi_square)) if len(self.disks) else 1.0
+
     def rearranged(
         self, rows: NDArray[np.int64], fitted: NDArray[np.bool_], part: "FittedDisks", of: NDArray[np.bool_]
     ) -> "FittedDisks":
