@@ -107,13 +107,15 @@ def test_a_contact_drawn_again_is_measured_and_marked(pair, method):
 def test_a_contact_can_be_split_and_two_merged(pair, method):
     count = len(edited(pair, method).disks)
     assert count == len(TRUTH)
-    split = edited(pair, method, HandEdit("split", 1, 180.0, 45.0))
-    assert len(split.disks) == count + 1
-    near = np.hypot(split.disks["x_px"] - 180, split.disks["y_px"] - 45) < 11
-    assert near.sum() == 2
-    assert (split.disks.loc[near, "flags"] & int(Flag.MANUAL) > 0).all()
-    merged = edited(pair, method, HandEdit("merge", 1, points=((110.0, 40.0), (122.5, 40.0))))
+    merge = HandEdit("merge", 1, points=((110.0, 40.0), (122.5, 40.0)))
+    merged = edited(pair, method, merge)
     assert len(merged.disks) == count - 1
+    split = edited(pair, method, merge, HandEdit("split", 2, 116.0, 40.0))
+    assert len(split.disks) == count
+    for x, radius in ((110.0, 7.0), (122.5, 6.0)):
+        part = at(split.disks, x, 40)
+        assert int(part["flags"]) & int(Flag.MANUAL)
+        assert part["radius_px"] == pytest.approx(radius, abs=0.3)
     one = at(merged.disks, 116, 40)
     assert int(one["flags"]) & int(Flag.MANUAL)
     assert one["area_px2"] == pytest.approx(np.pi * (7.0**2 + 6.0**2), rel=0.3)
@@ -137,3 +139,12 @@ def test_a_contact_drawn_where_nothing_is_counted_is_named():
     )
     assert len(result.disks) == 0
     assert "these edits match no contact: row 1 (add at (30, 30))" in result.message
+
+
+def test_a_split_that_the_pixels_do_not_show_changes_nothing(pair):
+    """Parts of one round contact would move into each other, and its force would count twice."""
+    alone = edited(pair, "disk")
+    for x, y in TRUTH.loc[[0, 3, 5], ["x_px", "y_px"]].to_numpy(float):
+        result = edited(pair, "disk", HandEdit("split", 3, x, y))
+        assert f"these edits match no contact: row 3 (split at ({x:g}, {y:g}))" in result.message
+        pd.testing.assert_frame_equal(result.disks, alone.disks)

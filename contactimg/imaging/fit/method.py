@@ -35,6 +35,7 @@ from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, 
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, contrast_prior, settle_optics
 from contactimg.imaging.fit.shared_scores import with_plain_edges
 from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.kernels.pairs import DEEPEST, overlapping
 from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting, film_table
@@ -343,4 +344,10 @@ def fit_edited(
     fresh = np.column_stack([new, np.full(len(new), problem.contrast)])
     disks = np.vstack([fit.disks[edited.source[~edited.new]], fresh])
     control = FitControl(free_blur=False, robust=False, iterations=ITERATIONS)
-    return fit_disks(problem, disks, blur=fit.blur, control=control), edited
+    fitted = fit_disks(problem, disks, blur=fit.blur, control=control)
+    # parts that move into each other are one contact: the pixels do not show the correction
+    lost = edited.vanished(np.flatnonzero(~overlapping(fitted.disks, DEEPEST)))
+    if lost:
+        fitted, edited = fit_edited(problem, fit, [edit for edit in edits if edit not in lost])
+        edited.unmatched.extend(lost)
+    return fitted, edited
