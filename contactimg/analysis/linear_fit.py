@@ -32,7 +32,8 @@ Basis = Callable[[Values, int], Values]
 """``x``, shape (..., n), and 0 or 1 -> the terms ``phi`` or their derivatives by x, shape (..., n, k)."""
 
 ROUNDING = 1e-12
-"""Residuals below this fraction of the largest y are rounding errors. Theory: some thousand times 2.2e-16."""
+"""Differences of x, and residuals of y, below this fraction of the largest are rounding errors. Theory: some
+thousand times 2.2e-16."""
 
 MOST_PASSES, DAMPED_FROM, PASS_TOLERANCE = 300, 40, 1e-10
 """Passes of the solution, the pass from which steps are halved, so that none goes to and fro, and
@@ -292,7 +293,7 @@ def fit_line(points: Points, *, scatter: float | None = None) -> LinearFit:
     Raises
     ------
     InputError
-        If all x are equal.
+        If all x are equal, but for rounding.
 
     Examples
     --------
@@ -301,7 +302,7 @@ def fit_line(points: Points, *, scatter: float | None = None) -> LinearFit:
     (1.95, 0.0)
     """
     x = np.asarray(points.x)
-    if x.shape[-1] < 2 or (np.ptp(x, axis=-1) == 0).any():
+    if x.shape[-1] < 2 or (np.ptp(x, axis=-1) <= ROUNDING * np.abs(x).max(axis=-1)).any():
         place = f" at {x.flat[0]:g}" if x.size else ""
         raise InputError(f"a line needs points at two or more different x, got {x.shape[-1]}{place}")
     return fit_linear(line, points, scatter=scatter)

@@ -89,6 +89,8 @@ def test_bad_points_are_refused(arguments, message):
 def test_a_line_needs_two_x_and_a_proportion_one():
     with pytest.raises(InputError, match="two or more different x"):
         fit_line(Points([1.0, 1.0], [1.0, 2.0]))
+    with pytest.raises(InputError, match="two or more different x"):  # but for rounding
+        fit_line(Points([0.1 + 0.2, 0.3, 0.3], [1.0, 2.0, 3.0]))
     with pytest.raises(InputError, match="away from it"):
         fit_proportional(Points([0.0, 0.0], [1.0, 2.0]))
 
