@@ -247,3 +247,13 @@ def test_letters_that_a_program_has_drawn_into_a_frame_are_said(rng):
     assert len(found.disks) > 1.1 * len(truth)
     assert found.status != "ok"
     assert "at the full scale of the sensor and no disks" in found.message
+
+
+def test_a_few_letters_among_many_contacts_are_said_by_their_area(rng):
+    optics = Optics(shape=(600, 800), dust=0)
+    frame, reference = render(scatter(140, optics, rng, radii=(2.0, 14.0)), optics, rng)
+    assert measure_image(frame, reference).status == "ok"
+    drawn = cv2.putText(frame, "200 um  0.5 N", (20, 560), cv2.FONT_HERSHEY_SIMPLEX, 1.0, 255, 2)
+    found = measure_image(drawn, reference)
+    assert found.status != "ok"
+    assert "of the area, are at the full scale of the sensor and no disks" in found.message

@@ -39,8 +39,9 @@ DARK_SHARE = 0.004
 """Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it
 make 0.013."""
 FEWEST_DARK, DARK_AREA = 2, 0.02
-"""Spots of the other sign, and their area over that of the contacts, above which they may be contacts. By
-hand: dust that has moved makes 0.007-0.025."""
+"""Spots of the other sign, or at the full scale of the sensor and no disks, and their area over that of the
+contacts, above which the first may be contacts and the others none. By hand: dust that has moved makes
+0.007-0.025, letters 0.02-0.09."""
 FAINT = 0.25
 """Brightness over that of the frame's contacts below which several spots are doubted. By hand: light that two
 surfaces of glass reflect makes 0.002, of four or coated mirrors up to 0.2."""
@@ -211,12 +212,14 @@ def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
         yield Status.FALSE_CANDIDATES, text
 
 
-def _spoiled(seen: Judged, flag: Flag) -> str:
+def _spoiled(
+    seen: Judged, flag: Flag, *, fewest: int = FEWEST, many: float = SPOILED_SHARE, much: float = 0.5
+) -> str:
     """Say how many contacts have a flag, if they are so many, or so large, that they spoil the frame."""
     n, area = seen.flagged(flag), seen.contacts["visible_area_px2"]
     share = float(area[seen.having(flag)].sum() / max(area.sum(), 1e-9))
-    many = n >= FEWEST and n > SPOILED_SHARE * seen.count
-    return f"{n} of {seen.count} contacts, {100 * share:.3g} % of the area," if many or share > 0.5 else ""
+    spoiled = (n >= fewest and (n > many * seen.count or share > much)) or share > 0.5
+    return f"{n} of {seen.count} contacts, {100 * share:.3g} % of the area," if spoiled else ""
 
 
 def _fitted(e: Columns) -> Iterator[tuple[str, str]]:
@@ -276,11 +279,12 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
                 "reflections and dirt look like that"
             )
             yield Status.FALSE_CANDIDATES, text
-    drawn = seen.flagged(Flag.SATURATED | Flag.COUNTED) if seen.fit is not None else 0
-    if drawn >= FEWEST and drawn > DOUBTED_SHARE * seen.count:
+    drawn = Flag.SATURATED | Flag.COUNTED
+    which = _spoiled(seen, drawn, fewest=FEWEST_DARK, many=DOUBTED_SHARE, much=DARK_AREA)
+    if seen.fit is not None and which:
         text = (
-            f"{drawn} of {seen.count} contacts are at the full scale of the sensor and no disks: letters and "
-            "marks that a program draws into a frame look like that"
+            f"{which} are at the full scale of the sensor and no disks: letters and marks that a program "
+            "draws into a frame look like that"
         )
         yield Status.FALSE_CANDIDATES, text
     small = seen.flagged(Flag.TOO_SMALL)
