@@ -19,12 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem, X, Y
-from contactimg.imaging.kernels.normal_equations import (
-    SATURATED,
-    build_normal_equations,
-    build_pair_blocks,
-    draw_disks,
-)
+from contactimg.imaging.kernels.model_image import draw_disks
+from contactimg.imaging.kernels.normal_equations import SATURATED, build_normal_equations, build_pair_blocks
 from contactimg.imaging.kernels.pairs import (
     DEEPEST,
     are_entangled,

@@ -45,6 +45,12 @@ def interpolate_row(table, a, s):
 
 
 @njit(cache=True)
+def reach_of_profile(table, near):
+    """Blur widths beyond the rim at which the profile ends; ``near`` for a plain disk."""
+    return near if table.outer <= INNER_BLUR_WIDTHS else table.outer
+
+
+@njit(cache=True)
 def _chord_columns(radius, dy, centre, columns):
     """Columns of a row inside a circle: the first, and the one after the last."""
     square = radius * radius - dy * dy

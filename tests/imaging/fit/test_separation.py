@@ -11,7 +11,7 @@ from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.detect.components import label_components
 from contactimg.imaging.fit.disks import FitControl, fit_disks, render_disks
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
-from contactimg.imaging.kernels.normal_equations import add_lens
+from contactimg.imaging.kernels.model_image import add_lens
 from contactimg.imaging.kernels.pairs import DEEPEST, hidden, visible_share
 from contactimg.imaging.measure import measure_image
 from contactimg.tables import Flag

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import special
 
+from contactimg.imaging.kernels.model_image import add_disk
 from contactimg.imaging.kernels.normal_equations import (
     CHI_SQUARE,
     CROSS,
@@ -12,7 +13,6 @@ from contactimg.imaging.kernels.normal_equations import (
     LARGEST_TERM,
     PIXEL_COUNT,
     SUMS,
-    add_disk,
     sum_disk,
     sum_pair,
     unpack_sums,
