@@ -1,7 +1,7 @@
 """All summits of a height map."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -47,6 +47,10 @@ next one is about the square of it."""
 
 MIN_PIXELS = 12
 """Fewest pixels of a fit: three for each of its parameters."""
+
+CLIPPED_RATIO = 3.0
+"""Pixels at the largest height over those at the next lower one from which the heights were cut off. Theory:
+1 for a sphere, in steps of any size."""
 
 LAGS = 4
 """Distance in pixels up to which residuals may be correlated (filters and interpolation of the instrument),
@@ -239,6 +243,7 @@ def find_summits(
         raise InputError(f"the least height must be 0 or more, got {least_height!r} m")
     if form not in FORM_TERMS:
         raise InputError(f"form must be one of {', '.join(map(repr, FORM_TERMS))}, got {form!r}")
+    surface, cut_off = _without_clipped(surface)
     base = fit_base(surface, form)
     labels, smoothed = _divide(surface.heights - base.heights, base, least_height)
     feet = ndimage.binary_dilation(labels > 0, iterations=LAGS)
@@ -267,7 +272,26 @@ def find_summits(
         pd.DataFrame([_row(fit, base, factor) for fit in kept], columns=[*SUMMITS.columns])
     )
     table = table.sort_values("height_m", ascending=False, ignore_index=True)
-    return FoundSummits(table, base.noise, dict(+left_out), _doubts(surface, base, table))
+    return FoundSummits(table, base.noise, dict(+left_out), cut_off + _doubts(surface, base, table))
+
+
+def _without_clipped(surface: HeightMap) -> tuple[HeightMap, list[str]]:
+    """The map with holes where the instrument cut the heights off, and a sentence about them.
+
+    A sphere has as many pixels in each step of the height: more at the largest one lie above the range.
+    """
+    heights = surface.heights
+    largest = np.nanmax(heights, initial=-np.inf)
+    top = heights == largest
+    next_lower = np.max(heights, initial=-np.inf, where=heights < largest)
+    clipped, fewest = int(np.count_nonzero(top)), CLIPPED_RATIO * np.count_nonzero(heights == next_lower)
+    if clipped < MIN_PIXELS or clipped < fewest or not np.isfinite(next_lower):
+        return surface, []
+    text = (
+        f"{clipped} pixels have the largest height, {1e6 * largest:.4g} um: the instrument cut off what is "
+        "higher; summits there follow from the heights below"
+    )
+    return replace(surface, heights=np.where(top, np.nan, heights)), [text]
 
 
 def _divide(heights: Values, base: Base, least_height: float) -> tuple[Labels, Values]:

@@ -171,6 +171,21 @@ def test_pixels_need_not_be_square(rng):
     assert row["radius_m"] == pytest.approx(50e-6, abs=5 * row["radius_std_m"])
 
 
+def test_heights_that_the_instrument_cut_off_are_holes(rng):
+    """Caps cut off at 2.5 um in steps of 1 nm: with the flat tops the radii are 62 um, not 50."""
+    x = (np.arange(161) - 80) * 1e-6
+    squared = x[None, :] ** 2 + x[:, None] ** 2
+    whole = np.maximum(np.sqrt(np.maximum((50e-6) ** 2 - squared, 0)) - 47e-6, 0)
+    whole += rng.normal(0, 5e-9, whole.shape)
+    steps = np.round(whole / 1e-9) * 1e-9
+    assert find_summits(HeightMap(steps, (1e-6, 1e-6))).warnings == []
+    found = find_summits(HeightMap(np.minimum(steps, 2.5e-6), (1e-6, 1e-6)))
+    row = found.table.iloc[0]
+    assert abs(row["radius_m"] - 50e-6) < 3 * row["radius_std_m"] < 1e-6
+    assert row["height_m"] == pytest.approx(3e-6, abs=3 * row["height_std_m"])
+    assert "pixels have the largest height, 2.5 um: the instrument cut off" in found.warnings[0]
+
+
 def test_noise_alone_has_no_summit(rng):
     assert find_summits(HeightMap(rng.normal(0, 1e-8, (200, 200)), (PIXEL, PIXEL))).table.empty
     assert find_summits(HeightMap(np.zeros((50, 50)), (PIXEL, PIXEL))).table.empty
