@@ -41,6 +41,9 @@ BRIGHTEST_RATIO = 2.2  # of a contact over another one beside it, more than whic
 MESH_BLOCKS = 2.0  # standard deviation of the Gaussian that smooths the mesh, blocks: about 4 blocks wide
 # Root mean square of what is left, in scatters of a block, that is worth a correction. By hand.
 LEAST_UNEVEN = 0.5
+# Variance that lines share, over that of the noise, that is worth a correction. Theory: of less, the 2 a
+# lines of a contact of radius a = 10 px add a fifth to the variance of the noise.
+LEAST_FLICKER = 0.01
 
 
 def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = True) -> DifferenceImage:
@@ -199,9 +202,10 @@ def _subtract_left(image: Values, left: Values, level: float) -> Values:
 
 def _in_common(image: NDArray, used: Flags, fewest: int = 0) -> tuple[float, NDArray, NDArray]:
     """Variance that both halves of rows share, 0 where it is chance; mean and number of used values."""
-    columns = [0, image.shape[1] // 2]
-    total = np.add.reduceat(np.where(used, image, 0.0), columns, axis=1).astype(float)
-    number = np.add.reduceat(used, columns, axis=1, dtype=np.int64)
+    half = image.shape[1] // 2
+    sides = [(image[:, side], used[:, side]) for side in (slice(None, half), slice(half, None))]
+    total = np.stack([np.sum(part, axis=1, where=seen, dtype=float) for part, seen in sides], axis=1)
+    number = np.stack([np.count_nonzero(seen, axis=1) for _, seen in sides], axis=1)
     halves = (total / np.maximum(number, 1))[(number > fewest).all(axis=1)]
     count = number.sum(axis=1, keepdims=True)
     mean = total.sum(axis=1, keepdims=True) / np.maximum(count, 1)
@@ -218,18 +222,22 @@ def _without_flicker(difference: DifferenceImage, blocks: Values, axis: int, lev
     if not axis:
         image, blocks, background = image.T, blocks.T, background.T
     near, hides = _near_the_median_of_lines(blocks, background)
+    by_blocks = 0.0 if hides else _in_common(blocks, background)[0]
     if hides:
         background = near
-    elif _in_common(blocks, background)[0] > 0.0:
+    elif by_blocks > 0.0:
         share = background.mean(axis=1, keepdims=True)
         background = np.where(share < 0.5 * np.median(share), near, background)  # flicker took a line out
     else:
         return difference
     noise = estimate_noise(image, background)
+    least = LEAST_FLICKER * noise**2
+    # flicker of single lines is less by their number in the lines of blocks: pixels show no more than that
+    if not hides and by_blocks * len(image) / len(blocks) < least:
+        return difference
     used = to_pixels(background.astype(np.uint8), image.shape) > 0
     shared, offset, count = _in_common(image, used, BLOCK)
-    # of less, the 2 a lines of a contact of radius a = 10 px add a fifth to the variance of the noise
-    if not shared > 0.01 * noise**2:
+    if not shared > least:
         return difference
     left = (offset * shared / (shared + noise**2 / np.maximum(count, 1e-3))).astype(np.float32)
     return replace(difference, image=_subtract_left(difference.image, left if axis else left.T, level))

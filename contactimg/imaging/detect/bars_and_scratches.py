@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.detect.components import label_components
+from contactimg.imaging.detect.components import label_components, window_of
 from contactimg.imaging.detect.inscribed_disks import fill, find_holes
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.imaging.pixels.blocks import SignedImage, to_pixels
@@ -91,11 +91,29 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     components = label_components(squares, level)
     width = components["right"] - components["left"] + 1.0
     diagonal = width**2 + (components["bottom"] - components["top"] + 1.0) ** 2  # squared
-    if not (diagonal > np.maximum(SPRAWL * components["area"], SHORTEST_LINE**2)).any():
-        return NONE
+    sprawling = components[diagonal > np.maximum(SPRAWL * components["area"], SHORTEST_LINE**2)]
+    total, windows = float(components["area"].sum()), [window_of(one, 2 * MARGIN)[0] for one in sprawling]
+    # clusters of contacts sprawl as well: most frames need no more than a look at each of them
+    if sum(squares[box].size for box in windows) < squares.size:
+        parts = (
+            image[tuple(slice(SQUARE_PX * at.start, SQUARE_PX * at.stop) for at in box)] for box in windows
+        )
+        looks = (_find(part, squares[box], level, total) for part, box in zip(parts, windows, strict=True))
+        if not any(found is not None for found in looks):
+            return NONE
+    return _find(image, squares, level, total) or NONE
+
+
+def _find(
+    image: NDArray[np.float32], squares: NDArray[np.float32], level: float, total: float
+) -> "Foreign | None":
+    """The objects of an image, or of a window of it; None if there is none.
+
+    ``total`` is the area of all that stands out, in squares.
+    """
     bars = label_regions(squares > level)
     ridges = bars.long & (bars.half_width > 0.5 * LINE_WIDTH_PX / SQUARE_PX)
-    if bars.area[ridges].sum() < 0.5 * bars.area.sum():
+    if bars.area[ridges].sum() < 0.5 * total:
         ridges[:] = False
     possible = np.flatnonzero(bars.long & ~ridges)
     long = possible[[_stays_long(squares, bars.labels == k) for k in possible]]
@@ -108,7 +126,7 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     smooth = np.asarray(cv2.blur(image, (3, 3)), np.float32) if len(line) else image
     line = line[[_stays_thin(smooth, lines.labels == k) for k in line]]
     if not len(long) + len(line):
-        return NONE
+        return None
     if len(line):
         mask = np.maximum(mask, _widened(np.isin(lines.labels, line), SQUARE_PX * MARGIN))
     middle = 0.5 * (SQUARE_PX - 1)

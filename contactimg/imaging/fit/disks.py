@@ -184,8 +184,9 @@ class FittedDisks:
 
 
 def render_disks(
-    disks: NDArray[np.float64], blur: float, shape: tuple[int, int], *, profile: EdgeTable | None = None
-) -> NDArray[np.float32]:
+    disks: NDArray[np.float64], blur: float, shape: tuple[int, int], *, profile: EdgeTable | None = None,
+    over: NDArray[np.float32] | None = None,
+) -> NDArray[np.float32]:  # fmt: skip
     """Image of blurred disks; where two overlap, of their union.
 
     Parameters
@@ -197,6 +198,8 @@ def render_disks(
     shape : (int, int)
     profile : EdgeTable or None
         None for the uniform disk.
+    over : ndarray of float32 or None
+        An image of this shape that is not used any more, whose memory is taken.
 
     Examples
     --------
@@ -204,7 +207,7 @@ def render_disks(
     >>> float(image[8, 8].round(1)), float(image.sum().round(-1))  # pi 4^2 x 100
     (100.0, 5030.0)
     """
-    blank = ModelImage.blank(shape, len(disks))
+    blank = ModelImage.blank(shape, len(disks)) if over is None else ModelImage.over(over, len(disks))
     everything = np.ones(len(disks), np.bool_)
     pairs = find_pairs(disks, 0.0)
     draw_disks(blank.model, disks, blur, blank.drawn, everything, pairs, profile or disk_table())

@@ -327,7 +327,7 @@ class _Frame:
 
 def _shown(fit: FittedDisks, problem: FitProblem) -> FittedDisks:
     """The fit with all its disks in the model image."""
-    return replace(fit, model=render_disks(fit.disks, fit.blur, problem.image.shape))
+    return replace(fit, model=render_disks(fit.disks, fit.blur, problem.image.shape, over=fit.model))
 
 
 def fit_edited(

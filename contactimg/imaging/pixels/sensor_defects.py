@@ -58,21 +58,25 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
     defective = (off > limit) & (off > DEFECT_RATIO * spread)
     if not defective.any():
         return image, None
+    rows, columns = rows[defective], columns[defective]
     mask = np.zeros(image.shape, np.uint8)
-    mask[rows[defective], columns[defective]] = 1
-    _close_lines(mask)
-    _close_lines(mask.T)
+    mask[rows, columns] = 1
+    _close_lines(mask, rows, columns)
+    _close_lines(mask.T, columns, rows)
     return np.where(mask > 0, middle, image), mask
 
 
-def _close_lines(mask: NDArray[np.uint8]) -> None:
+def _close_lines(mask: NDArray[np.uint8], places: NDArray[np.intp], lines: NDArray[np.intp]) -> None:
     """Mark whole columns between their first and their last pixel, if most of these are marked.
 
-    Where a defective column crosses the rim of a contact its neighbours differ as much as it does.
+    Where a defective column crosses the rim of a contact its neighbours differ as much as it does. ``places``
+    and ``lines`` are the rows and columns of the marked pixels.
     """
-    first, last = mask.argmax(axis=0), len(mask) - mask[::-1].argmax(axis=0)
-    for k in np.flatnonzero(2 * mask.sum(axis=0, dtype=np.int64) > last - first):
-        mask[first[k] : last[k], k] = 1
+    order = np.lexsort([places, lines])
+    lines, start, count = np.unique(lines[order], return_index=True, return_counts=True)
+    first, last = places[order[start]], places[order[start + count - 1]] + 1
+    for k in np.flatnonzero((count < last - first) & (last - first < 2 * count)):
+        mask[first[k] : last[k], lines[k]] = 1
 
 
 def mosaic_gains(image: NDArray, valid: Mask = None) -> NDArray[np.float64] | None:
