@@ -26,15 +26,11 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from contactimg.engine.progress import holding
-from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
 from contactimg.files.tables import METRES
 from contactimg.frame import Frame
 from contactimg.scene.sections import MAX_PIXELS
 from contactimg.timings import stage
-
-MAX_PIXELS_VARIABLE = "CONTACTIMG_MAX_PIXELS"
-"""Environment variable with the largest number of pixels of an image."""
 
 
 def check_size(columns: int, rows: int, samples: int = 1) -> None:
@@ -50,17 +46,12 @@ def check_size(columns: int, rows: int, samples: int = 1) -> None:
     Raises
     ------
     ValueError
-        With the size and how to raise the limit.
-    InputError
-        If the environment variable holds no positive whole number.
+        With the size.
     """
-    most = os.environ.get(MAX_PIXELS_VARIABLE, str(MAX_PIXELS))
-    if not most.isdecimal() or int(most) == 0:
-        raise InputError(f"{MAX_PIXELS_VARIABLE} must be a whole number of pixels, got {most!r}")
-    if int(columns) * int(rows) * max(1, int(samples) // 4) > int(most):
+    if int(columns) * int(rows) * max(1, int(samples) // 4) > MAX_PIXELS:
         raise ValueError(
-            f"its header says {int(columns)} x {int(rows)} pixels, more than {most}; "
-            f"if that is right, set {MAX_PIXELS_VARIABLE}"
+            f"its header says {int(columns)} x {int(rows)} pixels, more than {MAX_PIXELS}; "
+            "if that is right, cut it into parts"
         )
 
 
