@@ -395,10 +395,11 @@ def write_frame(frame: Frame, path: Path) -> None:
 # --- the pixel size that a header states
 
 
-def stated_pixel_size(path: str | Path) -> float | None:
-    """Pixel size in m that a TIFF file of ImageJ or OME states; None where none or an unknown unit is stated.
+def stated_pixel_size(path: str | Path) -> tuple[float, float] | None:
+    """Width and height of a pixel (m) that a TIFF file of ImageJ or OME states.
 
-    The resolution of plain TIFF files is ignored: it is that of a print (72 or 300 dots per inch).
+    None where nothing or an unknown unit is stated. The resolution of plain TIFF files is ignored: it is that
+    of a print (72 or 300 dots per inch).
 
     Examples
     --------
@@ -409,16 +410,20 @@ def stated_pixel_size(path: str | Path) -> float | None:
     ...     pixels = np.zeros((8, 8), np.uint8)
     ...     tifffile.imwrite(path, pixels, imagej=True, resolution=(0.125, 0.125), metadata={"unit": "um"})
     ...     stated_pixel_size(path)
-    8e-06
+    (8e-06, 8e-06)
     """
     with suppress(Exception), _opened(Path(path)) as (tif, _):  # nor does another format or a damaged header
         if tif.is_ome:  # of the first image, in µm unless its unit says otherwise
             image = tifffile.xml2dict(tif.ome_metadata or "")["OME"]["Image"]
             about = (image[0] if isinstance(image, list) else image)["Pixels"]
-            size = float(about["PhysicalSizeX"]) * METRES[str(about.get("PhysicalSizeXUnit", "µm"))]
+            axes = "XY" if "PhysicalSizeY" in about else "XX"
+            sides = [(about[f"PhysicalSize{x}"], about.get(f"PhysicalSize{x}Unit", "µm")) for x in axes]
         else:  # pixels per unit stand in the resolution, the unit in the description
-            pixels, units = tif.pages.first.tags["XResolution"].value
-            size = METRES[str((tif.imagej_metadata or {})["unit"]).lower()] / (pixels / units)
-        if math.isfinite(size) and size > 0:
-            return size
+            tags, about = tif.pages.first.tags, tif.imagej_metadata or {}
+            rates = [tags[name].value for name in ("XResolution", "YResolution")]
+            names = (about["unit"], about.get("yunit", about["unit"]))
+            sides = [(units / pixels, name) for (pixels, units), name in zip(rates, names, strict=True)]
+        width, height = (float(number) * METRES[str(unit).lower()] for number, unit in sides)
+        if 0 < width < math.inf and 0 < height < math.inf:
+            return width, height
     return None

@@ -205,9 +205,13 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
 
 
 def _compare_pixel_size(scene: Scene, path: Path) -> None:
-    """Log where the scene states no pixel size, or another one than the header of a frame."""
-    header, pixel = stated_pixel_size(path), scene.camera.pixel_size if scene.camera else None
+    """Log where the scene states no pixel size, or the header of a frame another one or none of a square."""
+    sides, pixel = stated_pixel_size(path), scene.camera.pixel_size if scene.camera else None
+    header, height = sides or (0.0, 0.0)
     says = f"{path.name} states pixels of {1e6 * header:.4g} µm" if header else ""
+    if not math.isclose(header, height, rel_tol=1e-3):  # of numbers with four digits
+        cure = "they are taken as square; resample the frames, or correct the header"
+        logger.warning("%s: %s by %.4g µm: %s", scene.folder, says, 1e6 * height, cure)
     if pixel is None:
         cure = "state [camera] pixel_size_m"
         said = "no pixel size is stated, so there are no areas in m2 and no forces"

@@ -42,11 +42,11 @@ def read_height_map(
     heights = _plain_matrix(path)
     if height_unit is None:
         raise InputError(f"{path}: does not say the unit of its heights; state it with --height-unit")
-    pixel = pixel_size or stated_pixel_size(path)
-    if pixel is None:
+    sides = (pixel_size, pixel_size) if pixel_size else stated_pixel_size(path)
+    if sides is None:
         raise InputError(f"{path}: does not say its pixel size; state it with --pixel-size-um")
     with naming(path):
-        return HeightMap(np.where(np.isfinite(heights), heights, np.nan) * height_unit, (pixel, pixel))
+        return HeightMap(np.where(np.isfinite(heights), heights, np.nan) * height_unit, sides)
 
 
 def _plain_matrix(path: Path) -> Values:

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 from contactimg.cli import main
-from contactimg.files import read_asperities, read_table
+from contactimg.files import read_asperities, read_height_map, read_table
 from contactimg.tables import SUMMITS
 
 PIXEL_UM = 1.5
@@ -73,6 +73,14 @@ def test_a_plain_matrix_gives_the_table_that_other_commands_read(heights, tmp_pa
     record = json.loads((out / "provenance.json").read_text())
     assert record["noise_m"] == pytest.approx(20e-9, rel=0.05)
     assert record["inputs"]
+
+
+def test_a_map_of_pixels_that_are_no_squares_keeps_both_sides(heights, tmp_path):
+    path, resolution = tmp_path / "map.tif", (1 / 0.5, 1 / 0.8)
+    image = heights.astype(np.float32)
+    tifffile.imwrite(path, image, imagej=True, resolution=resolution, metadata={"unit": "um"})
+    assert read_height_map(path, height_unit=1e-6).pixel_size == pytest.approx((5e-7, 8e-7))
+    assert read_height_map(path, pixel_size=1e-6, height_unit=1e-6).pixel_size == (1e-6, 1e-6)
 
 
 def test_predict_reads_the_table(heights, tmp_path, capsys):
