@@ -132,7 +132,7 @@ def _converted(
     return schema.joined(blocks)
 
 
-def _text(path: str | Path) -> str:
+def read_text(path: str | Path) -> str:
     """Text of a file in UTF-8 or UTF-16; other bytes are kept, since they occur in names of files."""
     data = read_bytes(path)
     wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
@@ -145,7 +145,7 @@ def _text(path: str | Path) -> str:
 
 def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out."""
-    text = _text(path)
+    text = read_text(path)
     separator = max((",", ";", "\t"), key=text.lstrip("\r\n").partition("\n")[0].count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
@@ -411,7 +411,7 @@ def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame
     >>> table["load_N"].tolist(), columns
     ([0.0125], "loads from 'Kraft [mN]', frames from 'Bild'")
     """
-    text, shown = _text(path), ""
+    text, shown = read_text(path), ""
     if re.search("[\udc80-\udcff]", text):  # bytes that are not UTF-8
         text = text.encode("utf-8", errors="surrogateescape").decode("cp1252", errors="replace")
     for separator in ("\t", ";", ",", None, "\n"):  # None: any white space; a line end: a single column

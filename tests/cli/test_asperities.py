@@ -41,10 +41,12 @@ def written(folder, heights, kind):
         path.write_text("# heights in um\n" + "\n".join(lines))
     else:
         np.savetxt(path, heights, fmt="%.4f")
+    if kind == "asc":  # numbers with a decimal comma between spaces, in the encoding of Windows' "Unicode"
+        path.write_text(path.read_text().replace(".", ","), encoding="utf-16")
     return path
 
 
-@pytest.mark.parametrize("kind", ["npy", "tif", "csv", "txt"])
+@pytest.mark.parametrize("kind", ["npy", "tif", "csv", "txt", "asc"])
 def test_a_plain_matrix_gives_the_table_that_other_commands_read(heights, tmp_path, kind):
     path = written(tmp_path, heights, kind)
     out = tmp_path / "out"
@@ -108,6 +110,11 @@ def test_predict_reads_the_table(heights, tmp_path, capsys):
         (("map.sur", "no surface"), [], "cannot be read as a height map"),
         (("map.txt", "a b c\n" * 20), [], "cannot be read as a height map"),
         (("map.txt", "# from the profilometer\n"), [], "as a height map (it holds no number)"),
+        (("map.txt", "PK\3\4\0\0"), [], "map.txt: is an Excel workbook or another zip file, not text"),
+        (("map.txt", "1, 2, 3, 4\n" * 20), SCALE, "rows and columns, got the shape (20, 4)"),
+        (("map.txt", "1,5 2 3 4,5\n" * 20), SCALE, "rows and columns, got the shape (20, 4)"),
+        (("map.txt", "1,5;2;3;4,5;\n" * 20), SCALE, "rows and columns, got the shape (20, 4)"),
+        (("map.txt", "1,2,3,4\n" * 20), SCALE, "rows and columns, got the shape (20, 4)"),
         (("map.txt", (" ".join(["0"] * 30) + "\n") * 30), SCALE, "no summit found"),
     ],
 )
