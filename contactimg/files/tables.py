@@ -8,6 +8,7 @@ brackets, any language. The tables of a run are written a few frames at a time.
 import csv
 import importlib
 import io
+import logging
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator
@@ -20,11 +21,13 @@ import pandas as pd
 from scipy import constants
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import explaining, naming, read_bytes, write_text
+from contactimg.files.atomic import explaining, first_names, naming, read_bytes, write_text
 from contactimg.pose.pose import LARGEST_LENGTH
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, Flag, Schema, flag_names
 from contactimg.timings import stage
+
+logger = logging.getLogger(__name__)
 
 PER_NEWTON = {"N": 1.0, "mN": 1e3, "uN": 1e6, "µN": 1e6, "μN": 1e6}
 PER_NEWTON |= {"kg": 1 / constants.g, "g": 1e3 / constants.g, "mg": 1e6 / constants.g}
@@ -68,10 +71,11 @@ def read_table(
         the header has most; with semicolons or tabs a decimal comma is accepted. A column may be in another
         unit that its name states: mm, um or nm for m, mN or uN for N (load_mN, x_um).
     schema : Schema
-        The columns to read; others in the file are ignored, and blank lines are skipped.
+        The columns to read; blank lines are skipped.
     required : collection of str, optional
-        Columns that must be present with a value in every row. By default all columns must be present but
-        those that a later version added (`Schema.later`), and cells may be empty.
+        Columns that must be present with a value in every row; others of the schema may be missing, and then
+        it is logged which columns of the file are not read. By default all columns must be present but those
+        that a later version added (`Schema.later`), and cells may be empty.
     infinite : bool
         Whether ``inf`` is accepted.
 
@@ -89,6 +93,10 @@ def read_table(
     header = [name.strip() for name in next(rows, (1, []))[1]]
     needed = schema.first if required is None else required
     places, comma = _places(path, header, schema, needed), separator != ","
+    missing, taken = [name for name in schema.columns if name not in places], {k for k, _ in places.values()}
+    if required and missing and (unread := [name for k, name in enumerate(header) if k not in taken]):
+        others = ", ".join(missing)
+        logger.warning("%s: not read: %s; it may also hold %s", path, first_names(map(repr, unread)), others)
     return _converted(path, rows, places, schema, required or (), infinite=infinite, decimal_comma=comma)
 
 
@@ -253,8 +261,8 @@ def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
     ----------
     path : str or Path
         CSV with columns ``frame, load_N`` (or load_mN, load_g) and, if measured, ``friction_N,
-        velocity_m_s, tangential_N, time_s``; others are ignored. Text of another form is read as by
-        `read_load_table`.
+        velocity_m_s, tangential_N, time_s``; of others it is logged that they are not read. Text of another
+        form is read as by `read_load_table`.
     pulled : bool
         Whether negative loads are allowed (tension on an adhesive contact).
 
