@@ -135,73 +135,52 @@ def assign_forces(
     return contacts.assign(**forces, flags=flags)
 
 
-def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relative_std: float = 0.0) -> Total:
-    """Real contact area ``A = sum pi a_i^2`` (m^2); of contacts that the border cuts what the image shows.
-
-    Parameters
-    ----------
-    contacts : DataFrame
-        Contacts table of one frame; where ``visible_area_m2`` is empty, all of a contact counts.
-    unseen : Total, m^2
-        Area of contacts that were not detected: not in the sum, but in its uncertainty.
-    length_relative_std : float
-        Relative standard uncertainty of the length of a pixel.
-
-    Returns
-    -------
-    Total
-        Zero if there is no contact.
-    """
-    area = _visible_areas(contacts).to_numpy(float)
-    value = float(area.sum())
-    parts = [_std_of_sum(contacts, 2 * area), unseen.rms, 2 * length_relative_std * value]
-    return Total(value, float(np.linalg.norm(parts)))
-
-
-def _visible_areas(contacts: pd.DataFrame) -> pd.Series:
+def visible_areas(contacts: pd.DataFrame) -> pd.Series:
     """Area of each contact that the image shows (m^2); all of it where a table does not say."""
     whole = contacts["area_m2"]
     return contacts["visible_area_m2"].fillna(whole) if "visible_area_m2" in contacts else whole
 
 
-def total_force(
+def total(
     contacts: pd.DataFrame,
+    terms: ArrayLike,
+    exponent: ArrayLike,
     *,
-    exponent: ArrayLike = local_law.HERTZ_EXPONENT,
     unseen: Total = NOTHING,
+    length_relative_std: float = 0.0,
     modulus_relative_std: float = 0.0,
     modulus_edge_correlation: float = 0.0,
-    length_relative_std: float = 0.0,
 ) -> Total:
-    """Sum of the local forces (N).
+    """Sum over the contacts of a frame, such as that of their areas (m^2) or of their local forces (N).
 
     Parameters
     ----------
     contacts : DataFrame
         Contacts table of one frame.
+    terms : array_like, shape (n,)
+        What is summed; a contact without a value does not count.
     exponent : array_like, shape (n,) or scalar
-        Of the force law, see `force_exponents`.
-    unseen : Total, N
-        Force on contacts that were not detected: not in the sum, but in its uncertainty.
+        ``d ln term/d ln a`` of each contact: 2 for an area, `force_exponents` for a force.
+    unseen : Total
+        Part of the contacts that were not detected: not in the sum, but in its uncertainty.
+    length_relative_std : float
+        Relative standard uncertainty of the length of a pixel.
     modulus_relative_std : float
-        Relative standard uncertainty of the modulus, common to all contacts.
+        Relative standard uncertainty of the modulus, to which all terms are proportional.
     modulus_edge_correlation : float
         Correlation of the errors of the modulus and of the edges (``edge_shift_px`` being the change by one
         standard uncertainty): that of a threshold that was calibrated with this modulus.
-    length_relative_std : float
-        Relative standard uncertainty of the length of a pixel.
 
     Returns
     -------
     Total
-        NaN if there are contacts but none has a force; zero if there is no contact.
+        NaN if there are contacts but none has a value; zero if there is no contact.
     """
-    force = contacts["force_N"].to_numpy(float)
-    known = np.isfinite(force)
-    if len(force) and not known.any():
+    terms = np.asarray(terms, float)
+    known = np.isfinite(terms)
+    if len(terms) and not known.any():
         return Total(np.nan, np.nan)
-    value = float(force[known].sum())
-    slope = (np.broadcast_to(np.asarray(exponent, float), force.shape) * force)[known]
+    value, slope = float(terms[known].sum()), (np.asarray(exponent, float) * terms)[known]
     parts = [unseen.rms, modulus_relative_std * value, length_relative_std * float(slope.sum())]
     variance = float(np.sum(np.square([_std_of_sum(contacts[known], slope), *parts])))
     if modulus_edge_correlation:
@@ -271,21 +250,23 @@ def fill_forces(
         stds["modulus_relative_std"] = elastic.young_modulus_std / elastic.young_modulus
         if scene.measure.method == "threshold":
             stds["modulus_edge_correlation"] = scene.measure.threshold_modulus_correlation
-    groups, rows = contacts.groupby("frame").indices, []
-    for row in frames.to_dict("records"):
-        rows.append(row)
+    groups, rows = contacts.groupby("frame").indices, frames.to_dict("records")
+    for row in rows:
         if pd.isna(row["n_contacts"]):
             continue
         which = groups.get(row["frame"], np.empty(0, np.intp))
         its, smallest = contacts.iloc[which], row["smallest_px"] * pixel_size
-        missing, lacking = unseen_area(its, smallest), unseen_force(its, smallest)
-        area = total_area(its, unseen=missing, length_relative_std=length_relative_std)
+        missing = unseen_sum(its, np.pi * its["radius_m"] ** 2, smallest, power=1.0)
+        if not len(its) and smallest > 0:  # known no better than one contact of that radius
+            missing = Total(0.0, np.pi * smallest**2)
+        area = total(its, visible_areas(its), 2.0, unseen=missing, length_relative_std=length_relative_std)
         row |= {"area_m2": area.value, "area_std_m2": area.std}
         if np.isfinite(smallest):
             row |= {"unseen_area_m2": missing.value, "unseen_area_std_m2": missing.std}
         if elastic is None:
             continue
-        force = total_force(its, exponent=exponent[which], unseen=lacking, **stds)
+        lacking = unseen_sum(its, its["force_N"], smallest, power=1.5)
+        force = total(its, its["force_N"], exponent[which], unseen=lacking, **stds)
         row |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
         # NaN if no contact has a force
         row["force_hertz_sum_N"] = its["force_hertz_N"].sum(min_count=min(len(its), 1))
@@ -310,7 +291,7 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
         others get the sums of their contacts; their standard uncertainties keep their ratio to the sum, or
         stay as they were where the sum is zero. A force is NaN where there are contacts but none has one.
     """
-    groups = contacts.assign(visible_area_m2=_visible_areas(contacts)).groupby("frame")
+    groups = contacts.assign(visible_area_m2=visible_areas(contacts)).groupby("frame")
     new = frames.reset_index(drop=True).copy()
     measured = new["n_contacts"].notna().to_numpy()
     new.loc[measured, "n_contacts"] = groups.size().reindex(new["frame"][measured], fill_value=0).to_numpy()
@@ -374,63 +355,39 @@ def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:
 # --- contacts below the detection limit
 
 
-def unseen_area(contacts: pd.DataFrame, smallest: float) -> Total:
-    """Area of the contacts that are too small to be detected, m^2.
+def unseen_sum(contacts: pd.DataFrame, terms: ArrayLike, smallest: float, *, power: float) -> Total:
+    """What the contacts too small to be detected would add to a sum.
 
     Parameters
     ----------
     contacts : DataFrame
         Those of one frame, with ``radius_m``.
+    terms : array_like, shape (n,)
+        What is summed, which goes with ``u^power``; its ratio to that of those below is the median of these.
     smallest : float, m
         Radius of which half of the contacts are detected.
+    power : float
+        1 for an area, 3/2 for a force.
 
     Returns
     -------
     Total
-        Without any contact 0, known no better than one contact of that radius; nothing where the limit is
-        not known.
+        Nothing where no contact has a value, or the limit is not known.
 
     Examples
     --------
     >>> uniform = pd.DataFrame({"radius_m": 1e-6 * np.sqrt(np.arange(1.25, 30, 0.5))})
-    >>> found = unseen_area(uniform, 1e-6)  # two contacts per unit of u/u_half, and half a one
+    >>> areas = np.pi * uniform["radius_m"] ** 2
+    >>> found = unseen_sum(uniform, areas, 1e-6, power=1.0)  # 2 contacts per unit of u/u_half, and a half
     >>> round(found.value / (np.pi * 1e-12), 2)
     1.09
     """
-    if not smallest > 0:
-        return NOTHING
-    if not len(contacts):
-        return Total(0.0, float(np.pi * smallest**2))
-    return _unseen_sum(contacts, smallest, power=1.0, factor=np.pi)
-
-
-def unseen_force(contacts: pd.DataFrame, smallest: float) -> Total:
-    """Force on the contacts that are too small to be detected, N.
-
-    Parameters
-    ----------
-    contacts : DataFrame
-        Those of one frame, with ``radius_m`` and ``force_N``; the force over ``a^3`` of those below is the
-        median of these.
-    smallest : float, m
-        Radius of which half of the contacts are detected.
-
-    Returns
-    -------
-    Total
-        Nothing where no contact has a force.
-    """
-    force, radius = contacts["force_N"].to_numpy(float), contacts["radius_m"].to_numpy(float)
-    known = np.isfinite(force)
+    terms, radius = np.asarray(terms, float), contacts["radius_m"].to_numpy(float)
+    known = np.isfinite(terms)
     if not smallest > 0 or not known.any():
         return NOTHING
-    factor = float(np.median(force[known] / radius[known] ** 3))
-    return _unseen_sum(contacts, smallest, power=1.5, factor=factor)
-
-
-def _unseen_sum(contacts: pd.DataFrame, smallest: float, *, power: float, factor: float) -> Total:
-    """Sum of ``factor u^power`` over the contacts below the limit."""
-    ratio = (contacts["radius_m"].to_numpy(float) / smallest) ** 2
+    factor = float(np.median(terms[known] / radius[known] ** (2 * power)))
+    ratio = (radius / smallest) ** 2
     low, middle, high = halves = np.linspace(*WINDOW, 3)
     width = high - low
     near, far = np.histogram(ratio, halves)[0]
