@@ -249,7 +249,7 @@ def list_tiff(path: Path) -> list[int]:
     If the chain of pages is broken or a ring, one more number stands for the lost pages.
     """
     with _opened(path) as (tif, complaints):
-        count = max(_undivided(tif), _planes(tif))
+        count = _images_of_one_page(tif)
         if count > 1:
             return list(range(count))
         most = tif.filehandle.size // _SMALLEST_PAGE + 1  # more only if the chain of pages is a ring
@@ -262,8 +262,8 @@ def list_tiff(path: Path) -> list[int]:
 def read_tiff(path: Path, index: int) -> Pixels:
     """Pixels of page number ``index``, from 0, of a TIFF file."""
     with _opened(path) as (tif, _):
-        undivided, divided = _undivided(tif) > 1, _planes(tif) > 1
-        number = 0 if undivided or divided else index
+        several = _images_of_one_page(tif) > 1
+        number = 0 if several else index
         if number > tif.filehandle.size // _SMALLEST_PAGE or not _has_page(tif, number):
             raise ValueError(f"the file is truncated or damaged after page {number - 1}")
         page, file = tif.pages[number], tif.filehandle
@@ -271,7 +271,7 @@ def read_tiff(path: Path, index: int) -> Pixels:
         sizes += [(page.tilewidth, page.tilelength, page.tiledepth)] if page.is_tiled else []
         for columns, rows, depth in sizes:
             check_size(columns, rows, max(page.samplesperpixel, 1) * max(depth, 1))
-        if undivided:  # the images follow each other without a gap
+        if several and tif.is_imagej:  # the images follow each other without a gap
             start = page.dataoffsets[0] + index * page.nbytes
             _refuse_missing(start + page.nbytes - file.size)
             file.seek(start)
@@ -282,7 +282,7 @@ def read_tiff(path: Path, index: int) -> Pixels:
             raise ValueError("the file is damaged: part of the image has no data")
         _refuse_missing(max(offset + count for offset, count in segments) - file.size)
         array = page.asarray()
-        if divided:
+        if several:
             array = array[index]
         elif page.axes == "SYX":
             array = np.moveaxis(array, 0, -1)
@@ -296,24 +296,22 @@ def _has_page(tif: Any, index: int) -> bool:
     return False
 
 
-def _planes(tif: Any) -> int:
-    """Grey images of a stack whose writer took three or four for the planes of a colour image; else 1.
+def _images_of_one_page(tif: Any) -> int:
+    """Grey images of a stack that has one page for all; 1 for any other file.
 
-    tifffile, and with it imageio and scikit-image, writes an array of shape (3, rows, columns) in this way;
-    colours that other programs store by planes have no description of an array.
+    ImageJ beyond 4 GB writes one page header. tifffile, and with it imageio and scikit-image, takes an array
+    of shape (3, rows, columns) for the planes of a colour image; colours that other programs store by planes
+    have no description of an array.
     """
     page = tif.pages[0]
-    taken = page.photometric == _PHOTOMETRIC.RGB and page.axes == "SYX" and tif.is_shaped
-    return page.samplesperpixel if taken and not _has_page(tif, 1) else 1
-
-
-def _undivided(tif: Any) -> int:
-    """Images of a stack that has one page header for all (ImageJ beyond 4 GB); else 1."""
-    if not tif.is_imagej or not tif.pages[0].is_contiguous or _has_page(tif, 1):
+    if _has_page(tif, 1):
         return 1
-    stated, page = int((tif.imagej_metadata or {}).get("images", 1)), tif.pages[0]
-    # one number beyond the end of the file stands for all that are lost
-    return min(stated, max(tif.filehandle.size // max(page.nbytes, 1), 1) + 1)
+    if tif.is_imagej and page.is_contiguous:
+        stated = int((tif.imagej_metadata or {}).get("images", 1))
+        # one number beyond the end of the file stands for all that are lost
+        return min(stated, max(tif.filehandle.size // max(page.nbytes, 1), 1) + 1)
+    planes = page.photometric == _PHOTOMETRIC.RGB and page.axes == "SYX" and tif.is_shaped
+    return page.samplesperpixel if planes else 1
 
 
 def _refuse_missing(count: int) -> None:
