@@ -328,14 +328,15 @@ def _interpret(page: Any, array: NDArray) -> Pixels:
     array = _strip_alpha(page, array)
     if array.dtype == bool:
         array, full_scale = array.astype(np.uint8) * np.uint8(255), 255.0
-    if page.photometric == _PHOTOMETRIC.MINISWHITE:
-        if full_scale is None:
-            raise ValueError(f"inverted grey levels of type {array.dtype} are not supported")
-        array = array.dtype.type(full_scale) - array
     tag = page.tags.get("MaxSampleValue")
     stated = 0 if tag is None or full_scale is None else int(np.max(tag.value))
     if full_scale is not None and 255 <= stated < full_scale and stated & (stated + 1) == 0:
         full_scale = float(stated)  # of an n-bit camera: all bits are 1
+    if page.photometric == _PHOTOMETRIC.MINISWHITE:
+        if full_scale is None:
+            raise ValueError(f"inverted grey levels of type {array.dtype} are not supported")
+        white = array.dtype.type(full_scale)
+        array = white - np.minimum(array, white)
     return Pixels(array.astype(array.dtype.newbyteorder("="), copy=False), full_scale)
 
 
