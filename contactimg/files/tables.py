@@ -440,6 +440,9 @@ def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame
                     f"{path}: {len(loads)} columns may be the load ({several}); rename the others", loads
                 )
             if loads:
+                last = rows[-1][0]
+                if any(map(any, lines[last:])):
+                    logger.warning("%s: is read up to line %d; a row below has another width", path, last)
                 return _load_rows(path, header, rows, loads[0])
     raise InputError(
         f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
