@@ -41,12 +41,8 @@ def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
     run : Path
         The output folder of the run.
     """
-    used = [entry for entry in record.get("inputs", []) if isinstance(entry, dict)]
-    return any(
-        hashes and output.sha256_of(run / name) not in hashes
-        for name in RUN_TABLES
-        for hashes in [{entry.get("sha256") for entry in used if Path(str(entry.get("path"))).name == name}]
-    )
+    used = {name: input_hashes(record.get("inputs", []), [name]) for name in RUN_TABLES}
+    return any(hashes and output.sha256_of(run / name) not in hashes for name, hashes in used.items())
 
 
 def _pose_of(record: Mapping[str, Any]) -> PoseFit:
