@@ -1,6 +1,5 @@
 """A scene file and the files it names, or what the files of a folder are where no scene says so."""
 
-import glob
 import logging
 import math
 import re
@@ -151,19 +150,6 @@ def write_scene(data: Mapping[str, object], path: str | Path) -> None:
     write_text(tomlkit.dumps(data), path)
 
 
-def named_file(name: str, folder: Path) -> Path:
-    """The file named by ``name``, or by ``name[k]`` for one of its images; it need not exist.
-
-    Examples
-    --------
-    >>> named_file("stack.tif[3]", Path("no_such_folder")).as_posix()
-    'no_such_folder/stack.tif'
-    """
-    page = re.fullmatch(r"(.+)\[\d+\]", name)
-    path = folder / name
-    return folder / page[1] if page and not path.exists() else path
-
-
 def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     """Find and check the files that a scene names.
 
@@ -250,21 +236,13 @@ def _list_frames(path: str | Path | list[str], scene: Scene, folder: str | Path 
 
 
 def _named_images(scene: Scene, kind: str) -> tuple[FrameSource, ...]:
-    """The images that a key names: files with all their images, globs, or ``name[k]`` for one image."""
-    folder, named, found = Path(scene.folder), getattr(scene.images, kind), list[FrameSource]()
+    """The images that a key names."""
+    named, found = getattr(scene.images, kind), list[FrameSource]()
     for entry in [named] if isinstance(named, str) else named or []:
-        path, file = folder / entry, named_file(entry, folder)
-        if glob.has_magic(entry) and file == path and not file.exists():
-            found += _list_frames(entry, scene, folder)
-            continue
-        missing = f"{path}: there is no such {kind}{'' if kind == 'reference' else ' image'}"
-        if not file.is_file():
-            raise InputError(f"{missing}; give a file of this folder or its path")
-        sources = _list_frames(file, scene)
-        matches = [source for source in sources if file == path or source.name == path.name]
-        if not matches:
-            raise InputError(f"{missing}; name one of {sources[0].name} ... {sources[-1].name}")
-        found += matches
+        try:
+            found += _list_frames(entry, scene, scene.folder)
+        except InputError as error:
+            raise InputError(f"[images] {kind}: {error}") from None
     return tuple(dict.fromkeys(found))
 
 
