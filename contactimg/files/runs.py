@@ -341,10 +341,9 @@ NUMBERS = ("young_modulus", "threshold", "edge_shift", "centre_x", "centre_y")
 def check_calibration(record: Mapping[str, Any], place: str) -> None:
     """Raise an `InputError` if a number of a calibration is none, or has no value."""
     for name, entry in record.items():
-        numbers = isinstance(entry, dict) and {"value", "unit"} <= set(entry)
-        if name in NUMBERS and not (isinstance(entry, dict) and "value" in entry):
-            raise InputError(f"{place}: {name} must hold a value, got {entry!r}")
-        if not (numbers or name in NUMBERS):
+        if not (isinstance(entry, dict) and "value" in entry):
+            if name in NUMBERS:
+                raise InputError(f"{place}: {name} must hold a value, got {entry!r}")
             continue
         if not _is_number(entry["value"]):
             raise InputError(f"{place}: the value of {name} must be a number, got {entry['value']!r}")
