@@ -310,8 +310,6 @@ def _complaint(row: dict) -> str:
     action = row["action"]
     if action not in _ACTIONS:
         return f"has an unknown action; the actions are {', '.join(_ACTIONS)}"
-    if not row["frame"]:
-        return f"names no frame; give its file name, or {EVERY_FRAME} for all"
     try:
         points = edit_points(row["points"])
     except ValueError:
