@@ -219,7 +219,7 @@ def _read_run(folder: Path) -> Run:
         raise InputError(f"{folder}: holds no run of contactimg ({file.name} is missing)") from None
     except InputError:
         raise
-    except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+    except Exception as error:  # whatever a damaged record makes of it
         raise InputError(f"{file}: is damaged ({type(error).__name__}: {error}); repeat the run") from None
     contacts, frames = read_run_table(folder, CONTACTS), read_run_table(folder, FRAMES)
     _check_tables(folder, contacts, frames)
@@ -262,7 +262,8 @@ def _read_record(folder: Path) -> tuple[dict[str, Any], Scene, PoseFit | None]:
     later = [path for path in output.changed_inputs(record) if read[path] != output.sha256_of(Path(path))]
     if later:
         logger.warning("%s: %s changed after the run; repeat it", folder, first_names(later))
-    return {"created": "", "inputs": [], "sha256": {}} | record, scene, pose
+    hashes = dict(record.get("sha256", {}))
+    return {"created": "", "inputs": []} | record | {"sha256": hashes}, scene, pose
 
 
 def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) -> None:

@@ -123,6 +123,7 @@ def folder(run, tmp_path):
         (["pose", "centre_m"], [1.0], "damaged"),
         (["pose", "pixel_size_m"], float("inf"), "pixel size must be a positive length"),
         (["pose", "rows"], "x", "damaged .*'x'"),
+        (["pose", "rows"], float("inf"), "damaged .*infinity"),
         (["command"], None, "damaged"),
         (["configuration"], [], "damaged"),
         (["configuration", "options"], 3, "damaged"),
@@ -133,6 +134,7 @@ def folder(run, tmp_path):
             "centre_x must hold a value, got 3",
         ),
         (["schema_version"], "1", "damaged"),
+        (["sha256"], 0.5, "damaged"),
     ],
 )
 def test_damaged_provenance_is_one_sentence(folder, capfd, place, value, said):
