@@ -5,7 +5,7 @@ import math
 import re
 import tomllib
 import unicodedata
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ from contactimg.files.atomic import first_names, flush_to_disk, read_bytes, writ
 from contactimg.files.corrections import EDITS_FILE, PixelCorrections, find_areas, masked_areas, read_edits
 from contactimg.files.decoders import stated_pixel_size
 from contactimg.files.output import finish_commit
-from contactimg.files.sources import FrameSource, is_image, list_frames, natural_key
+from contactimg.files.sources import FrameSource, is_image, list_frames, named_file, natural_key
 from contactimg.files.tables import read_asperities, read_loads
 from contactimg.optics.sensor import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
@@ -252,18 +252,18 @@ def _find_frames(scene: Scene, references: Sequence[FrameSource], used: set[Path
     if named is None:
         named = "frame_*" if any(is_image(path) for path in folder.glob("frame_*")) else "."
     places = {(reference.path.resolve(), reference.index) for reference in references}
-    listed = _list_frames(named, scene, folder)
-    frames = [frame for frame in listed if (frame.path.resolve(), frame.index) not in places]
-    chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
-    kinds = {one.name: kind_of(one.path) for one in frames if one.path not in used | chosen}
-    frames = [frame for frame in frames if frame.path not in used and not kinds.get(frame.name)]
-    others = {kind: [name for name in kinds if kinds[name] == kind] for kind in set(kinds.values()) - {""}}
+    chosen = {folder / named_file(name, folder) for name in ([named] if isinstance(named, str) else named)}
+    by_kind = defaultdict[str, list[FrameSource]](list)
+    for one in _list_frames(named, scene, folder):
+        if one.path not in used and (one.path.resolve(), one.index) not in places:
+            by_kind["" if one.path in chosen else kind_of(one.path)].append(one)
+    frames = by_kind.pop("", [])
     if not frames:
-        besides = first_names([reference.name for reference in references] or others.get("reference", []))
+        besides = first_names(one.name for one in references or by_kind["reference"])
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
-    for kind, names in sorted(others.items()):
-        cure = f"name it as the {kind}, or list it in [images] frames"
-        logger.warning("%s: %s is not measured as a frame; %s", folder, first_names(names), cure)
+    for kind, others in sorted(by_kind.items()):
+        names, cure = first_names(one.name for one in others), f"name it as the {kind}, or list it in"
+        logger.warning("%s: %s is not measured as a frame; %s [images] frames", folder, names, cure)
     return frames
 
 
@@ -341,11 +341,12 @@ def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]
     numbers = {text: int(float(text.replace(",", "."))) for text in whole}
     if all(name.endswith("]") for name in names):
         first = int(max(numbers.values(), default=0) == len(names) and 0 not in numbers.values())
-        return {text: names[k - first] for text, k in numbers.items() if 0 <= k - first < len(names)}
-    last = [re.findall(r"\d+", Path(name).stem)[-1:] for name in names]
-    counts = Counter(int(found[0]) for found in last if found)
-    frames = {int(found[0]): name for found, name in zip(last, names, strict=True) if found}
-    return {text: frames[k] for text, k in numbers.items() if counts[k] == 1}
+        frames = dict(enumerate(names, start=first))
+    else:
+        last = [(int(found[-1]), name) for name in names if (found := re.findall(r"\d+", Path(name).stem))]
+        counts = Counter(k for k, _ in last)
+        frames = {k: name for k, name in last if counts[k] == 1}
+    return {text: frames[k] for text, k in numbers.items() if k in frames}
 
 
 def set_scene_keys(path: str | Path, section: str, keys: Mapping[str, str | float]) -> None:

@@ -264,11 +264,12 @@ def test_single_images_of_a_stack_as_frames(folder):
     import tifffile
 
     stack = np.arange(3 * 20).reshape(3, 4, 5).astype(np.uint8)
-    tifffile.imwrite(folder / "s.tif", stack, photometric="minisblack")
     (folder / "loads.csv").unlink()
-    experiment = experiment_of(folder, images={"frames": ["s.tif[2]", "s.tif[0]"]})
-    assert names(experiment) == ["s.tif[2]", "s.tif[0]"]
-    assert [frame.read().image[0, 0] for frame in experiment.frames] == [40, 0]
+    for name in ("s.tif", "dark.tif"):  # a file that is named is a frame, whatever it is called
+        tifffile.imwrite(folder / name, stack, photometric="minisblack")
+        experiment = experiment_of(folder, images={"frames": [f"{name}[2]", f"{name}[0]"]})
+        assert names(experiment) == [f"{name}[2]", f"{name}[0]"]
+        assert [frame.read().image[0, 0] for frame in experiment.frames] == [40, 0]
 
 
 def test_frames_that_are_not_there(folder):
