@@ -136,7 +136,7 @@ def pulls(seed: int, load: float, changes: dict[str, Any]) -> dict[str, float]:
         ("area", visible_areas(found), 2, truth["area_m2"].sum()),
         ("force", found["force_N"], 3, load),
     ):
-        summed = total(found, terms, exponent)
+        summed = total(found, terms, exponent * terms)
         row |= {
             f"{name} error": 100 * (summed.value / true - 1),
             f"{name} stated": 100 * summed.std / true,

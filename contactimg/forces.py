@@ -27,6 +27,8 @@ from contactimg.scene import Scene
 from contactimg.surfaces import of_asperities
 from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
 
+Values = NDArray[np.float64]
+
 ROUNDING = 1e-9
 """Relative difference of sums of the same terms in another order. Theory: 1e-16 times the number of terms."""
 
@@ -123,16 +125,24 @@ def assign_forces(
     a = contacts["radius_m"].to_numpy(float)
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
     hertzian = local_law.pressing_force(a, R, contact_modulus=contact_modulus)
-    pressed = local_law.pressing_force(a, R, contact_modulus=contact_modulus, law=law)
-    pulled = local_law.adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
-    # adhesion pulls with sqrt(8 pi w E* a^3), to the power 3/2 of the radius
-    slope = local_law.force_exponents(a, R, law=law) * pressed - 1.5 * pulled
+    body = {"contact_modulus": contact_modulus, "work_of_adhesion": work_of_adhesion}
+    pressed, pulled, slope = _parts_and_slope(a, R, law=law, **body)
     std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
     beyond = int(Flag.BEYOND_HERTZ)
     known = np.asarray(contacts.get("flags", 0), np.int64)
     flags = known & ~beyond | np.where(a > HERTZ_LIMIT * R, beyond, 0)
     forces = {"force_N": pressed - pulled, "force_std_N": std, "force_hertz_N": hertzian}
     return contacts.assign(**forces, flags=flags)
+
+
+def _parts_and_slope(
+    a: Values, R: Values, *, law: local_law.ForceLaw, contact_modulus: float, work_of_adhesion: float
+) -> tuple[Values, Values, Values]:
+    """Pressing force and adhesive pull (N) of contacts, and by how much their difference grows with ln a."""
+    pressed = local_law.pressing_force(a, R, contact_modulus=contact_modulus, law=law)
+    pulled = local_law.adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
+    # adhesion pulls with sqrt(8 pi w E* a^3), to the power 3/2 of the radius
+    return pressed, pulled, local_law.force_exponents(a, R, law=law) * pressed - 1.5 * pulled
 
 
 def visible_areas(contacts: pd.DataFrame) -> pd.Series:
@@ -144,7 +154,7 @@ def visible_areas(contacts: pd.DataFrame) -> pd.Series:
 def total(
     contacts: pd.DataFrame,
     terms: ArrayLike,
-    exponent: ArrayLike,
+    slope: ArrayLike,
     *,
     unseen: Total = NOTHING,
     length_relative_std: float = 0.0,
@@ -159,8 +169,8 @@ def total(
         Contacts table of one frame.
     terms : array_like, shape (n,)
         What is summed; a contact without a value does not count.
-    exponent : array_like, shape (n,) or scalar
-        ``d ln term/d ln a`` of each contact: 2 for an area, `force_exponents` for a force.
+    slope : array_like, shape (n,)
+        ``d term/d ln a`` of each contact: of an area twice the area, of a force see `local_forces`.
     unseen : Total
         Part of the contacts that were not detected: not in the sum, but in its uncertainty.
     length_relative_std : float
@@ -180,29 +190,29 @@ def total(
     known = np.isfinite(terms)
     if len(terms) and not known.any():
         return Total(np.nan, np.nan)
-    value, slope = float(terms[known].sum()), (np.asarray(exponent, float) * terms)[known]
-    parts = [unseen.rms, modulus_relative_std * value, length_relative_std * float(slope.sum())]
-    variance = float(np.sum(np.square([_std_of_sum(contacts[known], slope), *parts])))
+    value, slopes = float(terms[known].sum()), np.asarray(slope, float)[known]
+    parts = [unseen.rms, modulus_relative_std * value, length_relative_std * float(slopes.sum())]
+    variance = float(np.sum(np.square([_std_of_sum(contacts[known], slopes), *parts])))
     if modulus_edge_correlation:
-        edge = float(slope @ _relative_shifts(contacts[known])[:, SHARED_SHIFTS.index("edge_shift_px")])
+        edge = float(slopes @ _relative_shifts(contacts[known])[:, SHARED_SHIFTS.index("edge_shift_px")])
         variance += 2 * modulus_edge_correlation * modulus_relative_std * value * edge
     return Total(value, float(np.sqrt(max(variance, 0.0))))
 
 
-def _std_of_sum(contacts: pd.DataFrame, slope: NDArray[np.float64]) -> float:
+def _std_of_sum(contacts: pd.DataFrame, slope: Values) -> float:
     """Standard uncertainty of a sum whose terms change by ``slope`` for a relative change of their radius."""
     shared = _relative_shifts(contacts)
     own = np.maximum(_relative_radius_std(contacts) ** 2 - np.sum(shared**2, axis=1), 0.0)
     return float(np.sqrt(np.sum(slope**2 * own) + np.sum((slope @ shared) ** 2)))
 
 
-def _relative_radius_std(contacts: pd.DataFrame) -> NDArray[np.float64]:
+def _relative_radius_std(contacts: pd.DataFrame) -> Values:
     """Relative standard uncertainty of the radii; 0 where none is stated."""
     std = np.asarray(contacts.get("radius_std_m", np.nan), float) / contacts["radius_m"].to_numpy(float)
     return np.nan_to_num(std, nan=0.0)
 
 
-def _relative_shifts(contacts: pd.DataFrame) -> NDArray[np.float64]:
+def _relative_shifts(contacts: pd.DataFrame) -> Values:
     """Relative change of the radii with the errors that a frame's contacts share; 0 where not stated."""
     columns = [name for name in SHARED_SHIFTS if name in contacts]
     shift = contacts[columns].to_numpy(float) / contacts["radius_px"].to_numpy(float)[:, np.newaxis]
@@ -244,9 +254,9 @@ def fill_forces(
     (`contactimg.forces`); these are not in the sums but beside them.
     """
     elastic, stds = scene.elastic, {"length_relative_std": length_relative_std}
-    exponent, law = np.full(len(contacts), local_law.HERTZ_EXPONENT), local_law.law_name(scene)
+    slope, law = np.zeros(len(contacts)), local_law.law_name(scene)
     if elastic is not None:
-        contacts, exponent = local_forces(scene, contacts, sites)
+        contacts, slope = local_forces(scene, contacts, sites)
         stds["modulus_relative_std"] = elastic.young_modulus_std / elastic.young_modulus
         if scene.measure.method == "threshold":
             stds["modulus_edge_correlation"] = scene.measure.threshold_modulus_correlation
@@ -259,14 +269,15 @@ def fill_forces(
         missing = unseen_sum(its, np.pi * its["radius_m"] ** 2, smallest, power=1.0)
         if not len(its) and smallest > 0:  # known no better than one contact of that radius
             missing = Total(0.0, np.pi * smallest**2)
-        area = total(its, visible_areas(its), 2.0, unseen=missing, length_relative_std=length_relative_std)
+        shown = visible_areas(its)
+        area = total(its, shown, 2 * shown, unseen=missing, length_relative_std=length_relative_std)
         row |= {"area_m2": area.value, "area_std_m2": area.std}
         if np.isfinite(smallest):
             row |= {"unseen_area_m2": missing.value, "unseen_area_std_m2": missing.std}
         if elastic is None:
             continue
         lacking = unseen_sum(its, its["force_N"], smallest, power=1.5)
-        force = total(its, its["force_N"], exponent[which], unseen=lacking, **stds)
+        force = total(its, its["force_N"], slope[which], unseen=lacking, **stds)
         row |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
         # NaN if no contact has a force
         row["force_hertz_sum_N"] = its["force_hertz_N"].sum(min_count=min(len(its), 1))
@@ -309,8 +320,8 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
 
 def local_forces(
     scene: Scene, contacts: pd.DataFrame, sites: pd.DataFrame | None
-) -> tuple[pd.DataFrame, NDArray[np.float64]]:
-    """The contacts with their forces by the law of the scene's switches, and ``d ln p/d ln a`` of each.
+) -> tuple[pd.DataFrame, Values]:
+    """The contacts with their forces by the law of the scene's switches, and ``d p/d ln a`` (N) of each.
 
     Parameters
     ----------
@@ -329,13 +340,10 @@ def local_forces(
     relative = elastic.young_modulus_std / elastic.young_modulus
     radii = sphere_radii(contacts, scene, sites)
     contacts = assign_forces(contacts, radii, law=law, modulus_relative_std=relative, **body)
-    a = contacts["radius_m"].to_numpy(float)
-    share = local_law.adhesive_pull(a, **body) / contacts["force_N"].to_numpy()
-    exponent = local_law.force_exponents(a, radii, law=law) * (1 + share) - 1.5 * share  # the pull: a^(3/2)
-    return contacts, exponent
+    return contacts, _parts_and_slope(contacts["radius_m"].to_numpy(float), radii, law=law, **body)[2]
 
 
-def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
+def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> Values:
     """Composite radius R of each contact: that of its asperity, or of all, or NaN."""
     common = common_radius(scene, sites)
     if sites is None:

@@ -7,12 +7,13 @@ from contactimg.forces import Total, total, unseen_sum, visible_areas
 
 def total_area(contacts, **stds) -> Total:
     """Area of contact that the image shows, m^2."""
-    return total(contacts, visible_areas(contacts), 2.0, **stds)
+    areas = visible_areas(contacts)
+    return total(contacts, areas, 2 * areas, **stds)
 
 
 def total_force(contacts, **stds) -> Total:
     """Sum of forces by Hertz's law, N."""
-    return total(contacts, contacts["force_N"], 3.0, **stds)
+    return total(contacts, contacts["force_N"], 3 * contacts["force_N"], **stds)
 
 
 def unseen_area(contacts, smallest) -> Total:
