@@ -286,6 +286,8 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
     if path is None:
         return LOADS.conform({"frame": names})
     loads, present = read_loads(path, pulled=pulled), set(names)
+    if "remark" in loads.attrs:
+        logger.warning("%s: %s", path, loads.attrs["remark"])
     alike: dict[str, set[str]] = {}
     for name in names:
         for alias in (name, Path(name).stem):

@@ -8,7 +8,6 @@ brackets, any language. The tables of a run are written a few frames at a time.
 import csv
 import importlib
 import io
-import logging
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator
@@ -26,8 +25,6 @@ from contactimg.pose.pose import LARGEST_LENGTH
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, Flag, Schema, flag_names
 from contactimg.timings import stage
-
-logger = logging.getLogger(__name__)
 
 PER_NEWTON = {"N": 1.0, "mN": 1e3, "uN": 1e6, "µN": 1e6, "μN": 1e6}
 PER_NEWTON |= {"kg": 1 / constants.g, "g": 1e3 / constants.g, "mg": 1e6 / constants.g}
@@ -73,16 +70,16 @@ def read_table(
     schema : Schema
         The columns to read; blank lines are skipped.
     required : collection of str, optional
-        Columns that must be present with a value in every row; others of the schema may be missing, and then
-        it is logged which columns of the file are not read. By default all columns must be present but those
-        that a later version added (`Schema.later`), and cells may be empty.
+        Columns that must be present with a value in every row. By default all columns must be present but
+        those that a later version added (`Schema.later`), and cells may be empty.
     infinite : bool
         Whether ``inf`` is accepted.
 
     Returns
     -------
     DataFrame
-        The columns of the schema, in its order; an empty cell is NaN, NA or the empty text.
+        The columns of the schema, in its order; an empty cell is NaN, NA or the empty text. Where one is
+        missing, ``attrs["remark"]`` names the columns of the file that are not read.
 
     Raises
     ------
@@ -93,11 +90,11 @@ def read_table(
     header = [name.strip() for name in next(rows, (1, []))[1]]
     needed = schema.first if required is None else required
     places, comma = _places(path, header, schema, needed), separator != ","
+    table = _converted(path, rows, places, schema, required or (), infinite=infinite, decimal_comma=comma)
     missing, taken = [name for name in schema.columns if name not in places], {k for k, _ in places.values()}
-    if required and missing and (unread := [name for k, name in enumerate(header) if k not in taken]):
-        others = ", ".join(missing)
-        logger.warning("%s: not read: %s; it may also hold %s", path, first_names(map(repr, unread)), others)
-    return _converted(path, rows, places, schema, required or (), infinite=infinite, decimal_comma=comma)
+    if missing and (unread := [repr(name) for k, name in enumerate(header) if k not in taken]):
+        table.attrs["remark"] = f"not read: {first_names(unread)}; it may also hold {', '.join(missing)}"
+    return table
 
 
 def _converted(
@@ -261,15 +258,15 @@ def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
     ----------
     path : str or Path
         CSV with columns ``frame, load_N`` (or load_mN, load_g) and, if measured, ``friction_N,
-        velocity_m_s, tangential_N, time_s``; of others it is logged that they are not read. Text of another
-        form is read as by `read_load_table`.
+        velocity_m_s, tangential_N, time_s``. Text of another form is read as by `read_load_table`.
     pulled : bool
         Whether negative loads are allowed (tension on an adhesive contact).
 
     Returns
     -------
     DataFrame
-        Columns of `contactimg.tables.LOADS`; loads in N, one row per frame.
+        Columns of `contactimg.tables.LOADS`; loads in N, one row per frame. What of the file was not read
+        stands in ``attrs["remark"]``.
 
     Raises
     ------
@@ -440,10 +437,11 @@ def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame
                     f"{path}: {len(loads)} columns may be the load ({several}); rename the others", loads
                 )
             if loads:
+                table, columns = _load_rows(path, header, rows, loads[0])
                 last = rows[-1][0]
                 if any(map(any, lines[last:])):
-                    logger.warning("%s: is read up to line %d; a row below has another width", path, last)
-                return _load_rows(path, header, rows, loads[0])
+                    table.attrs["remark"] = f"is read up to line {last}; a row below has another width"
+                return table, columns
     raise InputError(
         f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
         + (f"; the columns are {shown}" if shown else "")
