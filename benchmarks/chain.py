@@ -18,7 +18,7 @@ import pandas as pd
 from shared import PIXEL, pattern_scene
 
 from contactimg.files import list_frames, read_scene, write_frame, write_scene
-from contactimg.forces import assign_forces, total_area, total_force
+from contactimg.forces import assign_forces, total, visible_areas
 from contactimg.frame import Frame
 from contactimg.pipeline.frame import measure_frame
 from contactimg.pipeline.inputs import contact_sites, need_asperities
@@ -132,14 +132,15 @@ def pulls(seed: int, load: float, changes: dict[str, Any]) -> dict[str, float]:
     contacts = measure_frame(frame, reference, pixel_size=PIXEL, polarity="bright")
     found = assign_forces(contacts, float(radii.mean()), contact_modulus=scene.elastic.contact_modulus)
     row = {}
-    for name, total, true in (
-        ("area", total_area(found), truth["area_m2"].sum()),
-        ("force", total_force(found), load),
+    for name, terms, exponent, true in (
+        ("area", visible_areas(found), 2, truth["area_m2"].sum()),
+        ("force", found["force_N"], 3, load),
     ):
+        summed = total(found, terms, exponent * terms)
         row |= {
-            f"{name} error": 100 * (total.value / true - 1),
-            f"{name} stated": 100 * total.std / true,
-            f"{name} pull": (total.value - true) / total.std,
+            f"{name} error": 100 * (summed.value / true - 1),
+            f"{name} stated": 100 * summed.std / true,
+            f"{name} pull": (summed.value - true) / summed.std,
         }
     return row
 

@@ -127,9 +127,12 @@ def std_of_sum(result, visible):
 def unseen_rms(result):
     """Area that contacts below the stated detection limit may have, px^2."""
     try:
-        unseen_area = importlib.import_module("contactimg.forces").unseen_area
+        unseen_sum = importlib.import_module("contactimg.forces").unseen_sum
         smallest = float(getattr(result, "smallest_px", np.nan))
-        return float(unseen_area(result.disks.assign(radius_m=result.disks.radius_px), smallest).rms)
+        disks = result.disks.assign(radius_m=result.disks.radius_px)
+        if not len(disks) and smallest > 0:
+            return float(np.pi * smallest**2)
+        return float(unseen_sum(disks, np.pi * disks.radius_m**2, smallest, power=1.0).rms)
     except (ImportError, AttributeError, TypeError, ValueError):
         return 0.0
 

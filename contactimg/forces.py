@@ -27,6 +27,8 @@ from contactimg.scene import Scene
 from contactimg.surfaces import of_asperities
 from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
 
+Values = NDArray[np.float64]
+
 ROUNDING = 1e-9
 """Relative difference of sums of the same terms in another order. Theory: 1e-16 times the number of terms."""
 
@@ -123,10 +125,8 @@ def assign_forces(
     a = contacts["radius_m"].to_numpy(float)
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
     hertzian = local_law.pressing_force(a, R, contact_modulus=contact_modulus)
-    pressed = local_law.pressing_force(a, R, contact_modulus=contact_modulus, law=law)
-    pulled = local_law.adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
-    # adhesion pulls with sqrt(8 pi w E* a^3), to the power 3/2 of the radius
-    slope = local_law.force_exponents(a, R, law=law) * pressed - 1.5 * pulled
+    body = {"contact_modulus": contact_modulus, "work_of_adhesion": work_of_adhesion}
+    pressed, pulled, slope = _parts_and_slope(a, R, law=law, **body)
     std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
     beyond = int(Flag.BEYOND_HERTZ)
     known = np.asarray(contacts.get("flags", 0), np.int64)
@@ -135,95 +135,84 @@ def assign_forces(
     return contacts.assign(**forces, flags=flags)
 
 
-def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relative_std: float = 0.0) -> Total:
-    """Real contact area ``A = sum pi a_i^2`` (m^2); of contacts that the border cuts what the image shows.
-
-    Parameters
-    ----------
-    contacts : DataFrame
-        Contacts table of one frame; where ``visible_area_m2`` is empty, all of a contact counts.
-    unseen : Total, m^2
-        Area of contacts that were not detected: not in the sum, but in its uncertainty.
-    length_relative_std : float
-        Relative standard uncertainty of the length of a pixel.
-
-    Returns
-    -------
-    Total
-        Zero if there is no contact.
-    """
-    area = _visible_areas(contacts).to_numpy(float)
-    value = float(area.sum())
-    parts = [_std_of_sum(contacts, 2 * area), unseen.rms, 2 * length_relative_std * value]
-    return Total(value, float(np.linalg.norm(parts)))
+def _parts_and_slope(
+    a: Values, R: Values, *, law: local_law.ForceLaw, contact_modulus: float, work_of_adhesion: float
+) -> tuple[Values, Values, Values]:
+    """Pressing force and adhesive pull (N) of contacts, and by how much their difference grows with ln a."""
+    pressed = local_law.pressing_force(a, R, contact_modulus=contact_modulus, law=law)
+    pulled = local_law.adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
+    # adhesion pulls with sqrt(8 pi w E* a^3), to the power 3/2 of the radius
+    return pressed, pulled, local_law.force_exponents(a, R, law=law) * pressed - 1.5 * pulled
 
 
-def _visible_areas(contacts: pd.DataFrame) -> pd.Series:
+def visible_areas(contacts: pd.DataFrame) -> pd.Series:
     """Area of each contact that the image shows (m^2); all of it where a table does not say."""
     whole = contacts["area_m2"]
     return contacts["visible_area_m2"].fillna(whole) if "visible_area_m2" in contacts else whole
 
 
-def total_force(
+def total(
     contacts: pd.DataFrame,
+    terms: ArrayLike,
+    slope: ArrayLike,
     *,
-    exponent: ArrayLike = local_law.HERTZ_EXPONENT,
     unseen: Total = NOTHING,
+    length_relative_std: float = 0.0,
     modulus_relative_std: float = 0.0,
     modulus_edge_correlation: float = 0.0,
-    length_relative_std: float = 0.0,
 ) -> Total:
-    """Sum of the local forces (N).
+    """Sum over the contacts of a frame, such as that of their areas (m^2) or of their local forces (N).
 
     Parameters
     ----------
     contacts : DataFrame
         Contacts table of one frame.
-    exponent : array_like, shape (n,) or scalar
-        Of the force law, see `force_exponents`.
-    unseen : Total, N
-        Force on contacts that were not detected: not in the sum, but in its uncertainty.
+    terms : array_like, shape (n,)
+        What is summed; a contact without a value does not count.
+    slope : array_like, shape (n,)
+        ``d term/d ln a`` of each contact: of an area twice the area, of a force see `local_forces`.
+    unseen : Total
+        Part of the contacts that were not detected: not in the sum, but in its uncertainty.
+    length_relative_std : float
+        Relative standard uncertainty of the length of a pixel.
     modulus_relative_std : float
-        Relative standard uncertainty of the modulus, common to all contacts.
+        Relative standard uncertainty of the modulus, to which all terms are proportional.
     modulus_edge_correlation : float
         Correlation of the errors of the modulus and of the edges (``edge_shift_px`` being the change by one
         standard uncertainty): that of a threshold that was calibrated with this modulus.
-    length_relative_std : float
-        Relative standard uncertainty of the length of a pixel.
 
     Returns
     -------
     Total
-        NaN if there are contacts but none has a force; zero if there is no contact.
+        NaN if there are contacts but none has a value; zero if there is no contact.
     """
-    force = contacts["force_N"].to_numpy(float)
-    known = np.isfinite(force)
-    if len(force) and not known.any():
+    terms = np.asarray(terms, float)
+    known = np.isfinite(terms)
+    if len(terms) and not known.any():
         return Total(np.nan, np.nan)
-    value = float(force[known].sum())
-    slope = (np.broadcast_to(np.asarray(exponent, float), force.shape) * force)[known]
-    parts = [unseen.rms, modulus_relative_std * value, length_relative_std * float(slope.sum())]
-    variance = float(np.sum(np.square([_std_of_sum(contacts[known], slope), *parts])))
+    value, slopes = float(terms[known].sum()), np.asarray(slope, float)[known]
+    parts = [unseen.rms, modulus_relative_std * value, length_relative_std * float(slopes.sum())]
+    variance = float(np.sum(np.square([_std_of_sum(contacts[known], slopes), *parts])))
     if modulus_edge_correlation:
-        edge = float(slope @ _relative_shifts(contacts[known])[:, SHARED_SHIFTS.index("edge_shift_px")])
+        edge = float(slopes @ _relative_shifts(contacts[known])[:, SHARED_SHIFTS.index("edge_shift_px")])
         variance += 2 * modulus_edge_correlation * modulus_relative_std * value * edge
     return Total(value, float(np.sqrt(max(variance, 0.0))))
 
 
-def _std_of_sum(contacts: pd.DataFrame, slope: NDArray[np.float64]) -> float:
+def _std_of_sum(contacts: pd.DataFrame, slope: Values) -> float:
     """Standard uncertainty of a sum whose terms change by ``slope`` for a relative change of their radius."""
     shared = _relative_shifts(contacts)
     own = np.maximum(_relative_radius_std(contacts) ** 2 - np.sum(shared**2, axis=1), 0.0)
     return float(np.sqrt(np.sum(slope**2 * own) + np.sum((slope @ shared) ** 2)))
 
 
-def _relative_radius_std(contacts: pd.DataFrame) -> NDArray[np.float64]:
+def _relative_radius_std(contacts: pd.DataFrame) -> Values:
     """Relative standard uncertainty of the radii; 0 where none is stated."""
     std = np.asarray(contacts.get("radius_std_m", np.nan), float) / contacts["radius_m"].to_numpy(float)
     return np.nan_to_num(std, nan=0.0)
 
 
-def _relative_shifts(contacts: pd.DataFrame) -> NDArray[np.float64]:
+def _relative_shifts(contacts: pd.DataFrame) -> Values:
     """Relative change of the radii with the errors that a frame's contacts share; 0 where not stated."""
     columns = [name for name in SHARED_SHIFTS if name in contacts]
     shift = contacts[columns].to_numpy(float) / contacts["radius_px"].to_numpy(float)[:, np.newaxis]
@@ -265,27 +254,30 @@ def fill_forces(
     (`contactimg.forces`); these are not in the sums but beside them.
     """
     elastic, stds = scene.elastic, {"length_relative_std": length_relative_std}
-    exponent, law = np.full(len(contacts), local_law.HERTZ_EXPONENT), local_law.law_name(scene)
+    slope, law = np.zeros(len(contacts)), local_law.law_name(scene)
     if elastic is not None:
-        contacts, exponent = local_forces(scene, contacts, sites)
+        contacts, slope = local_forces(scene, contacts, sites)
         stds["modulus_relative_std"] = elastic.young_modulus_std / elastic.young_modulus
         if scene.measure.method == "threshold":
             stds["modulus_edge_correlation"] = scene.measure.threshold_modulus_correlation
-    groups, rows = contacts.groupby("frame").indices, []
-    for row in frames.to_dict("records"):
-        rows.append(row)
+    groups, rows = contacts.groupby("frame").indices, frames.to_dict("records")
+    for row in rows:
         if pd.isna(row["n_contacts"]):
             continue
         which = groups.get(row["frame"], np.empty(0, np.intp))
         its, smallest = contacts.iloc[which], row["smallest_px"] * pixel_size
-        missing, lacking = unseen_area(its, smallest), unseen_force(its, smallest)
-        area = total_area(its, unseen=missing, length_relative_std=length_relative_std)
+        missing = unseen_sum(its, np.pi * its["radius_m"] ** 2, smallest, power=1.0)
+        if not len(its) and smallest > 0:  # known no better than one contact of that radius
+            missing = Total(0.0, np.pi * smallest**2)
+        shown = visible_areas(its)
+        area = total(its, shown, 2 * shown, unseen=missing, length_relative_std=length_relative_std)
         row |= {"area_m2": area.value, "area_std_m2": area.std}
         if np.isfinite(smallest):
             row |= {"unseen_area_m2": missing.value, "unseen_area_std_m2": missing.std}
         if elastic is None:
             continue
-        force = total_force(its, exponent=exponent[which], unseen=lacking, **stds)
+        lacking = unseen_sum(its, its["force_N"], smallest, power=1.5)
+        force = total(its, its["force_N"], slope[which], unseen=lacking, **stds)
         row |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
         # NaN if no contact has a force
         row["force_hertz_sum_N"] = its["force_hertz_N"].sum(min_count=min(len(its), 1))
@@ -310,7 +302,7 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
         others get the sums of their contacts; their standard uncertainties keep their ratio to the sum, or
         stay as they were where the sum is zero. A force is NaN where there are contacts but none has one.
     """
-    groups = contacts.assign(visible_area_m2=_visible_areas(contacts)).groupby("frame")
+    groups = contacts.assign(visible_area_m2=visible_areas(contacts)).groupby("frame")
     new = frames.reset_index(drop=True).copy()
     measured = new["n_contacts"].notna().to_numpy()
     new.loc[measured, "n_contacts"] = groups.size().reindex(new["frame"][measured], fill_value=0).to_numpy()
@@ -328,8 +320,8 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
 
 def local_forces(
     scene: Scene, contacts: pd.DataFrame, sites: pd.DataFrame | None
-) -> tuple[pd.DataFrame, NDArray[np.float64]]:
-    """The contacts with their forces by the law of the scene's switches, and ``d ln p/d ln a`` of each.
+) -> tuple[pd.DataFrame, Values]:
+    """The contacts with their forces by the law of the scene's switches, and ``d p/d ln a`` (N) of each.
 
     Parameters
     ----------
@@ -348,13 +340,10 @@ def local_forces(
     relative = elastic.young_modulus_std / elastic.young_modulus
     radii = sphere_radii(contacts, scene, sites)
     contacts = assign_forces(contacts, radii, law=law, modulus_relative_std=relative, **body)
-    a = contacts["radius_m"].to_numpy(float)
-    share = local_law.adhesive_pull(a, **body) / contacts["force_N"].to_numpy()
-    exponent = local_law.force_exponents(a, radii, law=law) * (1 + share) - 1.5 * share  # the pull: a^(3/2)
-    return contacts, exponent
+    return contacts, _parts_and_slope(contacts["radius_m"].to_numpy(float), radii, law=law, **body)[2]
 
 
-def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
+def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> Values:
     """Composite radius R of each contact: that of its asperity, or of all, or NaN."""
     common = common_radius(scene, sites)
     if sites is None:
@@ -374,63 +363,39 @@ def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:
 # --- contacts below the detection limit
 
 
-def unseen_area(contacts: pd.DataFrame, smallest: float) -> Total:
-    """Area of the contacts that are too small to be detected, m^2.
+def unseen_sum(contacts: pd.DataFrame, terms: ArrayLike, smallest: float, *, power: float) -> Total:
+    """What the contacts too small to be detected would add to a sum.
 
     Parameters
     ----------
     contacts : DataFrame
         Those of one frame, with ``radius_m``.
+    terms : array_like, shape (n,)
+        What is summed, which goes with ``u^power``; its ratio to that of those below is the median of these.
     smallest : float, m
         Radius of which half of the contacts are detected.
+    power : float
+        1 for an area, 3/2 for a force.
 
     Returns
     -------
     Total
-        Without any contact 0, known no better than one contact of that radius; nothing where the limit is
-        not known.
+        Nothing where no contact has a value, or the limit is not known.
 
     Examples
     --------
     >>> uniform = pd.DataFrame({"radius_m": 1e-6 * np.sqrt(np.arange(1.25, 30, 0.5))})
-    >>> found = unseen_area(uniform, 1e-6)  # two contacts per unit of u/u_half, and half a one
+    >>> areas = np.pi * uniform["radius_m"] ** 2
+    >>> found = unseen_sum(uniform, areas, 1e-6, power=1.0)  # 2 contacts per unit of u/u_half, and a half
     >>> round(found.value / (np.pi * 1e-12), 2)
     1.09
     """
-    if not smallest > 0:
-        return NOTHING
-    if not len(contacts):
-        return Total(0.0, float(np.pi * smallest**2))
-    return _unseen_sum(contacts, smallest, power=1.0, factor=np.pi)
-
-
-def unseen_force(contacts: pd.DataFrame, smallest: float) -> Total:
-    """Force on the contacts that are too small to be detected, N.
-
-    Parameters
-    ----------
-    contacts : DataFrame
-        Those of one frame, with ``radius_m`` and ``force_N``; the force over ``a^3`` of those below is the
-        median of these.
-    smallest : float, m
-        Radius of which half of the contacts are detected.
-
-    Returns
-    -------
-    Total
-        Nothing where no contact has a force.
-    """
-    force, radius = contacts["force_N"].to_numpy(float), contacts["radius_m"].to_numpy(float)
-    known = np.isfinite(force)
+    terms, radius = np.asarray(terms, float), contacts["radius_m"].to_numpy(float)
+    known = np.isfinite(terms)
     if not smallest > 0 or not known.any():
         return NOTHING
-    factor = float(np.median(force[known] / radius[known] ** 3))
-    return _unseen_sum(contacts, smallest, power=1.5, factor=factor)
-
-
-def _unseen_sum(contacts: pd.DataFrame, smallest: float, *, power: float, factor: float) -> Total:
-    """Sum of ``factor u^power`` over the contacts below the limit."""
-    ratio = (contacts["radius_m"].to_numpy(float) / smallest) ** 2
+    factor = float(np.median(terms[known] / radius[known] ** (2 * power)))
+    ratio = (radius / smallest) ** 2
     low, middle, high = halves = np.linspace(*WINDOW, 3)
     width = high - low
     near, far = np.histogram(ratio, halves)[0]

@@ -3,10 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
+from frame_sums import total_area, total_force
 
 from contactimg.effects.local_law import force_exponents
 from contactimg.errors import InputError
-from contactimg.forces import Total, assign_forces, fill_forces, sums_of_contacts, total_area, total_force
+from contactimg.forces import Total, assign_forces, fill_forces, sums_of_contacts
 from contactimg.mechanics import hertz, jkr, sphere
 from contactimg.pipeline.frame import locate_contacts
 from contactimg.pipeline.inputs import contact_sites, need_asperities
@@ -93,7 +94,7 @@ def test_the_sum_of_forces_of_which_none_is_known_is_not_zero():
     left = CONTACTS.conform({"frame": ["a"], "area_m2": [1e-10], "force_N": [np.nan]})
     again = sums_of_contacts(left, FRAMES.conform(pd.DataFrame(frames)))
     assert again["n_contacts"].tolist() == [1, 0]
-    # as `total_force` says it of the same contacts, and of none
+    # as `total` says it of the same contacts, and of none
     assert again["force_sum_N"].tolist() == pytest.approx([np.nan, 0.0], nan_ok=True)
     assert again["force_sum_std_N"].tolist() == pytest.approx([np.nan, 1e-4], nan_ok=True)
 

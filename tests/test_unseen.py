@@ -3,10 +3,13 @@
 import numpy as np
 import pandas as pd
 import pytest
+from frame_sums import unseen_area, unseen_force
 from scipy import integrate, stats
 
-from contactimg.forces import NOTHING, Total, unseen_area, unseen_force
+from contactimg.forces import NOTHING, fill_forces
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
+from contactimg.scene import scene_from_dict
+from contactimg.tables import CONTACTS, FRAMES
 
 
 def drawn(density, rng, *, slope=0.0):
@@ -54,10 +57,18 @@ def test_units():
 
 def test_nothing_is_known_without_contacts_or_limit():
     found, _ = drawn(10, np.random.default_rng(1))
-    assert unseen_area(found.iloc[:0], 2.0) == Total(0.0, 4 * np.pi)
+    assert unseen_area(found.iloc[:0], 2.0) == NOTHING
     assert unseen_area(found, np.nan) == NOTHING
     assert unseen_force(found.assign(force_N=np.nan), 1.0) == NOTHING
     assert unseen_force(found.iloc[:0], 1.0) == NOTHING
     # no small contact at all: none is expected below, but it is not excluded
     large = unseen_area(found[found["radius_m"] > 3], 1.0)
     assert 0 < large.value < large.std < np.pi
+
+
+def test_without_contacts_one_at_the_limit_is_not_excluded():
+    frames = FRAMES.conform({"frame": ["a"], "n_contacts": [0], "smallest_px": [2.0]})
+    _, filled = fill_forces(scene_from_dict({}), CONTACTS.empty(), frames, None, pixel_size=1e-6)
+    row = filled.iloc[0]
+    assert (row["area_m2"], row["unseen_area_m2"]) == (0.0, 0.0)
+    assert row["area_std_m2"] == row["unseen_area_std_m2"] == pytest.approx(4e-12 * np.pi)

@@ -262,8 +262,8 @@ def init(
         _ask_loads(Path(folder))
     found = files.recognise_folder(folder)
     say("\n  ".join(_remarks(folder, found)))
-    pixel_size = files.stated_pixel_size(found.frames[0].path)
-    known: shared.Stated = found.keys | ({"camera": {"pixel_size_m": pixel_size}} if pixel_size else {})
+    sides = files.stated_pixel_size(found.frames[0].path)
+    known: shared.Stated = found.keys | ({"camera": {"pixel_size_m": sides[0]}} if sides else {})
     for section, keys in stated.items():
         known[section] = known.get(section, {}) | keys
     for question in () if no_input else QUESTIONS:  # the contacts show the apex better than a person does

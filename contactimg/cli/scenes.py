@@ -114,7 +114,7 @@ def _placed(data: Stated, folder: Path, *, first: Path, other: Path) -> Stated:
             return {frame: placed(one) for frame, one in named.items()}
         if not isinstance(named, str):
             return named
-        found = files.named_file(named, first).exists()
+        found = (first / files.named_file(named, first)).exists()
         found = found or (not Path(named).is_absolute() and any(first.glob(named)))  # a glob
         base = first if found else other
         return named if base == folder else str((base / named).resolve())

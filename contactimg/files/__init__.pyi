@@ -13,7 +13,6 @@ from .experiment import SCENE_FILE as SCENE_FILE
 from .experiment import Experiment as Experiment
 from .experiment import FolderFiles as FolderFiles
 from .experiment import edits_file as edits_file
-from .experiment import named_file as named_file
 from .experiment import open_experiment as open_experiment
 from .experiment import read_scene as read_scene
 from .experiment import read_scene_asperities as read_scene_asperities
@@ -43,6 +42,7 @@ from .runs import read_run as read_run
 from .sources import FrameSeries as FrameSeries
 from .sources import FrameSource as FrameSource
 from .sources import list_frames as list_frames
+from .sources import named_file as named_file
 from .sources import read_frames as read_frames
 from .tables import METRES as METRES
 from .tables import AmbiguousLoadsError as AmbiguousLoadsError

@@ -99,12 +99,15 @@ def write_text(text: str, path: str | Path) -> None:
 
 
 def flush_to_disk(path: str | Path) -> None:
-    """Wait until a file and its name are on the disk, so that they outlive a loss of power."""
+    """Wait until a file is on the disk, and its name where the system flushes folders."""
     path = Path(path)
     for place in (path, path.parent) if os.name == "posix" else (path,):
         handle = os.open(place, os.O_RDONLY if os.name == "posix" else os.O_RDWR)
         try:
             os.fsync(handle)
+        except OSError:
+            if place == path:  # shares and FUSE refuse folders
+                raise
         finally:
             os.close(handle)
 

@@ -149,8 +149,7 @@ def _mask(path: Path, _changed: Changes) -> Frame | list[Any]:
     return FrameSource(path.name, path).read()
 
 
-@lru_cache(maxsize=4)
-def _mean(sources: Sources, _changed: Changes) -> Frame:
+def _mean(sources: Sources) -> Frame:
     """Mean of images of one size, with name and full scale of the first."""
     frames = (source.read() for source in sources)
     first = next(frames)
@@ -190,18 +189,18 @@ def _check_size(image: Frame, frame: Frame) -> None:
 
 @lru_cache(maxsize=2)
 def _fields(
-    darks: Sources, flats: Sources, changed: Changes
+    darks: Sources, flats: Sources, _changed: Changes
 ) -> tuple[NDArray, NDArray, float, NDArray[np.bool_]]:
     """The mean dark frame, the gain (flat field over its median), the dark level, and useless pixels.
 
     Those are saturated in the dark or without light.
     """
-    first = _mean(darks or flats, changed)
+    first = _mean(darks or flats)
     dark = first.image if darks else np.zeros(first.shape, np.float32)
     useless = dark >= (np.inf if first.full_scale is None else first.full_scale)
     gain = np.ones(first.shape, np.float32)
     if flats:
-        flat = _mean(flats, changed)
+        flat = _mean(flats) if darks else first
         _check_size(flat, first)
         light = flat.image - dark
         middle = float(np.median(light))
@@ -221,7 +220,7 @@ def _subtract_and_divide(frame: Frame, darks: Sources, flats: Sources) -> Frame:
     """
     changed = _changes(source.path for source in (*darks, *flats))
     dark, gain, level, useless = _fields(darks, flats, changed)
-    _check_size(_mean(darks or flats, changed), frame)
+    _check_size(Frame(gain, (darks or flats)[0].name), frame)
     scale = np.inf if frame.full_scale is None else frame.full_scale
     raw = frame.image
     if raw.min() == raw.max() and raw[0, 0] < scale:
@@ -311,8 +310,6 @@ def _complaint(row: dict) -> str:
     action = row["action"]
     if action not in _ACTIONS:
         return f"has an unknown action; the actions are {', '.join(_ACTIONS)}"
-    if not row["frame"]:
-        return f"names no frame; give its file name, or {EVERY_FRAME} for all"
     try:
         points = edit_points(row["points"])
     except ValueError:

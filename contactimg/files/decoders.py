@@ -26,15 +26,11 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from contactimg.engine.progress import holding
-from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
 from contactimg.files.tables import METRES
 from contactimg.frame import Frame
 from contactimg.scene.sections import MAX_PIXELS
 from contactimg.timings import stage
-
-MAX_PIXELS_VARIABLE = "CONTACTIMG_MAX_PIXELS"
-"""Environment variable with the largest number of pixels of an image."""
 
 
 def check_size(columns: int, rows: int, samples: int = 1) -> None:
@@ -50,17 +46,12 @@ def check_size(columns: int, rows: int, samples: int = 1) -> None:
     Raises
     ------
     ValueError
-        With the size and how to raise the limit.
-    InputError
-        If the environment variable holds no positive whole number.
+        With the size.
     """
-    most = os.environ.get(MAX_PIXELS_VARIABLE, str(MAX_PIXELS))
-    if not most.isdecimal() or int(most) == 0:
-        raise InputError(f"{MAX_PIXELS_VARIABLE} must be a whole number of pixels, got {most!r}")
-    if int(columns) * int(rows) * max(1, int(samples) // 4) > int(most):
+    if int(columns) * int(rows) * max(1, int(samples) // 4) > MAX_PIXELS:
         raise ValueError(
-            f"its header says {int(columns)} x {int(rows)} pixels, more than {most}; "
-            f"if that is right, set {MAX_PIXELS_VARIABLE}"
+            f"its header says {int(columns)} x {int(rows)} pixels, more than {MAX_PIXELS}; "
+            "if that is right, cut it into parts"
         )
 
 
@@ -258,7 +249,7 @@ def list_tiff(path: Path) -> list[int]:
     If the chain of pages is broken or a ring, one more number stands for the lost pages.
     """
     with _opened(path) as (tif, complaints):
-        count = max(_undivided(tif), _planes(tif))
+        count = _images_of_one_page(tif)
         if count > 1:
             return list(range(count))
         most = tif.filehandle.size // _SMALLEST_PAGE + 1  # more only if the chain of pages is a ring
@@ -271,8 +262,8 @@ def list_tiff(path: Path) -> list[int]:
 def read_tiff(path: Path, index: int) -> Pixels:
     """Pixels of page number ``index``, from 0, of a TIFF file."""
     with _opened(path) as (tif, _):
-        undivided, divided = _undivided(tif) > 1, _planes(tif) > 1
-        number = 0 if undivided or divided else index
+        several = _images_of_one_page(tif) > 1
+        number = 0 if several else index
         if number > tif.filehandle.size // _SMALLEST_PAGE or not _has_page(tif, number):
             raise ValueError(f"the file is truncated or damaged after page {number - 1}")
         page, file = tif.pages[number], tif.filehandle
@@ -280,7 +271,7 @@ def read_tiff(path: Path, index: int) -> Pixels:
         sizes += [(page.tilewidth, page.tilelength, page.tiledepth)] if page.is_tiled else []
         for columns, rows, depth in sizes:
             check_size(columns, rows, max(page.samplesperpixel, 1) * max(depth, 1))
-        if undivided:  # the images follow each other without a gap
+        if several and tif.is_imagej:  # the images follow each other without a gap
             start = page.dataoffsets[0] + index * page.nbytes
             _refuse_missing(start + page.nbytes - file.size)
             file.seek(start)
@@ -291,7 +282,7 @@ def read_tiff(path: Path, index: int) -> Pixels:
             raise ValueError("the file is damaged: part of the image has no data")
         _refuse_missing(max(offset + count for offset, count in segments) - file.size)
         array = page.asarray()
-        if divided:
+        if several:
             array = array[index]
         elif page.axes == "SYX":
             array = np.moveaxis(array, 0, -1)
@@ -305,24 +296,22 @@ def _has_page(tif: Any, index: int) -> bool:
     return False
 
 
-def _planes(tif: Any) -> int:
-    """Grey images of a stack whose writer took three or four for the planes of a colour image; else 1.
+def _images_of_one_page(tif: Any) -> int:
+    """Grey images of a stack that has one page for all; 1 for any other file.
 
-    tifffile, and with it imageio and scikit-image, writes an array of shape (3, rows, columns) in this way;
-    colours that other programs store by planes have no description of an array.
+    ImageJ beyond 4 GB writes one page header. tifffile, and with it imageio and scikit-image, takes an array
+    of shape (3, rows, columns) for the planes of a colour image; colours that other programs store by planes
+    have no description of an array.
     """
     page = tif.pages[0]
-    taken = page.photometric == _PHOTOMETRIC.RGB and page.axes == "SYX" and tif.is_shaped
-    return page.samplesperpixel if taken and not _has_page(tif, 1) else 1
-
-
-def _undivided(tif: Any) -> int:
-    """Images of a stack that has one page header for all (ImageJ beyond 4 GB); else 1."""
-    if not tif.is_imagej or not tif.pages[0].is_contiguous or _has_page(tif, 1):
+    if _has_page(tif, 1):
         return 1
-    stated, page = int((tif.imagej_metadata or {}).get("images", 1)), tif.pages[0]
-    # one number beyond the end of the file stands for all that are lost
-    return min(stated, max(tif.filehandle.size // max(page.nbytes, 1), 1) + 1)
+    if tif.is_imagej and page.is_contiguous:
+        stated = int((tif.imagej_metadata or {}).get("images", 1))
+        # one number beyond the end of the file stands for all that are lost
+        return min(stated, max(tif.filehandle.size // max(page.nbytes, 1), 1) + 1)
+    planes = page.photometric == _PHOTOMETRIC.RGB and page.axes == "SYX" and tif.is_shaped
+    return page.samplesperpixel if planes else 1
 
 
 def _refuse_missing(count: int) -> None:
@@ -339,14 +328,15 @@ def _interpret(page: Any, array: NDArray) -> Pixels:
     array = _strip_alpha(page, array)
     if array.dtype == bool:
         array, full_scale = array.astype(np.uint8) * np.uint8(255), 255.0
-    if page.photometric == _PHOTOMETRIC.MINISWHITE:
-        if full_scale is None:
-            raise ValueError(f"inverted grey levels of type {array.dtype} are not supported")
-        array = array.dtype.type(full_scale) - array
     tag = page.tags.get("MaxSampleValue")
     stated = 0 if tag is None or full_scale is None else int(np.max(tag.value))
     if full_scale is not None and 255 <= stated < full_scale and stated & (stated + 1) == 0:
         full_scale = float(stated)  # of an n-bit camera: all bits are 1
+    if page.photometric == _PHOTOMETRIC.MINISWHITE:
+        if full_scale is None:
+            raise ValueError(f"inverted grey levels of type {array.dtype} are not supported")
+        white = array.dtype.type(full_scale)
+        array = white - np.minimum(array, white)
     return Pixels(array.astype(array.dtype.newbyteorder("="), copy=False), full_scale)
 
 
@@ -404,10 +394,11 @@ def write_frame(frame: Frame, path: Path) -> None:
 # --- the pixel size that a header states
 
 
-def stated_pixel_size(path: str | Path) -> float | None:
-    """Pixel size in m that a TIFF file of ImageJ or OME states; None where none or an unknown unit is stated.
+def stated_pixel_size(path: str | Path) -> tuple[float, float] | None:
+    """Width and height of a pixel (m) that a TIFF file of ImageJ or OME states.
 
-    The resolution of plain TIFF files is ignored: it is that of a print (72 or 300 dots per inch).
+    None where nothing or an unknown unit is stated. The resolution of plain TIFF files is ignored: it is that
+    of a print (72 or 300 dots per inch).
 
     Examples
     --------
@@ -418,16 +409,20 @@ def stated_pixel_size(path: str | Path) -> float | None:
     ...     pixels = np.zeros((8, 8), np.uint8)
     ...     tifffile.imwrite(path, pixels, imagej=True, resolution=(0.125, 0.125), metadata={"unit": "um"})
     ...     stated_pixel_size(path)
-    8e-06
+    (8e-06, 8e-06)
     """
     with suppress(Exception), _opened(Path(path)) as (tif, _):  # nor does another format or a damaged header
         if tif.is_ome:  # of the first image, in µm unless its unit says otherwise
             image = tifffile.xml2dict(tif.ome_metadata or "")["OME"]["Image"]
             about = (image[0] if isinstance(image, list) else image)["Pixels"]
-            size = float(about["PhysicalSizeX"]) * METRES[str(about.get("PhysicalSizeXUnit", "µm"))]
+            axes = "XY" if "PhysicalSizeY" in about else "XX"
+            sides = [(about[f"PhysicalSize{x}"], about.get(f"PhysicalSize{x}Unit", "µm")) for x in axes]
         else:  # pixels per unit stand in the resolution, the unit in the description
-            pixels, units = tif.pages.first.tags["XResolution"].value
-            size = METRES[str((tif.imagej_metadata or {})["unit"]).lower()] / (pixels / units)
-        if math.isfinite(size) and size > 0:
-            return size
+            tags, about = tif.pages.first.tags, tif.imagej_metadata or {}
+            rates = [tags[name].value for name in ("XResolution", "YResolution")]
+            names = (about["unit"], about.get("yunit", about["unit"]))
+            sides = [(units / pixels, name) for (pixels, units), name in zip(rates, names, strict=True)]
+        width, height = (float(number) * METRES[str(unit).lower()] for number, unit in sides)
+        if 0 < width < math.inf and 0 < height < math.inf:
+            return width, height
     return None

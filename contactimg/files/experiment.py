@@ -1,12 +1,11 @@
 """A scene file and the files it names, or what the files of a folder are where no scene says so."""
 
-import glob
 import logging
 import math
 import re
 import tomllib
 import unicodedata
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -22,7 +21,7 @@ from contactimg.files.atomic import first_names, flush_to_disk, read_bytes, writ
 from contactimg.files.corrections import EDITS_FILE, PixelCorrections, find_areas, masked_areas, read_edits
 from contactimg.files.decoders import stated_pixel_size
 from contactimg.files.output import finish_commit
-from contactimg.files.sources import FrameSource, is_image, list_frames, natural_key
+from contactimg.files.sources import FrameSource, is_image, list_frames, named_file, natural_key
 from contactimg.files.tables import read_asperities, read_loads
 from contactimg.optics.sensor import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
@@ -151,19 +150,6 @@ def write_scene(data: Mapping[str, object], path: str | Path) -> None:
     write_text(tomlkit.dumps(data), path)
 
 
-def named_file(name: str, folder: Path) -> Path:
-    """The file named by ``name``, or by ``name[k]`` for one of its images; it need not exist.
-
-    Examples
-    --------
-    >>> named_file("stack.tif[3]", Path("no_such_folder")).as_posix()
-    'no_such_folder/stack.tif'
-    """
-    page = re.fullmatch(r"(.+)\[\d+\]", name)
-    path = folder / name
-    return folder / page[1] if page and not path.exists() else path
-
-
 def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     """Find and check the files that a scene names.
 
@@ -205,9 +191,13 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
 
 
 def _compare_pixel_size(scene: Scene, path: Path) -> None:
-    """Log where the scene states no pixel size, or another one than the header of a frame."""
-    header, pixel = stated_pixel_size(path), scene.camera.pixel_size if scene.camera else None
+    """Log where the scene states no pixel size, or the header of a frame another one or none of a square."""
+    sides, pixel = stated_pixel_size(path), scene.camera.pixel_size if scene.camera else None
+    header, height = sides or (0.0, 0.0)
     says = f"{path.name} states pixels of {1e6 * header:.4g} µm" if header else ""
+    if not math.isclose(header, height, rel_tol=1e-3):  # of numbers with four digits
+        cure = "they are taken as square; resample the frames, or correct the header"
+        logger.warning("%s: %s by %.4g µm: %s", scene.folder, says, 1e6 * height, cure)
     if pixel is None:
         cure = "state [camera] pixel_size_m"
         said = "no pixel size is stated, so there are no areas in m2 and no forces"
@@ -246,21 +236,13 @@ def _list_frames(path: str | Path | list[str], scene: Scene, folder: str | Path 
 
 
 def _named_images(scene: Scene, kind: str) -> tuple[FrameSource, ...]:
-    """The images that a key names: files with all their images, globs, or ``name[k]`` for one image."""
-    folder, named, found = Path(scene.folder), getattr(scene.images, kind), list[FrameSource]()
+    """The images that a key names."""
+    named, found = getattr(scene.images, kind), list[FrameSource]()
     for entry in [named] if isinstance(named, str) else named or []:
-        path, file = folder / entry, named_file(entry, folder)
-        if glob.has_magic(entry) and file == path and not file.exists():
-            found += _list_frames(entry, scene, folder)
-            continue
-        missing = f"{path}: there is no such {kind}{'' if kind == 'reference' else ' image'}"
-        if not file.is_file():
-            raise InputError(f"{missing}; give a file of this folder or its path")
-        sources = _list_frames(file, scene)
-        matches = [source for source in sources if file == path or source.name == path.name]
-        if not matches:
-            raise InputError(f"{missing}; name one of {sources[0].name} ... {sources[-1].name}")
-        found += matches
+        try:
+            found += _list_frames(entry, scene, scene.folder)
+        except InputError as error:
+            raise InputError(f"[images] {kind}: {error}") from None
     return tuple(dict.fromkeys(found))
 
 
@@ -270,18 +252,18 @@ def _find_frames(scene: Scene, references: Sequence[FrameSource], used: set[Path
     if named is None:
         named = "frame_*" if any(is_image(path) for path in folder.glob("frame_*")) else "."
     places = {(reference.path.resolve(), reference.index) for reference in references}
-    listed = _list_frames(named, scene, folder)
-    frames = [frame for frame in listed if (frame.path.resolve(), frame.index) not in places]
-    chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
-    kinds = {one.name: kind_of(one.path) for one in frames if one.path not in used | chosen}
-    frames = [frame for frame in frames if frame.path not in used and not kinds.get(frame.name)]
-    others = {kind: [name for name in kinds if kinds[name] == kind] for kind in set(kinds.values()) - {""}}
+    chosen = {folder / named_file(name, folder) for name in ([named] if isinstance(named, str) else named)}
+    by_kind = defaultdict[str, list[FrameSource]](list)
+    for one in _list_frames(named, scene, folder):
+        if one.path not in used and (one.path.resolve(), one.index) not in places:
+            by_kind["" if one.path in chosen else kind_of(one.path)].append(one)
+    frames = by_kind.pop("", [])
     if not frames:
-        besides = first_names([reference.name for reference in references] or others.get("reference", []))
+        besides = first_names(one.name for one in references or by_kind["reference"])
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
-    for kind, names in sorted(others.items()):
-        cure = f"name it as the {kind}, or list it in [images] frames"
-        logger.warning("%s: %s is not measured as a frame; %s", folder, first_names(names), cure)
+    for kind, others in sorted(by_kind.items()):
+        names, cure = first_names(one.name for one in others), f"name it as the {kind}, or list it in"
+        logger.warning("%s: %s is not measured as a frame; %s [images] frames", folder, names, cure)
     return frames
 
 
@@ -304,6 +286,8 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
     if path is None:
         return LOADS.conform({"frame": names})
     loads, present = read_loads(path, pulled=pulled), set(names)
+    if "remark" in loads.attrs:
+        logger.warning("%s: %s", path, loads.attrs["remark"])
     alike: dict[str, set[str]] = {}
     for name in names:
         for alias in (name, Path(name).stem):
@@ -359,11 +343,12 @@ def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]
     numbers = {text: int(float(text.replace(",", "."))) for text in whole}
     if all(name.endswith("]") for name in names):
         first = int(max(numbers.values(), default=0) == len(names) and 0 not in numbers.values())
-        return {text: names[k - first] for text, k in numbers.items() if 0 <= k - first < len(names)}
-    last = [re.findall(r"\d+", Path(name).stem)[-1:] for name in names]
-    counts = Counter(int(found[0]) for found in last if found)
-    frames = {int(found[0]): name for found, name in zip(last, names, strict=True) if found}
-    return {text: frames[k] for text, k in numbers.items() if counts[k] == 1}
+        frames = dict(enumerate(names, start=first))
+    else:
+        last = [(int(found[-1]), name) for name in names if (found := re.findall(r"\d+", Path(name).stem))]
+        counts = Counter(k for k, _ in last)
+        frames = {k: name for k, name in last if counts[k] == 1}
+    return {text: frames[k] for text, k in numbers.items() if k in frames}
 
 
 def set_scene_keys(path: str | Path, section: str, keys: Mapping[str, str | float]) -> None:

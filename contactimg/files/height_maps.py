@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from contactimg.errors import InputError
 from contactimg.files.atomic import naming
 from contactimg.files.decoders import check_size, list_tiff, read_tiff, stated_pixel_size
+from contactimg.files.tables import read_text
 from contactimg.summits import HeightMap
 
 Values = NDArray[np.float64]
@@ -42,19 +43,20 @@ def read_height_map(
     heights = _plain_matrix(path)
     if height_unit is None:
         raise InputError(f"{path}: does not say the unit of its heights; state it with --height-unit")
-    pixel = pixel_size or stated_pixel_size(path)
-    if pixel is None:
+    sides = (pixel_size, pixel_size) if pixel_size else stated_pixel_size(path)
+    if sides is None:
         raise InputError(f"{path}: does not say its pixel size; state it with --pixel-size-um")
     with naming(path):
-        return HeightMap(np.where(np.isfinite(heights), heights, np.nan) * height_unit, (pixel, pixel))
+        return HeightMap(np.where(np.isfinite(heights), heights, np.nan) * height_unit, sides)
 
 
 def _plain_matrix(path: Path) -> Values:
     """The numbers of a plain matrix."""
     suffix = path.suffix.lower()
+    text = read_text(path) if suffix in (".txt", ".csv", ".dat", ".asc", ".tsv", ".xyz") else None
     try:
-        if suffix in (".txt", ".csv", ".dat", ".asc", ".tsv", ".xyz"):
-            return _text_matrix(path)
+        if text is not None:
+            return _text_matrix(text)
         if suffix == ".npy":
             array = np.load(path, allow_pickle=False)
         elif suffix in (".tif", ".tiff"):
@@ -73,14 +75,15 @@ def _plain_matrix(path: Path) -> Values:
         raise InputError(f"{path}: cannot be read as a height map ({error})") from None
 
 
-def _text_matrix(path: Path) -> Values:
+def _text_matrix(text: str) -> Values:
     """A matrix as text."""
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
     first = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
     if not first:
         raise ValueError("it holds no number")
-    separator = next((mark for mark in ("\t", ";", ",") if mark in first), None)
-    if separator in ("\t", ";") and "." not in first:
+    cells = first.split()
+    spaced = len(cells) > 1 and not any("," in (cell[0], cell[-1]) for cell in cells)
+    separator = next((mark for mark in ("\t", ";") if mark in first), None if spaced else ",")
+    if separator != "," and "." not in first:
         text = text.replace(",", ".")  # decimal commas
     matrix = np.genfromtxt(io.StringIO(text), delimiter=separator, loose=False, ndmin=2)
     if separator and np.isnan(matrix[:, -1]).all():  # a separator at the end of each line

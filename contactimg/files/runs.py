@@ -41,12 +41,8 @@ def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
     run : Path
         The output folder of the run.
     """
-    used = [entry for entry in record.get("inputs", []) if isinstance(entry, dict)]
-    return any(
-        hashes and output.sha256_of(run / name) not in hashes
-        for name in RUN_TABLES
-        for hashes in [{entry.get("sha256") for entry in used if Path(str(entry.get("path"))).name == name}]
-    )
+    used = {name: input_hashes(record.get("inputs", []), [name]) for name in RUN_TABLES}
+    return any(hashes and output.sha256_of(run / name) not in hashes for name, hashes in used.items())
 
 
 def _pose_of(record: Mapping[str, Any]) -> PoseFit:
@@ -223,7 +219,7 @@ def _read_run(folder: Path) -> Run:
         raise InputError(f"{folder}: holds no run of contactimg ({file.name} is missing)") from None
     except InputError:
         raise
-    except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+    except Exception as error:  # whatever a damaged record makes of it
         raise InputError(f"{file}: is damaged ({type(error).__name__}: {error}); repeat the run") from None
     contacts, frames = read_run_table(folder, CONTACTS), read_run_table(folder, FRAMES)
     _check_tables(folder, contacts, frames)
@@ -266,7 +262,8 @@ def _read_record(folder: Path) -> tuple[dict[str, Any], Scene, PoseFit | None]:
     later = [path for path in output.changed_inputs(record) if read[path] != output.sha256_of(Path(path))]
     if later:
         logger.warning("%s: %s changed after the run; repeat it", folder, first_names(later))
-    return {"created": "", "inputs": [], "sha256": {}} | record, scene, pose
+    hashes = dict(record.get("sha256", {}))
+    return {"created": "", "inputs": []} | record | {"sha256": hashes}, scene, pose
 
 
 def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) -> None:
@@ -345,10 +342,9 @@ NUMBERS = ("young_modulus", "threshold", "edge_shift", "centre_x", "centre_y")
 def check_calibration(record: Mapping[str, Any], place: str) -> None:
     """Raise an `InputError` if a number of a calibration is none, or has no value."""
     for name, entry in record.items():
-        numbers = isinstance(entry, dict) and {"value", "unit"} <= set(entry)
-        if name in NUMBERS and not (isinstance(entry, dict) and "value" in entry):
-            raise InputError(f"{place}: {name} must hold a value, got {entry!r}")
-        if not (numbers or name in NUMBERS):
+        if not (isinstance(entry, dict) and "value" in entry):
+            if name in NUMBERS:
+                raise InputError(f"{place}: {name} must hold a value, got {entry!r}")
             continue
         if not _is_number(entry["value"]):
             raise InputError(f"{place}: the value of {name} must be a number, got {entry['value']!r}")

@@ -31,6 +31,7 @@ _DECODERS: dict[str, _Decoder] = {
 }
 SUFFIXES = tuple(_DECODERS)
 """File name extensions that hold frames; upper or lower case."""
+_ONE_IMAGE = re.compile(rf"(.+({'|'.join(map(re.escape, SUFFIXES))}))\[\d+\]", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,13 +135,14 @@ def natural_key(text: PathLike) -> str:
 
 @stage("reading")
 def list_frames(path: PathLike | Iterable[PathLike], *, folder: PathLike = ".") -> list[FrameSource]:
-    """List the frames of a folder, a glob, a file or a list of these, without reading an image.
+    """List the frames of a folder, a glob, a file, one of its images, or a list of these; reads no image.
 
     Parameters
     ----------
     path : path-like or iterable of path-like
         A folder gives its image files (without hidden files and sub-folders), a glob the image files that
-        match; both in natural order. A list keeps its order. A file with several images gives all of them.
+        match; both in natural order. A list keeps its order. A file with several images gives all of them, or
+        one by its name ``name[k]``.
     folder : path-like
         Folder that relative paths refer to.
 
@@ -164,8 +166,7 @@ def list_frames(path: PathLike | Iterable[PathLike], *, folder: PathLike = ".") 
     entries = [path] if isinstance(path, str | os.PathLike) else list(path)
     if not entries:
         raise InputError("the list of frames is empty; name at least one file, folder or glob")
-    files = (file for entry in entries for file in _files(Path(folder), entry))
-    sources = [source for file in files for source in _images(file)]
+    sources = [source for entry in entries for source in _sources(Path(folder), os.fspath(entry))]
     names = Counter(source.name for source in sources)
     if len(names) < len(sources):
         name, count = names.most_common(1)[0]
@@ -174,7 +175,30 @@ def list_frames(path: PathLike | Iterable[PathLike], *, folder: PathLike = ".") 
     return sources
 
 
-def _files(folder: Path, entry: PathLike) -> Iterable[Path]:
+def named_file(name: str, folder: Path) -> str:
+    """The name of a file: of the one that holds ``name[k]``, any other as it is; it need not exist.
+
+    Examples
+    --------
+    >>> named_file("stack.tif[3]", Path("no_such_folder"))
+    'stack.tif'
+    """
+    image = _ONE_IMAGE.fullmatch(name)
+    return image[1] if image and not (folder / name).exists() else name
+
+
+def _sources(folder: Path, entry: str) -> list[FrameSource]:
+    """The images of one path, glob or ``name[k]``; raise if there is none."""
+    file = named_file(entry, folder)
+    sources = [source for path in _files(folder, file) for source in _images(path)]
+    chosen = [source for source in sources if file == entry or source.name == Path(entry).name]
+    if not chosen:
+        some = f"{sources[0].name} ... {sources[-1].name}"
+        raise InputError(f"{folder / entry}: there is no such image; name one of {some}")
+    return chosen
+
+
+def _files(folder: Path, entry: str) -> Iterable[Path]:
     """The image files of one path or glob; raise if there is none."""
     path = folder / entry
     if path.is_dir():
@@ -182,8 +206,8 @@ def _files(folder: Path, entry: PathLike) -> Iterable[Path]:
     elif path.exists():
         _decoder(path)
         return [path]
-    elif glob.has_magic(os.fspath(entry)):
-        matches = glob.glob(os.fspath(entry), root_dir=folder, recursive=True)  # noqa: PTH207 (may be absolute)
+    elif glob.has_magic(entry):
+        matches = glob.glob(entry, root_dir=folder, recursive=True)  # noqa: PTH207 (may be absolute)
         found = [folder / match for match in matches]
     else:
         raise InputError(f"{path}: there is no such file or folder")

@@ -20,7 +20,7 @@ import pandas as pd
 from scipy import constants
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import explaining, naming, read_bytes, write_text
+from contactimg.files.atomic import explaining, first_names, naming, read_bytes, write_text
 from contactimg.pose.pose import LARGEST_LENGTH
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, Flag, Schema, flag_names
@@ -68,7 +68,7 @@ def read_table(
         the header has most; with semicolons or tabs a decimal comma is accepted. A column may be in another
         unit that its name states: mm, um or nm for m, mN or uN for N (load_mN, x_um).
     schema : Schema
-        The columns to read; others in the file are ignored, and blank lines are skipped.
+        The columns to read; blank lines are skipped.
     required : collection of str, optional
         Columns that must be present with a value in every row. By default all columns must be present but
         those that a later version added (`Schema.later`), and cells may be empty.
@@ -78,7 +78,8 @@ def read_table(
     Returns
     -------
     DataFrame
-        The columns of the schema, in its order; an empty cell is NaN, NA or the empty text.
+        The columns of the schema, in its order; an empty cell is NaN, NA or the empty text. Where one is
+        missing, ``attrs["remark"]`` names the columns of the file that are not read.
 
     Raises
     ------
@@ -89,7 +90,11 @@ def read_table(
     header = [name.strip() for name in next(rows, (1, []))[1]]
     needed = schema.first if required is None else required
     places, comma = _places(path, header, schema, needed), separator != ","
-    return _converted(path, rows, places, schema, required or (), infinite=infinite, decimal_comma=comma)
+    table = _converted(path, rows, places, schema, required or (), infinite=infinite, decimal_comma=comma)
+    missing, taken = [name for name in schema.columns if name not in places], {k for k, _ in places.values()}
+    if missing and (unread := [repr(name) for k, name in enumerate(header) if k not in taken]):
+        table.attrs["remark"] = f"not read: {first_names(unread)}; it may also hold {', '.join(missing)}"
+    return table
 
 
 def _converted(
@@ -132,7 +137,7 @@ def _converted(
     return schema.joined(blocks)
 
 
-def _text(path: str | Path) -> str:
+def read_text(path: str | Path) -> str:
     """Text of a file in UTF-8 or UTF-16; other bytes are kept, since they occur in names of files."""
     data = read_bytes(path)
     wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
@@ -145,7 +150,7 @@ def _text(path: str | Path) -> str:
 
 def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out."""
-    text = _text(path)
+    text = read_text(path)
     separator = max((",", ";", "\t"), key=text.lstrip("\r\n").partition("\n")[0].count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
@@ -253,15 +258,15 @@ def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
     ----------
     path : str or Path
         CSV with columns ``frame, load_N`` (or load_mN, load_g) and, if measured, ``friction_N,
-        velocity_m_s, tangential_N, time_s``; others are ignored. Text of another form is read as by
-        `read_load_table`.
+        velocity_m_s, tangential_N, time_s``. Text of another form is read as by `read_load_table`.
     pulled : bool
         Whether negative loads are allowed (tension on an adhesive contact).
 
     Returns
     -------
     DataFrame
-        Columns of `contactimg.tables.LOADS`; loads in N, one row per frame.
+        Columns of `contactimg.tables.LOADS`; loads in N, one row per frame. What of the file was not read
+        stands in ``attrs["remark"]``.
 
     Raises
     ------
@@ -411,7 +416,7 @@ def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame
     >>> table["load_N"].tolist(), columns
     ([0.0125], "loads from 'Kraft [mN]', frames from 'Bild'")
     """
-    text, shown = _text(path), ""
+    text, shown = read_text(path), ""
     if re.search("[\udc80-\udcff]", text):  # bytes that are not UTF-8
         text = text.encode("utf-8", errors="surrogateescape").decode("cp1252", errors="replace")
     for separator in ("\t", ";", ",", None, "\n"):  # None: any white space; a line end: a single column
@@ -432,7 +437,11 @@ def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame
                     f"{path}: {len(loads)} columns may be the load ({several}); rename the others", loads
                 )
             if loads:
-                return _load_rows(path, header, rows, loads[0])
+                table, columns = _load_rows(path, header, rows, loads[0])
+                last = rows[-1][0]
+                if any(map(any, lines[last:])):
+                    table.attrs["remark"] = f"is read up to line {last}; a row below has another width"
+                return table, columns
     raise InputError(
         f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
         + (f"; the columns are {shown}" if shown else "")

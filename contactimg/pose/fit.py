@@ -82,8 +82,6 @@ class PoseFit:
         Points given, and points that fall on a target.
     residual : float
         RMS distance of the matched pairs, m (nan if none).
-    chance : float
-        Number of matches expected if the targets had nothing to do with the points.
     length_relative_std : float
         Relative standard uncertainty of a fitted pixel size; 0 for one that was given.
     """
@@ -93,7 +91,6 @@ class PoseFit:
     n_points: int
     n_matched: int
     residual: float
-    chance: float = 0.0
     length_relative_std: float = 0.0
 
 
@@ -147,7 +144,8 @@ def fit_pose(
             best = fit
         if best.n_matched >= NEARLY_ALL * len(points):
             break
-    by_chance = best.chance + CHANCE_SIGMA * np.sqrt(best.chance)
+    expected = len(points) * _chance(spots, gate)
+    by_chance = expected + CHANCE_SIGMA * np.sqrt(expected)
     significant = best.n_matched >= max(MIN_PAIRS, SIGNIFICANT_FRACTION * len(points), by_chance)
     return best if significant else replace(best, pose=guess, fitted=False, length_relative_std=0.0)
 
@@ -163,6 +161,12 @@ def _in_plane(
             wrong = places[~np.isfinite(places)][0]
             raise InputError(f"a pose needs finite x_px, y_px and targets, got {wrong}; leave these rows out")
     return as_complex(points), as_complex(spots), pairing_distance(spots, guess)
+
+
+def _chance(spots: Points, gate: float) -> float:
+    """Probability that a point falls on a target that has nothing to do with it."""
+    area = np.ptp(spots.real) * np.ptp(spots.imag)
+    return float(min(len(spots) * np.pi * gate**2 / area, 1.0)) if area > 0 else 1.0
 
 
 def _grid(
@@ -214,8 +218,6 @@ def refine(
         alpha, beta = np.linalg.lstsq(design, spots[j])[0]
         robust_std = MAD_TO_STD * float(np.median(distance))
         reach = min(gate, max(OUTLIER_SIGMA * robust_std, MIN_PAIRING_PX * guess.pixel_size))
-    area = np.ptp(spots.real) * np.ptp(spots.imag)
-    chance = len(points) * len(spots) * np.pi * gate**2 / area if area > 0 else float(len(points))
     size, turn = float(abs(alpha)), float(np.angle(alpha) if mirrored else -np.angle(alpha))
     centre = (float(beta.real), float(beta.imag))
     return PoseFit(
@@ -225,7 +227,6 @@ def refine(
         n_matched=len(i),
         residual=float(np.sqrt(np.mean(distance**2))) if len(i) else np.nan,
         length_relative_std=_scale_std(turned[i], distance) / size,
-        chance=float(chance),
     )
 
 
@@ -316,9 +317,8 @@ def _best_pose(
     starts = [(alpha, beta, mirrored) for _, beta, alpha, mirrored in candidates[:REFINED_CANDIDATES]]
     fits = [refine(points, spots, guess, start, gate) for start in starts]
     best, (alpha, beta, mirrored) = max(zip(fits, starts, strict=True), key=lambda pair: pair[0].n_matched)
-    area = np.ptp(spots.real) * np.ptp(spots.imag)
-    trials = max(area / gate**2, 1.0) * len(grid)
-    chance = min(best.chance / len(points), 1.0)
+    chance = _chance(spots, gate)
+    trials = len(grid) * len(spots) * np.pi / chance  # as many shifts as pairing distances fit into the area
     if bdtrc(best.n_matched - 1, len(points), chance) * trials > FALSE_ALARM_RATE:
         return None
     # on a lattice another shift explains as much

@@ -58,25 +58,25 @@ class Pose:
         rows, columns = self.shape
         return np.array([(columns - 1) / 2, (rows - 1) / 2])
 
-    @property
-    def matrix(self) -> NDArray[np.float64]:
-        """2 x 2 matrix that turns a sample displacement (m) into a pixel displacement."""
-        c, s = np.cos(self.rotation), np.sin(self.rotation)
-        flip = -1.0 if self.mirrored else 1.0
-        return np.array([[c, -s * flip], [s, c * flip]]) / self.pixel_size
-
     def to_pixels(self, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Pixel coordinates ``(x_px, y_px)`` of sample points (m)."""
         dx, dy = np.asarray(x, float) - self.centre[0], np.asarray(y, float) - self.centre[1]
-        x_px, y_px = _turned(self.matrix, dx, dy)
+        x_px, y_px = _turned(dx, self._flip * dy, self.rotation, 1 / self.pixel_size)
         return x_px + self.image_centre[0], y_px + self.image_centre[1]
 
     def to_sample(self, x_px: ArrayLike, y_px: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Sample coordinates ``(x, y)`` in m of pixel positions."""
-        q0 = self.image_centre
-        inverse = np.asarray(np.linalg.inv(self.matrix), np.float64)
-        x, y = _turned(inverse, np.asarray(x_px, float) - q0[0], np.asarray(y_px, float) - q0[1])
-        return x + self.centre[0], y + self.centre[1]
+        dx, dy = (
+            np.asarray(x_px, float) - self.image_centre[0],
+            np.asarray(y_px, float) - self.image_centre[1],
+        )
+        x, y = _turned(dx, dy, -self.rotation, self.pixel_size)
+        return x + self.centre[0], self._flip * y + self.centre[1]
+
+    @property
+    def _flip(self) -> float:
+        """Sense of +y of the sample in the image."""
+        return -1.0 if self.mirrored else 1.0
 
     def angle_in_image(self, angle: ArrayLike) -> NDArray[np.float64]:
         """Direction of axes in the image, from +x_px towards +y_px, of directions on the sample (rad).
@@ -89,14 +89,13 @@ class Pose:
         >>> mirrored.angle_in_image([0.25]).round(6)
         array([-0.25])
         """
-        angle = np.asarray(angle, float)
-        x, y = _turned(self.matrix, np.cos(angle), np.sin(angle))
-        turned = np.arctan2(y, x)
-        return (turned + np.pi / 2) % np.pi - np.pi / 2
+        turned = self._flip * np.asarray(angle, float) + self.rotation
+        return np.asarray((turned + np.pi / 2) % np.pi - np.pi / 2)
 
 
 def _turned(
-    matrix: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
+    x: NDArray[np.float64], y: NDArray[np.float64], angle: float, size: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Matrix times points, each on its own: a product of matrices would round by how many there are."""
-    return matrix[0, 0] * x + matrix[0, 1] * y, matrix[1, 0] * x + matrix[1, 1] * y
+    """Points turned and scaled, each on its own: a product of matrices would round by how many there are."""
+    c, s = size * np.cos(angle), size * np.sin(angle)
+    return c * x - s * y, s * x + c * y

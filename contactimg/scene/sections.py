@@ -21,8 +21,7 @@ from contactimg.errors import InputError
 
 MAX_PIXELS = 200_000_000
 """Largest image and largest synthetic frame, px: 1.6 GB in double precision, twelve times a camera of 16
-megapixels. Chosen: it stops headers that lie and decompression bombs, for which an environment variable
-replaces it (`contactimg.files.decoders.MAX_PIXELS_VARIABLE`), and catches slips of the pen."""
+megapixels. Chosen: it stops headers that lie and decompression bombs, and catches slips of the pen."""
 
 MIN_ELECTRONS_PER_LEVEL = 1e-3
 """Smallest number of electrons per grey level above 0. Chosen: below it every pixel is noise."""

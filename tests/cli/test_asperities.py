@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 from contactimg.cli import main
-from contactimg.files import read_asperities, read_table
+from contactimg.files import read_asperities, read_height_map, read_table
 from contactimg.tables import SUMMITS
 
 PIXEL_UM = 1.5
@@ -41,10 +41,12 @@ def written(folder, heights, kind):
         path.write_text("# heights in um\n" + "\n".join(lines))
     else:
         np.savetxt(path, heights, fmt="%.4f")
+    if kind == "asc":  # numbers with a decimal comma between spaces, in the encoding of Windows' "Unicode"
+        path.write_text(path.read_text().replace(".", ","), encoding="utf-16")
     return path
 
 
-@pytest.mark.parametrize("kind", ["npy", "tif", "csv", "txt"])
+@pytest.mark.parametrize("kind", ["npy", "tif", "csv", "txt", "asc"])
 def test_a_plain_matrix_gives_the_table_that_other_commands_read(heights, tmp_path, kind):
     path = written(tmp_path, heights, kind)
     out = tmp_path / "out"
@@ -75,6 +77,14 @@ def test_a_plain_matrix_gives_the_table_that_other_commands_read(heights, tmp_pa
     assert record["inputs"]
 
 
+def test_a_map_of_pixels_that_are_no_squares_keeps_both_sides(heights, tmp_path):
+    path, resolution = tmp_path / "map.tif", (1 / 0.5, 1 / 0.8)
+    image = heights.astype(np.float32)
+    tifffile.imwrite(path, image, imagej=True, resolution=resolution, metadata={"unit": "um"})
+    assert read_height_map(path, height_unit=1e-6).pixel_size == pytest.approx((5e-7, 8e-7))
+    assert read_height_map(path, pixel_size=1e-6, height_unit=1e-6).pixel_size == (1e-6, 1e-6)
+
+
 def test_predict_reads_the_table(heights, tmp_path, capsys):
     path = written(tmp_path, heights, "npy")
     command = ["asperities", str(path), "--pixel-size-um", str(PIXEL_UM), "--height-unit", "um"]
@@ -100,6 +110,11 @@ def test_predict_reads_the_table(heights, tmp_path, capsys):
         (("map.sur", "no surface"), [], "cannot be read as a height map"),
         (("map.txt", "a b c\n" * 20), [], "cannot be read as a height map"),
         (("map.txt", "# from the profilometer\n"), [], "as a height map (it holds no number)"),
+        (("map.txt", "PK\3\4\0\0"), [], "map.txt: is an Excel workbook or another zip file, not text"),
+        (("map.txt", "1, 2, 3, 4\n" * 20), SCALE, "rows and columns, got the shape (20, 4)"),
+        (("map.txt", "1,5 2 3 4,5\n" * 20), SCALE, "rows and columns, got the shape (20, 4)"),
+        (("map.txt", "1,5;2;3;4,5;\n" * 20), SCALE, "rows and columns, got the shape (20, 4)"),
+        (("map.txt", "1,2,3,4\n" * 20), SCALE, "rows and columns, got the shape (20, 4)"),
         (("map.txt", (" ".join(["0"] * 30) + "\n") * 30), SCALE, "no summit found"),
     ],
 )

@@ -334,7 +334,10 @@ BAD_INPUT = {
         small_reference,
         "frame_1.tif: the reference must have the size of the frame, 360 x 340 pixels, got 30 x 20",
     ),
-    "reference missing": (no_reference, r"reference\.tif: there is no such reference"),
+    "reference missing": (
+        no_reference,
+        r"\[images\] reference: .*reference\.tif: there is no such file or folder",
+    ),
     "no frames": (no_frames, "matches no image file"),
     "missing column": (no_height, r"asperities\.csv: column height_m is missing"),
     "word for a number": (

@@ -122,14 +122,30 @@ def test_names_say_what_an_image_is(tmp_path, capsys):
 def test_imagej_states_the_pixel_size(tmp_path, unit, metres):
     path = tmp_path / "a.tif"
     tifffile.imwrite(path, FLAT_GREY, imagej=True, resolution=(1 / 6, 1 / 6), metadata={"unit": unit})
-    expected = None if metres is None else pytest.approx(6 * metres, rel=1e-6)
+    expected = None if metres is None else pytest.approx((6 * metres, 6 * metres), rel=1e-6)
     assert stated_pixel_size(path) == expected
+    tifffile.imwrite(path, FLAT_GREY, imagej=True, resolution=(1 / 6, 1 / 12), metadata={"unit": unit})
+    expected = None if metres is None else pytest.approx((6 * metres, 12 * metres), rel=1e-6)
+    assert stated_pixel_size(path) == expected
+
+
+def test_pixels_that_are_no_squares_are_said(tmp_path, capsys):
+    resolution = (1 / 6, 1 / 12)
+    for name in ("a.tif", "b.tif"):
+        tifffile.imwrite(
+            tmp_path / name, FLAT_GREY, imagej=True, resolution=resolution, metadata={"unit": "um"}
+        )
+    assert main(["init", str(tmp_path), "--no-input"]) == 0
+    said = capsys.readouterr().err
+    assert "a.tif states pixels of 6 µm by 12 µm: they are taken as square; resample the frames" in said
 
 
 def test_ome_states_the_pixel_size_and_a_print_resolution_is_none(tmp_path, caplog):
     path = tmp_path / "a.ome.tif"
-    tifffile.imwrite(path, FLAT_GREY, ome=True, metadata={"axes": "YX", "PhysicalSizeX": 5.9})
-    assert stated_pixel_size(path) == pytest.approx(5.9e-6)
+    stated = {"axes": "YX", "PhysicalSizeX": 5.9}
+    for more, height in (({}, 5.9e-6), ({"PhysicalSizeY": 7100, "PhysicalSizeYUnit": "nm"}, 7.1e-6)):
+        tifffile.imwrite(path, FLAT_GREY, ome=True, metadata=stated | more)
+        assert stated_pixel_size(path) == pytest.approx((5.9e-6, height))
     tifffile.imwrite(tmp_path / "b.tif", FLAT_GREY, resolution=(300, 300), resolutionunit="INCH")
     assert stated_pixel_size(tmp_path / "b.tif") is None
     for damaged in (path.read_bytes()[:200], b"II*\0broken"):

@@ -175,7 +175,7 @@ def test_a_mask_or_a_dark_frame_that_changes_is_read_again(tmp_path, key, seen):
         ({"mask": "bad.roi"}, "bad.roi: is not an ImageJ ROI file"),
         ({"mask": "m.tif"}, "m.tif has 3 x 3 pixels, the frame frame_1.tif has 5 x 4"),
         ({"dark": "m.tif"}, "m.tif has 3 x 3 pixels, the frame frame_1.tif has 5 x 4"),
-        ({"flat": "gone.tif"}, "gone.tif: there is no such flat image; give a file of this folder"),
+        ({"flat": "gone.tif"}, "gone.tif: there is no such file or folder"),
     ],
 )
 def test_bad_masks_and_darks_get_one_sentence(tmp_path, images, sentence):

@@ -64,6 +64,14 @@ def test_ways_to_write_the_same_loads(tmp_path, content):
     }
 
 
+def test_columns_that_are_not_read_are_named(tmp_path):
+    loads = loads_of(tmp_path, "frame,load_N,fricton_N,time_ms\na.tif,0.02,1,2\n")
+    assert loads.attrs["remark"] == (
+        "not read: 'fricton_N', 'time_ms'; it may also hold friction_N, velocity_m_s, tangential_N, time_s"
+    )
+    assert "remark" not in loads_of(tmp_path, "frame,load_N\na.tif,0.02\n").attrs
+
+
 def test_optional_columns_are_kept(tmp_path):
     loads = loads_of(tmp_path, "frame,load_N,velocity_m_s,friction_N\na.tif,0.02,1e-4,\n")
     assert loads["velocity_m_s"].tolist() == [1e-4]

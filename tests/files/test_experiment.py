@@ -217,7 +217,8 @@ def test_page_of_a_stack_as_reference(folder):
     assert experiment.references[0].read().image[0, 0] == 0
     assert names(experiment) == ["s.tif[1]", "s.tif[2]"]
     assert list(experiment.inputs) == [with_pages]
-    sentence = f"{folder / 's.tif[3]'}: there is no such reference; name one of s.tif[0] ... s.tif[2]"
+    path = folder / "s.tif[3]"
+    sentence = f"[images] reference: {path}: there is no such image; name one of s.tif[0] ... s.tif[2]"
     assert refusal(folder, images={"reference": "s.tif[3]", "frames": "s.tif"}) == sentence
     sentence = f"{folder}: there is no frame besides the reference s.tif[0], s.tif[1], s.tif[2]"
     assert refusal(folder, images={"reference": "s.tif", "frames": "s.tif"}) == sentence
@@ -240,7 +241,7 @@ def test_several_references(folder, reference, expected):
 
 
 def test_missing_reference_among_several(folder):
-    sentence = f"{folder / 'other.tif'}: there is no such reference; give a file of this folder or its path"
+    sentence = f"[images] reference: {folder / 'other.tif'}: there is no such file or folder"
     assert refusal(folder, images={"reference": ["reference.tif", "other.tif"]}) == sentence
 
 
@@ -254,9 +255,21 @@ def test_absolute_paths(folder, tmp_path_factory):
 
 
 def test_reference_that_is_missing(folder):
-    sentence = f"{folder / 'dark.tif'}: there is no such reference; give a file of this folder or its path"
+    sentence = f"[images] reference: {folder / 'dark.tif'}: there is no such file or folder"
     assert refusal(folder, images={"reference": "dark.tif"}) == sentence
-    assert refusal(folder, images={"reference": "dark.tif[0]"}) == sentence.replace("dark.tif", "dark.tif[0]")
+    assert refusal(folder, images={"reference": "dark.tif[0]"}) == sentence
+
+
+def test_single_images_of_a_stack_as_frames(folder):
+    import tifffile
+
+    stack = np.arange(3 * 20).reshape(3, 4, 5).astype(np.uint8)
+    (folder / "loads.csv").unlink()
+    for name in ("s.tif", "dark.tif"):  # a file that is named is a frame, whatever it is called
+        tifffile.imwrite(folder / name, stack, photometric="minisblack")
+        experiment = experiment_of(folder, images={"frames": [f"{name}[2]", f"{name}[0]"]})
+        assert names(experiment) == [f"{name}[2]", f"{name}[0]"]
+        assert [frame.read().image[0, 0] for frame in experiment.frames] == [40, 0]
 
 
 def test_frames_that_are_not_there(folder):

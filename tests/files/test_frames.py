@@ -266,6 +266,13 @@ def test_white_is_zero_is_turned_round(tmp_path, levels, dtype):
     np.testing.assert_array_equal(frame.image, full - levels_read)
 
 
+def test_white_of_twelve_bits_is_turned_round_within_them(tmp_path, levels):
+    tag = (281, "H", 1, 4095, True)  # MaxSampleValue
+    frame = only_frame(write_tiff(tmp_path / "a.tif", levels, photometric="miniswhite", extratags=[tag]))
+    assert frame.full_scale == 4095
+    np.testing.assert_array_equal(frame.image, 4095 - levels.astype(int))
+
+
 def test_holes_of_a_float_tiff_stay_holes(tmp_path, levels):
     array = levels.astype(np.float32)
     array[3, 5] = np.nan

@@ -92,6 +92,16 @@ def test_a_cell_that_is_no_number_is_named_by_its_line(tmp_path, caplog):
         read_loads(tmp_path / "k.txt")
 
 
+def test_rows_below_one_of_another_width_are_said_to_be_left_out(tmp_path, caplog):
+    (tmp_path / "k.txt").write_text("Bild\tKraft [mN]\na.tif\t1\n\n")
+    assert "remark" not in read_loads(tmp_path / "k.txt").attrs
+    (tmp_path / "k.txt").write_text("Bild\tKraft [mN]\na.tif\t1\nb.tif\t2\t3\nc.tif\t4\n")
+    frames_in(tmp_path, ["a.tif"])
+    experiment = open_experiment(scene_from_dict({"images": {"loads": "k.txt"}}, folder=str(tmp_path)))
+    assert experiment.loads["load_N"].tolist() == [0.001]
+    assert caplog.messages[0] == f"{tmp_path / 'k.txt'}: is read up to line 2; a row below has another width"
+
+
 def test_a_long_table_without_loads_is_passed_over_at_once(tmp_path):
     frames_in(tmp_path, ["p1.tif"])
     (tmp_path / "track.txt").write_text("".join(f"{k}\t{k / 7:.3f}\t{k / 9:.3f}\n" for k in range(6000)))

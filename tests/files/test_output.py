@@ -1,5 +1,6 @@
 """Output folders: whole or as before, one run at a time, with provenance that gives the run back."""
 
+import errno
 import hashlib
 import json
 import os
@@ -63,6 +64,23 @@ def test_file_keeps_its_old_content_if_writing_fails(tmp_path):
         part.write_text("ne")
         raise RuntimeError("half-way")
     assert content(tmp_path) == {"a.txt": "old"}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="folders are flushed on POSIX alone")
+def test_a_folder_that_the_system_does_not_flush_is_no_fault(tmp_path, monkeypatch):
+    real = os.fsync
+
+    def refuse(handle, kind):
+        if stat.S_IFMT(os.fstat(handle).st_mode) == kind:
+            raise OSError(errno.EINVAL, "Invalid argument")
+        real(handle)
+
+    (tmp_path / "a").write_text("whole")
+    monkeypatch.setattr(os, "fsync", lambda handle: refuse(handle, stat.S_IFDIR))
+    atomic.flush_to_disk(tmp_path / "a")
+    monkeypatch.setattr(os, "fsync", lambda handle: refuse(handle, stat.S_IFREG))
+    with pytest.raises(OSError, match="Invalid argument"):
+        atomic.flush_to_disk(tmp_path / "a")
 
 
 def test_two_writers_of_one_file_do_not_disturb_each_other(tmp_path):

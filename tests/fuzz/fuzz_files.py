@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 from file_cases import KINDS, Samples, make_samples, run_case
 
 from contactimg.errors import ContactimgError
-from contactimg.files.decoders import MAX_PIXELS_VARIABLE
+from contactimg.files import decoders
 
 PIXELS = 4_000_000
 """Largest image, px: 32 MB in double precision, so that a lie about the size shows within `MEMORY`."""
@@ -94,7 +94,7 @@ def main() -> int:
     parser.add_argument("--only", type=int, help="number of a single case, run in this process")
     parser.add_argument("--limit", type=float, default=60.0, help="seconds of processor time a case may take")
     options = parser.parse_args()
-    os.environ[MAX_PIXELS_VARIABLE] = str(PIXELS)
+    decoders.MAX_PIXELS = PIXELS
     kinds = options.kind or list(KINDS)
     top = Path(tempfile.mkdtemp(prefix="fuzz_files_"))
     try:

@@ -4,7 +4,9 @@ import os
 
 import pytest
 from file_cases import make_samples
-from fuzz_files import MAX_PIXELS_VARIABLE, PIXELS, in_a_child, kind_of
+from fuzz_files import PIXELS, in_a_child, kind_of
+
+from contactimg.files import decoders
 
 pytestmark = pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux")  # noqa: PTH110
 
@@ -19,7 +21,7 @@ def samples(tmp_path_factory):
     [(["tiff", "still", "seq", "video", "scene", "table"], 36), (["run"], 3)],
 )
 def test_mutated_files_are_read_or_refused(samples, monkeypatch, kinds, count):
-    monkeypatch.setenv(MAX_PIXELS_VARIABLE, str(PIXELS))
+    monkeypatch.setattr(decoders, "MAX_PIXELS", PIXELS)
     for number in range(count):
         text = in_a_child(number, 15, kind_of(number, kinds), samples, limit=60.0)
         assert text in {"read", "refused"}, f"case {number} of seed 15: {text}"

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from edge_frames import edge_frame
+from frame_sums import total_area
 
-from contactimg.forces import total_area
 from contactimg.imaging.fit.pooling import pool_edges
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.edge_shape import PARAMETERS, RESPONSE

@@ -3,11 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
+from frame_sums import total_area, total_force
 from scipy import stats
 
 from contactimg.errors import InputError
 from contactimg.files import read_frames, read_scene
-from contactimg.forces import total_area, total_force
 from contactimg.frame import Frame
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit import shared_optics
