@@ -30,7 +30,7 @@ from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.foreground import Foreground, find_foreground
 from contactimg.imaging.pixels.field_of_view import find_margin, find_unlit
 from contactimg.imaging.pixels.frame_pair import FramePair, keep_freed_memory
-from contactimg.imaging.pixels.masks import exclude
+from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.sensor_defects import divide_by_mosaic, mosaic_gains, repair_defects
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.imaging.profile.limits import RESOLVED
@@ -356,13 +356,22 @@ def _without_sensor(pair: FramePair) -> FramePair:
         images = [divide_by_mosaic(image, gains) for image in images]
     repaired, defects = zip(*(repair_defects(image, pair.valid) for image in images), strict=True)
     saturated = None if pair.saturated is None else exclude(pair.saturated, defects[0])
-    valid = pair.valid
-    for image in repaired:
-        valid = exclude(exclude(valid, find_unlit(image, valid)), find_margin(image, valid, pair.full_scale))
+    shown = [_lit(image, pair) for image in repaired]
+    valid = shown[-1]
+    if len(shown) > 1 and any(part is not None for part in shown):
+        every = np.ones(pair.frame.shape, np.uint8)
+        one, other = (every if part is None else part for part in shown)
+        valid, pair = one & other, replace(pair, lit_in_one=float(np.mean(one != other)))
     if valid is not None and not valid.any():
         return pair
     frame, reference = (*repaired, None)[:2]
     return replace(pair, frame=frame, reference=reference, valid=valid, saturated=saturated)
+
+
+def _lit(image: NDArray, pair: FramePair) -> Mask:
+    """0 at the holes of a pair, and where no light reaches an image of it or a margin was drawn."""
+    unlit = find_unlit(image, pair.valid), find_margin(image, pair.valid, pair.full_scale)
+    return exclude(exclude(pair.valid, unlit[0]), unlit[1])
 
 
 def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:

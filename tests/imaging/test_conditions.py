@@ -257,3 +257,20 @@ def test_a_few_letters_among_many_contacts_are_said_by_their_area(rng):
     found = measure_image(drawn, reference)
     assert found.status != "ok"
     assert "of the area, are at the full scale of the sensor and no disks" in found.message
+
+
+@pytest.mark.parametrize("broken", ["frame", "reference"])
+def test_contacts_that_only_one_image_lights_are_missed_and_said(broken, rng):
+    """The lower rows of one image were lost on the way from the camera; of both, nothing would be missed."""
+    optics = Optics(shape=(480, 640), dust=0)
+    truth = scatter(40, optics, rng, radii=(4.0, 12.0))
+    images = dict(zip(("frame", "reference"), render(truth, optics, rng), strict=True))
+    both = {name: image.copy() for name, image in images.items()}
+    for image in both.values():
+        image[320:] = 0
+    alone = images | {broken: both[broken]}
+    assert measure_image(both["frame"], both["reference"]).status == "ok"
+    found = measure_image(alone["frame"], alone["reference"])
+    assert len(match(truth[truth["y_px"] < 290.0], found.disks)) == np.sum(truth["y_px"] < 290.0)
+    assert found.status == "unresolved"
+    assert "% of the pixels are lit in one of frame and reference alone" in found.message

@@ -33,8 +33,8 @@ which others may be false or missing. By hand."""
 LIGHT_CHANGE = 1.5
 """Ratio of the background to the reference, or its inverse, above which the light has changed. By hand."""
 HIDDEN_SHARE = 0.02
-"""Share of the frame under hairs and scratches, or not covered by the reference, above which contacts may be
-missing. By hand: one of twenty contacts of a usual frame."""
+"""Share of the frame under hairs and scratches, or not covered or not lit by the reference, above which
+contacts may be missing. By hand: one of twenty contacts of a usual frame."""
 DARK_SHARE = 0.004
 """Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it
 make 0.013."""
@@ -118,6 +118,12 @@ def _light(seen: Judged) -> Iterator[tuple[str, str]]:
                 f"{100 * bare:.2g} % of the frame bare: contacts there were left out"
             )
             yield Status.UNRESOLVED, text
+    if (dark := foreground.frame_pair.lit_in_one) > HIDDEN_SHARE:
+        text = (
+            f"{100 * dark:.2g} % of the pixels are lit in one of frame and reference alone: contacts there "
+            "were left out"
+        )
+        yield Status.UNRESOLVED, text
     if min(rows, columns) < LEAST_SIDE_PX and seen.count:
         text = (
             f"the frame has {rows} x {columns} pixels: contacts and their background need {LEAST_SIDE_PX} "

@@ -58,6 +58,8 @@ class FramePair:
         Level of no light; minus infinity if negative levels show that it is not known.
     whole_levels : bool
         Whether the frame has whole grey levels.
+    lit_in_one : float
+        Share of the pixels that light reaches in one of the images alone.
     """
 
     frame: Levels
@@ -69,6 +71,7 @@ class FramePair:
     full_scale: float = float("inf")
     black: float = 0.0
     whole_levels: bool = False
+    lit_in_one: float = 0.0
 
     def with_rounding(self, noise: float) -> float:
         """A standard deviation of pixels, at least that of rounding where they are whole grey levels."""
