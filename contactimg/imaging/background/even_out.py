@@ -26,7 +26,7 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
-from contactimg.imaging.contrast.polarity import find_polarity
+from contactimg.imaging.contrast.polarity import find_sign
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
 from contactimg.imaging.pixels.masks import Flags, Values
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
@@ -71,7 +71,7 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
     uneven = np.mean(_mesh(blocks, used)[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2
     if not uneven and np.mean(find_flat_blocks(blocks, scatter) & ~background) < NOTABLE_SHARE:
         return difference
-    sign = sign or (-1 if find_polarity(blocks, background) == "dark" else 1)
+    sign = sign or find_sign(blocks, background)
     regions = _find_background_regions(np.float32(sign) * blocks, scatter, background, sign * light_level)
     members = regions > 0
     if np.mean(members) < NOTABLE_SHARE:

@@ -32,7 +32,7 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
-from contactimg.imaging.contrast.polarity import find_polarity
+from contactimg.imaging.contrast.polarity import find_sign
 from contactimg.imaging.detect.bars_and_scratches import label_regions
 from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.pixels.blocks import (
@@ -104,9 +104,8 @@ def estimate_background(
         roundness = [_roundness(one, sign, valid) for one, sign in both] if len(both) > 1 else [1.0]
         crowd, sign = both[int(np.argmax(roundness))]
         return replace(crowd, valid=valid), sign
-    sign, blocks = signs[0], block_means(flat.image, flat.valid)
-    if len(signs) > 1:
-        sign = -1 if find_polarity(blocks, flat.illumination.background) == "dark" else 1
+    blocks = block_means(flat.image, flat.valid)
+    sign = sum(signs) or find_sign(blocks, flat.illumination.background)
     limit = BACKGROUND_CLIP_SIGMA * flat.illumination.scatter
     if np.mean(sign * blocks < -limit) > NOTABLE_SHARE:  # no contact is darker than the background
         other = _flat_behind_envelope(frame, shown, sign, rounding)

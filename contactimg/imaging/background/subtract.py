@@ -32,7 +32,7 @@ from contactimg.imaging.background.illumination import (
 )
 from contactimg.imaging.background.no_reference import estimate_background, scatter_of_blocks
 from contactimg.imaging.background.register import BIN_PX, align, search_alignment
-from contactimg.imaging.contrast.polarity import find_polarity
+from contactimg.imaging.contrast.polarity import find_sign
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, find_clipped, rounding_of_blocks, side_of
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
@@ -96,7 +96,7 @@ def remove_background(
     valid, light, level, sign = plain.valid, best.illumination, plain.level, SIGNS[polarity]
     if not sign:
         seen = block_means(best.image, valid, side=side_of(light.background.shape, frame.shape))
-        sign = -1 if find_polarity(seen, light.background) == "dark" else 1
+        sign = find_sign(seen, light.background)
     blocks = block_means(best.image, valid)
     scatter = max(scatter_of_blocks(part, plain.rounding) for part in (blocks, blocks.T))
     limit = BACKGROUND_CLIP_SIGMA * scatter
