@@ -228,7 +228,7 @@ class DifferenceImage:
     illumination : Illumination
         Of the background: ratio to the reference, or grey level without one; and which blocks are background.
     alignment : Alignment or None
-        Of the frame against the reference, NaN if the images do not determine it; None without reference.
+        Of the frame against the reference; None without reference.
     ratio : bool
         Whether ``illumination`` is a ratio to the reference.
     valid : ndarray of uint8 or None

@@ -49,7 +49,6 @@ BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highes
 """Level of the background among those of a frame, by the polarity of the contacts."""
 SIGNS = {"bright": 1, "dark": -1, "auto": 0}
 """Sign that makes contacts positive, by their polarity; 0 where the frame shows it."""
-NO_ALIGNMENT = Alignment(np.nan, np.nan, np.inf)
 REGISTERED = Alignment(0.0, 0.0, 0.0)
 
 
@@ -90,10 +89,14 @@ def remove_background(
     sign : int
         That makes contacts positive.
     """
-    level_is = BACKGROUND_IS[polarity]
+    level_is, sign = BACKGROUND_IS[polarity], SIGNS[polarity]
     plain = subtract_reference(frame, reference, valid=valid, background_is=level_is, **registration)
-    best = even_out(plain, sign=SIGNS[polarity]) if plain.ratio else plain
-    valid, light, level, sign = plain.valid, best.illumination, plain.level, SIGNS[polarity]
+    if plain is None:
+        rest = np.subtract(frame, reference, dtype=np.float32)
+        difference, sign = estimate_background(rest, valid=valid, polarity=polarity)
+        return replace(_without_clipped(difference, frame), alignment=UNKNOWN), sign
+    best = even_out(plain, sign=sign)
+    valid, light, level = plain.valid, best.illumination, plain.level
     if not sign:
         seen = block_means(best.image, valid, side=side_of(light.background.shape, frame.shape))
         sign = find_sign(seen, light.background)
@@ -101,7 +104,7 @@ def remove_background(
     scatter = max(scatter_of_blocks(part, plain.rounding) for part in (blocks, blocks.T))
     limit = BACKGROUND_CLIP_SIGMA * scatter
     changed = np.mean(light.background) < LEAST_BACKGROUND or np.mean(sign * blocks < -limit) > NOTABLE_SHARE
-    if not (changed and plain.ratio and np.isfinite(blocks).any()):
+    if not (changed and np.isfinite(blocks).any()):
         return _without_clipped(best, frame), sign
     found = np.abs(blocks) < limit
     least = np.mean(found) + NOTABLE_SHARE
@@ -124,7 +127,7 @@ def subtract_reference(
     background_is: BackgroundLevel = "nearest_one",
     registered: bool = False,
     whole: bool = False,
-) -> DifferenceImage:
+) -> DifferenceImage | None:
     """Frame minus background: registered reference times the ratio of the illuminations.
 
     Parameters
@@ -142,12 +145,13 @@ def subtract_reference(
 
     Returns
     -------
-    DifferenceImage
+    DifferenceImage or None
+        None for a reference that is dark or was subtracted before: it cannot be divided by.
     """
     images = _Images(frame, reference, valid, background_is, rounding_of_blocks(frame, reference))
     placed = _PlacedReference.of(images, UNKNOWN)
     if placed is None:
-        return _subtract_plainly(images)
+        return None
     residual, missed = REGISTERED, False
     if not registered:
         placed, residual, missed = _register(placed, whole=whole)
@@ -161,7 +165,7 @@ def subtract_reference(
         level,
         placed.brightness,
         light,
-        found if found.known else NO_ALIGNMENT,
+        found,
         ratio=True,
         valid=placed.valid,
         registration_failed=missed and not residual.known,
@@ -316,21 +320,3 @@ def _approach(
             continue
         placed, residual = candidate, left
     return placed, residual
-
-
-def _subtract_plainly(images: _Images) -> DifferenceImage:
-    """Plain difference for a reference that is dark or was subtracted before: it cannot be divided by."""
-    frame, reference, valid = images.frame, images.reference, images.valid
-
-    def difference(side: int, rows: Rows) -> tuple[NDArray, float]:
-        above, below = (_means_of_rows(image, valid, side, rows) for image in (frame, reference))
-        return above - below, _noise_of_two(below)
-
-    illumination = find_illumination(
-        difference, frame.shape, background_is="most_common", rounding=images.rounding
-    )
-    image = illumination.subtract_from(np.subtract(frame, reference, dtype=np.float32))
-    brightness = np.ones([-(-size // BLOCK) for size in frame.shape], np.float32)
-    return DifferenceImage(
-        image, 0.0, brightness, illumination, NO_ALIGNMENT, valid=valid, rounding=images.rounding
-    )

@@ -219,7 +219,6 @@ def test_whole_pixels_move_exactly_right_and_down(rng):
 def test_no_texture_is_no_shift():
     frame, reference = frames(some_disks(), texture=0.0)
     found = subtract_reference(frame, reference, background_is="lowest").alignment
-    assert np.isnan([found.x_px, found.y_px]).all()
     assert not found.known
     result = measure_image(frame, reference)
     assert np.isnan([result.shift_x_px, result.shift_y_px]).all()
