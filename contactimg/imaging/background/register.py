@@ -259,8 +259,8 @@ def _sum_row(frame, above, below, reference, over, under, mask, middle, clip, ou
 
 
 def search_alignment(
-    frame: NDArray, reference: NDArray, illumination: Illumination, valid: Mask, near: Alignment
-) -> tuple[Alignment | None, bool] | None:
+    frame: NDArray, reference: NDArray, illumination: Illumination, valid: Mask, *, near: Alignment
+) -> tuple[Alignment | None, bool]:
     """Search shifts of up to a quarter of the image and rotations of up to a degree.
 
     The images are as for `align`; ``near`` is the shift at the centre of the image, if known.
@@ -268,13 +268,12 @@ def search_alignment(
     Returns
     -------
     alignment, textured
-        To about 1 px, with a rotation and scale if the tiles show one, None if no peak stands out; and
-        whether the reference has more texture than a few grains of dirt. None in place of both if it has
-        nothing that a shift would move.
+        To about 1 px, with a rotation and scale if the tiles show one, None if no peak stands out or the
+        reference has nothing that a shift would move; and whether it has more than a few grains of dirt.
     """
     size = (frame.shape[1] // BIN_PX, frame.shape[0] // BIN_PX)
     if min(size) < 2 * WINDOW_BINS:
-        return None
+        return None, False
     every = np.ones(frame.shape, np.bool_) if valid is None else valid > 0
     (binned, share), (before, _) = (
         mean_of_seen(
@@ -292,7 +291,7 @@ def search_alignment(
     usable &= seen > WHOLE_WINDOW * (quantile(seen[usable], 0.9) if usable.any() else 1.0)
     usable &= around > DARKEST_FRACTION * float(np.abs(around).max())
     if np.count_nonzero(usable) < FEWEST_VALUES:
-        return None
+        return None, False
     around = np.where(usable, around, np.float32(1.0))
     detail = np.where(usable, before / around - 1.0, np.float32(0.0))
     detail[usable] -= median(detail[usable])  # light that falls off quadratically is above its mean around
@@ -300,7 +299,7 @@ def search_alignment(
     detail = np.clip(detail, -2 * CLIP_SIGMA * scatter, 2 * CLIP_SIGMA * scatter)
     grains, textured = _texture(detail, usable, scatter)
     if not (grains or textured):
-        return None
+        return None, False
     middle = [np.arange(count) * BIN_PX + BIN_PX // 2 for count in size]
     ratio = illumination.ratio_at_rows(middle[1], frame.shape, middle[0])
     excess = np.where(usable, binned / (ratio * around) - 1.0, np.float32(0.0))

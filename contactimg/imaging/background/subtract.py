@@ -280,28 +280,24 @@ def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReferenc
     Where neither strips nor all rows of the image tell the alignment well, a far search comes first. It may
     find a faint texture that is too weak for the rest.
     """
-    residual, all_rows = placed.align(all_rows=whole), whole
-    if residual.known and not residual.good and not whole:
-        residual, all_rows = placed.align(all_rows=True), True
-    if residual.good:
-        return *_approach(placed, residual, all_rows=all_rows), False
+    for all_rows in dict.fromkeys((whole, True)):
+        residual = placed.align(all_rows=all_rows)
+        if residual.good:
+            return *_approach(placed, residual, all_rows=all_rows), False
+        if not residual.known:  # nor do all rows tell it where there is nothing to find
+            break
     frame = placed.images.frame
-    search = search_alignment(frame, placed.reference, placed.illumination, placed.valid, residual)
-    if search is None:
-        return placed, residual, False
-    shift, textured = search
+    shift, textured = search_alignment(
+        frame, placed.reference, placed.illumination, placed.valid, near=residual
+    )
     if shift is not None and not (residual.known and shift.is_shift):
         candidate = placed.moved_by(shift)
-        left, all_rows = candidate.align(all_rows=whole), whole
-        if not (left.good and left.is_shift and shift.is_shift):  # of a rotation, all rows tell more
-            left, all_rows = candidate.align(all_rows=True), True
-        if left.std_px < residual.std_px:
+        left = candidate.align(all_rows=True)
+        if left.std_px < residual.std_px or (not residual.known and shift.largest_px > BIN_PX):
             placed, residual = candidate, left
-    if not residual.known:
-        residual, all_rows = placed.align(all_rows=True), True
-    if shift is not None and not residual.known and shift.largest_px > BIN_PX:
-        placed = placed.moved_by(shift)
-    return *_approach(placed, residual, all_rows=all_rows), textured and shift is None
+    elif textured and not residual.known:
+        residual = placed.align(all_rows=True)
+    return *_approach(placed, residual, all_rows=True), textured and shift is None
 
 
 def _approach(
@@ -313,10 +309,8 @@ def _approach(
             break
         candidate = placed.moved_by(residual)
         left = candidate.align(all_rows=all_rows)
-        if left.std_px >= residual.std_px and not residual.is_shift:
+        if left.std_px < residual.std_px or residual.is_shift:
+            placed, residual = candidate, left
+        else:
             residual = replace(residual, rotation=0.0, scale=1.0)
-            if residual.largest_px < SUBPIXEL_PX:
-                break
-            continue
-        placed, residual = candidate, left
     return placed, residual
