@@ -20,7 +20,7 @@ from contactimg.imaging.background.alignment import (
     filter_rows_and_columns,
     shift_kernel,
 )
-from contactimg.imaging.background.illumination import DARKEST_FRACTION, ITERATIONS, Illumination
+from contactimg.imaging.background.illumination import ITERATIONS, Illumination
 from contactimg.imaging.pixels.blocks import side_of, strips
 from contactimg.imaging.pixels.masks import Flags, Mask, Values, mean_of_seen
 from contactimg.imaging.pixels.robust import (
@@ -289,7 +289,6 @@ def search_alignment(
     # near the border and holes the mean lies to one side of a place, and a slope of the light is no texture
     seen = cv2.blur(usable.astype(np.float32), window, borderType=cv2.BORDER_CONSTANT)
     usable &= seen > WHOLE_WINDOW * (quantile(seen[usable], 0.9) if usable.any() else 1.0)
-    usable &= around > DARKEST_FRACTION * float(np.abs(around).max())
     if np.count_nonzero(usable) < FEWEST_VALUES:
         return None, False
     around = np.where(usable, around, np.float32(1.0))
@@ -306,8 +305,7 @@ def search_alignment(
     bright = (np.abs(excess) > CLIP_SIGMA * scatter).astype(np.uint8)
     square = np.ones((CONTACT_BINS, CONTACT_BINS), np.uint8)
     contacts = cv2.morphologyEx(bright, cv2.MORPH_OPEN, square, borderValue=1)
-    excess = np.where(contacts == 0, np.clip(excess, -CLIP_SIGMA * scatter, CLIP_SIGMA * scatter), 0.0)
-    excess, detail = excess.astype(np.float32), detail.astype(np.float32)
+    excess = np.where(contacts, np.float32(0.0), np.clip(excess, -CLIP_SIGMA * scatter, CLIP_SIGMA * scatter))
     peak: complex | None = complex(near.x_px, near.y_px) / BIN_PX
     if not near.known:
         reach = [max(int(count * LARGEST_SHIFT_FRACTION), 2) for count in excess.shape]
@@ -371,7 +369,7 @@ def _align_tiles(excess: Values, detail: Values, shift: complex) -> Alignment | 
             return None
         solution = np.linalg.lstsq(matrix[keep], shifts[keep], rcond=None)[0]
         keep = np.abs(shifts - matrix @ solution) < AGREEMENT_BINS
-    if np.mean(keep) < 0.5 or abs(solution[1]) * np.abs(positions).max() < AGREEMENT_BINS / 2:
+    if abs(solution[1]) * np.abs(positions).max() < AGREEMENT_BINS / 2:
         return None
     # position in the frame = factor x position in the reference + ..., and the shifts are given at positions
     # in the frame: shift = position - position/factor
