@@ -112,9 +112,8 @@ def remove_background(
         other, new_sign = estimate_background(start.image + np.float32(level), valid=valid, polarity=polarity)
         near = np.abs(block_means(other.image, other.valid)) < limit
         if np.mean(near) > least and encloses(near, found):
-            least, sign, new = np.mean(near), new_sign, other.illumination
-            light = replace(light, background=new.background, scatter=new.scatter / level)
-            brightness = start.brightness * other.brightness
+            least, sign, brightness = np.mean(near), new_sign, start.brightness * other.brightness
+            light = replace(light, background=other.illumination.background)
             best = replace(plain, image=other.image, brightness=brightness, illumination=light)
     return _without_clipped(best, frame), sign
 
@@ -157,7 +156,7 @@ def subtract_reference(
         placed, residual, missed = _register(placed, whole=whole)
     found = residual.after(placed.alignment) if residual.known else placed.alignment
     light, level = placed.illumination, placed.level
-    image = divide_by_reference(frame, placed.reference, placed.half, light, residual=residual, level=level)
+    image = divide_by_reference(frame, placed.reference, placed.valid, light, residual=residual, level=level)
     if placed.valid is not None:
         image[placed.valid == 0] = 0.0
     return DifferenceImage(
@@ -188,14 +187,13 @@ def _without_clipped(difference: DifferenceImage, frame: NDArray) -> DifferenceI
 class _PlacedReference:
     """The reference moved to where it lies under the frame, and the ratio of the illuminations.
 
-    ``alignment`` is the move: by whole pixels if it is a pure shift. ``half`` holds means of the moved
-    reference over 2 x 2 pixels; ``valid`` is 0 at holes and where it has no pixel or no light; ``level`` is
-    its median over the lit blocks, and ``brightness`` its blocks relative to that.
+    ``alignment`` is the move: by whole pixels if it is a pure shift. ``valid`` is 0 at holes and where the
+    reference has no pixel or no light; ``level`` is its median over the lit blocks, and ``brightness`` its
+    blocks relative to that.
     """
 
     images: _Images
     reference: NDArray
-    half: Values
     valid: Mask
     level: float
     brightness: Values
@@ -206,8 +204,7 @@ class _PlacedReference:
     def of(cls, images: _Images, alignment: Alignment) -> "_PlacedReference | None":
         """The reference moved by an alignment; None if it is too dark to divide by."""
         moved, valid = move_reference(images.reference, images.valid, alignment)
-        half, blocks = _bin_reference(moved, valid)
-        frame_blocks = block_means(images.frame, valid)
+        blocks, frame_blocks = (block_means(image, valid) for image in (moved, images.frame))
         finite = finite_values(blocks)
         if not finite.size:
             return None
@@ -220,17 +217,17 @@ class _PlacedReference:
             dark = (cv2.blur(moved, (3, 3)) < DARKEST_FRACTION * level).astype(np.uint8)
             window = np.ones((2 * EDGE_REACH_PX + 1, 2 * EDGE_REACH_PX + 1), np.uint8)
             valid = exclude(valid, np.asarray(cv2.dilate(dark, window), np.uint8))
-            half, blocks = _bin_reference(moved, valid)
-            frame_blocks = block_means(images.frame, valid)
+            blocks, frame_blocks = (block_means(image, valid) for image in (moved, images.frame))
 
         def ratio(side: int, rows: Rows) -> tuple[NDArray, float]:
             above, below = frame_blocks, blocks
-            noise = _noise_of_two(below)
             if side != BLOCK:
-                above, below = (_means_of_rows(image, valid, side, rows) for image in (images.frame, moved))
-                noise, own = _noise_of_two(below), neighbour_scatter(above)
-                noise = own if noise < SMOOTH_RATIO * own else noise  # contacts leave most squares alone
-            return above / np.maximum(below, DARKEST_FRACTION * level), noise / level
+                seen = None if valid is None else valid[rows]
+                above, below = (block_means(image[rows], seen, side=side) for image in (images.frame, moved))
+            noise = np.sqrt(2.0) * neighbour_scatter(below)
+            if side != BLOCK and noise < SMOOTH_RATIO * neighbour_scatter(above):
+                noise = neighbour_scatter(above)  # contacts leave most squares alone
+            return above / np.maximum(below, DARKEST_FRACTION * level), float(noise) / level
 
         rounding = images.rounding / level
         illumination = find_illumination(
@@ -242,7 +239,7 @@ class _PlacedReference:
             illumination = replace(illumination, background=illumination.background & whole)
         lit_blocks = np.maximum(blocks, DARKEST_FRACTION * level) / level
         brightness = np.where(np.isfinite(blocks), lit_blocks, np.float32(1.0)).astype(np.float32)
-        return cls(images, moved, half, valid, level, brightness, illumination, alignment)
+        return cls(images, moved, valid, level, brightness, illumination, alignment)
 
     def moved_by(self, residual: Alignment) -> "_PlacedReference":
         """The reference moved further; by whole pixels if the total is a pure shift."""
@@ -255,23 +252,6 @@ class _PlacedReference:
         """Alignment that is left."""
         frame = self.images.frame
         return align(frame, self.reference, self.illumination, self.valid, all_rows=all_rows)
-
-
-def _bin_reference(image: NDArray, valid: Mask) -> tuple[Values, Values]:
-    """Means over 2 x 2 pixels and over blocks."""
-    half = block_means(image, valid, side=2)
-    whole = all(size % BLOCK == 0 for size in image.shape)
-    return half, block_means(half, side=BLOCK // 2) if valid is None and whole else block_means(image, valid)
-
-
-def _means_of_rows(image: NDArray, valid: Mask, side: int, rows: Rows) -> NDArray:
-    """Means over squares of some rows of an image."""
-    return block_means(image[rows], None if valid is None else valid[rows], side=side)
-
-
-def _noise_of_two(reference: NDArray) -> float:
-    """Scatter of the difference of two images without contacts, from the means of one of them."""
-    return float(np.sqrt(2.0) * neighbour_scatter(reference))
 
 
 def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReference, Alignment, bool]:
