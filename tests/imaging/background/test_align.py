@@ -22,7 +22,7 @@ from contactimg.imaging.background.alignment import (
     move_reference,
     shift_kernel,
 )
-from contactimg.imaging.background.find_illumination import find_background_level
+from contactimg.imaging.background.find_illumination import find_background_level, neighbour_scatter
 from contactimg.imaging.background.illumination import fit_illumination
 from contactimg.imaging.background.no_reference import estimate_background
 from contactimg.imaging.background.subtract import subtract_reference
@@ -244,7 +244,8 @@ def test_light_field_is_recovered_under_contacts(rng):
     blocks = field + 0.002 * rng.standard_normal(field.shape)
     covered = rng.random(field.shape) < 0.3
     blocks[covered] += 0.5
-    level, scatter = find_background_level(blocks, background_is="lowest")
+    scatter = neighbour_scatter(blocks)
+    level, scatter = find_background_level(blocks, background_is="lowest", scatter=scatter)
     light = fit_illumination(blocks, (rows * 8, columns * 8), level=level, scatter=scatter)
     # 0.002 of noise over 5600 blocks and ten coefficients: 0.002 sqrt(10/5600) = 1e-4; the pull adds 1e-3 of
     # 0.05

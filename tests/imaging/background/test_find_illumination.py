@@ -8,6 +8,7 @@ from scipy.special import ndtr
 from contactimg.imaging.background.find_illumination import (
     find_background_level,
     find_illumination,
+    neighbour_scatter,
 )
 from contactimg.imaging.background.illumination import fit_illumination
 from contactimg.imaging.background.subtract import remove_background, subtract_reference
@@ -37,7 +38,8 @@ def means_of(ratio, rng):
 
 def coarse_light(means):
     blocks, _ = means(BLOCK)
-    level, scatter = find_background_level(blocks, background_is="lowest")
+    scatter = neighbour_scatter(blocks)
+    level, scatter = find_background_level(blocks, background_is="lowest", scatter=scatter)
     return fit_illumination(blocks, SHAPE, level=level, scatter=scatter)
 
 
