@@ -249,7 +249,7 @@ def test_light_field_is_recovered_under_contacts(rng):
     light = fit_illumination(blocks, (rows * 8, columns * 8), level=level, scatter=scatter)
     # 0.002 of noise over 5600 blocks and ten coefficients: 0.002 sqrt(10/5600) = 1e-4; the pull adds 1e-3 of
     # 0.05
-    centre = light.at_rows(np.array([rows * 4]), (rows * 8, columns * 8))[0, columns * 4]
+    centre = light.ratio_at_rows(np.array([rows * 4]), (rows * 8, columns * 8))[0, columns * 4]
     assert centre == pytest.approx(field[rows // 2, columns // 2], abs=6e-4)
     assert light.background[~covered].mean() > 0.95
     assert not light.background[covered].any()
