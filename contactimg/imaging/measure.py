@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import FrameError, InputError, finite_number
 from contactimg.frame import as_pixels, full_scale_of_type
+from contactimg.imaging.background.alignment import UNKNOWN
 from contactimg.imaging.background.illumination import DifferenceImage, plain_difference
 from contactimg.imaging.background.no_reference import estimate_background
 from contactimg.imaging.background.subtract import remove_background
@@ -277,7 +278,8 @@ def _tabulate(judged: Judged, threshold: float = float("nan")) -> ImageMeasureme
     contrast = judged.optics.contrast
     if not judged.count:
         contrast = min(contrast, foreground.shown_contrast)
-    alignment = difference.alignment
+    alignment = difference.alignment or UNKNOWN
+    shift = (alignment.x_px, alignment.y_px) if alignment.known else (float("nan"), float("nan"))
     foreign = _foreign(foreground)
     rejected = {name: np.concatenate([foreign[name], judged.rejected[name]]) for name in foreign}
     return ImageMeasurement(
@@ -290,8 +292,8 @@ def _tabulate(judged: Judged, threshold: float = float("nan")) -> ImageMeasureme
         noise=foreground.noise * unit,
         threshold=threshold,
         blur_px=judged.optics.blur_px,
-        shift_x_px=alignment.x_px if alignment else float("nan"),
-        shift_y_px=alignment.y_px if alignment else float("nan"),
+        shift_x_px=shift[0],
+        shift_y_px=shift[1],
         polarity="bright" if foreground.sign > 0 else "dark",
         status=status,
         message="; ".join(filter(None, (message, remark_on(judged.unmatched)))),

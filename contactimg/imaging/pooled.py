@@ -25,7 +25,6 @@ from scipy.sparse.linalg import cg
 from scipy.spatial import cKDTree
 
 from contactimg.imaging.background.alignment import (
-    UNKNOWN,
     Alignment,
     filter_rows_and_columns,
     move_image,
@@ -223,9 +222,9 @@ class Placement:
         difference = subtract_reference(
             pair.frame, pair.reference, valid=pair.valid, background_is=background_is, registered=registered
         )
-        if not difference.ratio or difference.alignment is None or difference.registration_failed:
+        if difference is None or difference.alignment is None or difference.registration_failed:
             return None
-        return cls(difference.alignment if difference.alignment.known else UNKNOWN, difference.illumination)
+        return cls(difference.alignment, difference.illumination)
 
     @stage("light")
     def view(self, image: NDArray, hidden: NDArray[np.float64]) -> View:

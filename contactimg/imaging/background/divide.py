@@ -18,7 +18,7 @@ from contactimg.imaging.background.alignment import (
 )
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, Illumination, cubic
 from contactimg.imaging.pixels.blocks import block_means, is_background, strips, to_pixels
-from contactimg.imaging.pixels.masks import Values, mean_of_seen
+from contactimg.imaging.pixels.masks import Mask, Values, mean_of_seen
 from contactimg.imaging.pixels.robust import SOME, median, robust_std
 
 NARROW_PX, MIDDLE_PX, WIDE_PX = 0.7, 2.0, 6.0
@@ -41,7 +41,7 @@ frames; sensitivity not measured."""
 def divide_by_reference(
     frame: NDArray,
     reference: NDArray,
-    half: Values,
+    valid: Mask,
     illumination: Illumination,
     *,
     residual: Alignment,
@@ -53,9 +53,8 @@ def divide_by_reference(
     ----------
     frame, reference : ndarray, shape (rows, columns)
         Grey levels, of 8 bits or in single precision.
-    half : ndarray, shape (rows / 2, columns / 2)
-        Means of the reference over 2 x 2 pixels, see `contactimg.imaging.pixels.blocks.block_means`; NaN in
-        holes.
+    valid : Mask
+        0 at holes of either.
     illumination : Illumination
         Ratio frame/reference of the background.
     residual : Alignment
@@ -65,6 +64,7 @@ def divide_by_reference(
     """
     frame, reference = np.ascontiguousarray(frame), np.ascontiguousarray(reference)
     shift = (residual.x_px, residual.y_px)
+    half = block_means(reference, valid, side=2)
     finite = np.isfinite(half)
     quarter = block_means(half, None if finite.all() else finite.astype(np.uint8), side=2)
     wide = _move_and_blur(quarter, WIDE_PX, shift, 4)

@@ -7,6 +7,7 @@ Another one is a wide contact.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -26,9 +27,9 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
-from contactimg.imaging.contrast.polarity import find_polarity
+from contactimg.imaging.contrast.polarity import find_sign
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
-from contactimg.imaging.pixels.masks import Flags, Values
+from contactimg.imaging.pixels.masks import Flags, Values, mean_of_seen
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION
 
@@ -74,41 +75,37 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
     uneven = np.mean(_mesh(blocks, used)[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2
     if not uneven and np.mean(find_flat_blocks(blocks, scatter) & ~background) < NOTABLE_SHARE:
         return difference
-    sign = sign or (-1 if find_polarity(blocks, background) == "dark" else 1)
-    regions = _find_background_regions(np.float32(sign) * blocks, scatter, background, sign * light_level)
+    sign = sign or find_sign(blocks, background)
+    regions = _find_background_regions(np.float32(sign) * blocks, scatter, background)
     members = regions > 0
     if np.mean(members) < NOTABLE_SHARE:
         return difference
     left = np.stack([follow_region(blocks, regions == k, difference.image.shape, scatter)
                      for k in range(1, int(regions.max()) + 1)])  # fmt: skip
-    levels = _at_places(left, _nearest(regions))
+    levels = np.choose(_nearest(regions) - 1, left)
     if np.sqrt(np.mean(levels[members] ** 2)) < LEAST_UNEVEN * scatter:
         return difference
     background = np.abs(blocks - levels) < BACKGROUND_CLIP_SIGMA * scatter
-    light = 1.0 + levels / light_level if light_level > 0 else np.float32(1.0)
     return replace(
         difference,
         image=_subtract_left(difference.image, _at_pixels(difference.image, left, regions), light_level),
-        brightness=np.asarray(difference.brightness * np.maximum(light, 0.1), np.float32),
+        brightness=difference.brightness * _light(levels, light_level),
         illumination=replace(difference.illumination, background=background),
     )
 
 
-def _find_background_regions(blocks: Values, scatter: float, known: Flags, light_level: float) -> Regions:
+def _find_background_regions(blocks: Values, scatter: float, known: Flags) -> Regions:
     """Number of the flat background region that each block is in, the largest region first; 0 for none.
 
-    Contacts are brighter than the background; ``light_level`` is its brightness, negative for dark contacts,
-    or 0. A region is background where most of its blocks are ``known`` to be, where it is darker than those
-    are, since contacts are brighter, or where contacts stand on it. Regions of one level are one.
+    A region is background where most of its blocks are ``known`` to be, where it is darker than those are,
+    since contacts are brighter, or where contacts stand on it. Regions of one level are one.
     """
     labels, largest = flat_regions(blocks, scatter)
     number, levels = np.zeros(int(labels.max()) + 1, np.int32), list[float]()
     for k in largest:
         inside = labels == k
         level = float(np.median(blocks[inside]))
-        # texture is stronger where there is more light
-        texture = scatter * (1.0 + level / light_level if light_level else 1.0)
-        contact = max(level, 0.0) + CONTACT_SIGMA * texture
+        contact = level + CONTACT_SIGMA * scatter
         if np.mean(known[inside]) > 0.5 or level < 0.0 or _has_contacts(blocks, inside, contact, level):
             same = [n for n, other in enumerate(levels, start=1) if abs(level - other) < scatter]
             number[k] = same[0] if same else len(levels) + 1
@@ -122,20 +119,20 @@ def _has_contacts(blocks: Values, inside: Flags, contact: float, level: float) -
     In its convex hull, where a contact may lie beside another one that is not convex, it must be far brighter
     than the ``level`` of the region.
     """
-    closed = cv2.morphologyEx(np.pad(inside, 2).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    closed = cv2.morphologyEx(inside.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     hull = [cv2.convexHull(np.concatenate(outlines))]
     for around, least in ((outlines, contact), (hull, max(contact, BRIGHTEST_RATIO * level))):
-        whole = cv2.drawContours(np.zeros_like(closed), around, -1, 1, cv2.FILLED)[2:-2, 2:-2] > 0
+        whole = cv2.drawContours(np.zeros(inside.shape, np.uint8), around, -1, 1, cv2.FILLED) > 0
         if np.count_nonzero(blocks[whole & ~inside] > least) >= FEWEST_BEYOND:
             return True
     return False
 
 
-def follow_region(blocks: Values, members: Flags, shape: tuple[int, int], scatter: float) -> NDArray:
+def follow_region(blocks: Values, members: Flags, shape: tuple[int, int], scatter: float) -> Values:
     """Level of a region at each block: a polynomial, and a mesh where it is less even than that."""
     smooth = fit_region(blocks, members, shape, scatter=2.0 * scatter, least=scatter)
-    level = smooth.at_blocks(blocks.shape, shape)
+    level = smooth.at_blocks(blocks.shape, shape).astype(np.float32)
     used = smooth.background & members
     left = _mesh(blocks - level, used)
     if np.any(used) and np.mean(left[used] ** 2) > (LEAST_UNEVEN * scatter) ** 2:
@@ -143,14 +140,12 @@ def follow_region(blocks: Values, members: Flags, shape: tuple[int, int], scatte
     return np.clip(level, blocks[members].min(), blocks[members].max())
 
 
-def _mesh(blocks: NDArray, weight: NDArray) -> Values:
-    """Weighted mean of the blocks around each; it tends to zero far from those with weight."""
-    total, known = (
-        cv2.GaussianBlur(part.astype(np.float32), (0, 0), MESH_BLOCKS, borderType=cv2.BORDER_REFLECT)
-        for part in (np.where(weight > 0, weight * blocks, 0.0), weight)
-    )
+def _mesh(blocks: NDArray, used: Flags) -> Values:
+    """Mean of the used blocks around each; it tends to zero far from them."""
+    blur = partial(cv2.GaussianBlur, ksize=(0, 0), sigmaX=MESH_BLOCKS, borderType=cv2.BORDER_REFLECT)
+    mean, weight = mean_of_seen(blur, blocks, used)
     # as if one block in the weight of the Gaussian, 4 pi s^2, were known to be zero
-    return np.asarray(total / (known + np.float32(1.0 / (4.0 * np.pi * MESH_BLOCKS**2))))
+    return mean * weight / (weight + np.float32(1.0 / (4.0 * np.pi * MESH_BLOCKS**2)))
 
 
 def _nearest(regions: Regions) -> Regions:
@@ -162,21 +157,15 @@ def _nearest(regions: Regions) -> Regions:
     return np.asarray(number[nearest])
 
 
-def _at_places(levels: NDArray, regions: Regions) -> Values:
-    """The level of the region of each place."""
-    return np.asarray(np.take_along_axis(levels, regions[None].astype(np.int64) - 1, axis=0)[0], np.float32)
-
-
-def _at_pixels(image: Values, left: NDArray, regions: Regions) -> Values:
+def _at_pixels(image: Values, left: Values, regions: Regions) -> Values:
     """The level at each pixel: that of its region; between two the one nearer to the image around the pixel.
 
     What is far from both, and what is next to that, is a contact, and has the level of what surrounds it. So
     is what has the level of another region and is not connected with it.
     """
-    parts = left.astype(np.float32)
-    fields = np.stack([to_pixels(part, image.shape, interpolation=cv2.INTER_LINEAR) for part in parts])
+    fields = np.stack([to_pixels(part, image.shape, interpolation=cv2.INTER_LINEAR) for part in left])
     if len(fields) == 1:
-        return np.asarray(fields[0])
+        return fields[0]
     places = to_pixels(regions, image.shape)
     smooth = cv2.blur(image, (5, 5))
     highest, lowest = fields.max(axis=0), fields.min(axis=0)
@@ -190,14 +179,17 @@ def _at_pixels(image: Values, left: NDArray, regions: Regions) -> Values:
         connected = np.zeros(count, np.bool_)
         connected[parts[places == k]] = True
         chosen[(chosen == k) & ~connected[parts]] = 0
-    return _at_places(fields, _nearest(chosen))
+    return np.choose(_nearest(chosen) - 1, fields)
 
 
 def _subtract_left(image: Values, left: Values, level: float) -> Values:
     """The image with a background that is brighter by ``left``: contacts transmit a fraction of the light."""
-    if level <= 0:
-        return image - left
-    return np.asarray((image - left) / np.maximum(1.0 + left / np.float32(level), np.float32(0.1)))
+    return (image - left) / _light(left, level)
+
+
+def _light(left: Values, level: float) -> Values | np.float32:
+    """Light of a background that is brighter by ``left`` than a level; 1 at a level of 0."""
+    return np.maximum(1.0 + left / np.float32(level), np.float32(0.1)) if level > 0 else np.float32(1.0)
 
 
 def _in_common(image: NDArray, used: Flags, fewest: int = 0) -> tuple[float, NDArray, NDArray]:

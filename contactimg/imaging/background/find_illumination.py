@@ -20,7 +20,6 @@ from contactimg.imaging.background.illumination import (
     Illumination,
     fit_illumination,
     jittered_grid,
-    one_sided_scatter,
 )
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Flags, Values
@@ -84,7 +83,8 @@ def find_illumination(
         Its background consists of blocks, or of squares of `SQUARE_PX` where contacts leave no block free.
     """
     blocks, expected = means(BLOCK, ALL_ROWS)
-    level, scatter = find_background_level(blocks, background_is=background_is, least=rounding)
+    scatter = max(neighbour_scatter(blocks), rounding)
+    level, scatter = find_background_level(blocks, background_is=background_is, scatter=scatter)
     coarse = fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=rounding)
     coarse = _on_flat_blocks(coarse, blocks, shape, rounding)
     even = coarse.scatter <= CROWD_SCATTER * max(expected, rounding)
@@ -129,7 +129,7 @@ def find_rims(squares: NDArray, expected: float) -> tuple[Flags, float]:
 
 
 def find_background_level(
-    blocks: NDArray, *, background_is: BackgroundLevel, scatter: float | None = None, least: float = 0.0
+    blocks: NDArray, *, background_is: BackgroundLevel, scatter: float
 ) -> tuple[float, float]:
     """Most likely level of the background among block means, and the scatter of a block.
 
@@ -139,10 +139,8 @@ def find_background_level(
         Block means; NaN = no data.
     background_is : BackgroundLevel
         Which peak of the histogram is the background.
-    scatter : float or None
-        Standard deviation of a background block; None: measured on the differences of neighbours.
-    least : float
-        Lower bound of that.
+    scatter : float
+        Standard deviation of a background block.
 
     Returns
     -------
@@ -152,8 +150,7 @@ def find_background_level(
     if not len(values):
         return 1.0, LEAST_FRACTION
     low, high = float(values.min()), float(values.max())
-    least = max(LEAST_FRACTION * max(abs(low), abs(high)), least, 1e-9)
-    scatter = max(neighbour_scatter(blocks) if scatter is None else scatter, least)
+    scatter = max(scatter, LEAST_FRACTION * max(abs(low), abs(high)), 1e-9)
     bins = int(np.clip((high - low) / scatter, 1, FIT_BLOCKS)) + 4
     edges = np.linspace(low - 2 * scatter, high + 2 * scatter, bins + 1)
     places = ((values - edges[0]) * (bins / (edges[-1] - edges[0]))).astype(np.int64)
@@ -170,8 +167,7 @@ def find_background_level(
         "most_common": int(np.argmax(smooth[peaks])),
     }[background_is]
     level, width = float(centres[peaks[choice]]), float(edges[1] - edges[0])
-    sample = values[jittered_grid((1, len(values)), max(len(values) // FIT_BLOCKS, 1))[1][0]]
-    return level, 2.0 * max(min(scatter, one_sided_scatter(sample - level)), width, least)
+    return level, 2.0 * max(scatter, width)
 
 
 def neighbour_scatter(blocks: NDArray) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.polynomial.polynomial import polyvander
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
@@ -57,30 +58,23 @@ class Illumination:
 
     def row_polynomials(self, rows: NDArray[np.int64], shape: tuple[int, int]) -> tuple[Values, Values]:
         """Coefficients of the cubic in ``u`` for some rows, and ``u`` of each column."""
-        along = _powers(2.0 * rows / shape[0] - 1.0) @ self.coefficients
+        along = polyvander(2.0 * rows / shape[0] - 1.0, POLYNOMIAL_ORDER) @ self.coefficients
         across = 2.0 * np.arange(shape[1]) / shape[1] - 1.0
         return along.astype(np.float32), across.astype(np.float32)
-
-    def at_rows(
-        self, rows: NDArray[np.int64], shape: tuple[int, int], columns: Places = slice(None)
-    ) -> Values:
-        """The polynomial at every pixel of some rows (and columns) of an image of ``shape``."""
-        along, across = self.row_polynomials(rows, shape)
-        # a matrix product would start threads, whose wait for more work costs far more than this
-        return np.einsum("yk,kx->yx", along, np.ascontiguousarray(_powers(across[columns]).T))
 
     def ratio_at_rows(
         self, rows: NDArray[np.int64], shape: tuple[int, int], columns: Places = slice(None)
     ) -> Values:
-        """`at_rows` for a ratio, bounded from below so that it can be divided by."""
-        lowest = np.float32(max(DARKEST_FRACTION * float(self.coefficients[0, 0]), 1e-6))
-        ratio = self.at_rows(rows, shape, columns)
-        return np.maximum(ratio, lowest, out=ratio)
+        """A ratio, far enough from 0 to divide by it, at all pixels of some rows (and columns)."""
+        along, across = self.row_polynomials(rows, shape)
+        # a matrix product would start threads, whose wait for more work costs far more than this
+        ratio = np.einsum("yk,kx->yx", along, polyvander(across[columns], POLYNOMIAL_ORDER).T)
+        return np.maximum(ratio, max(DARKEST_FRACTION * float(self.coefficients[0, 0]), 1e-6), out=ratio)
 
     def at_blocks(self, blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
         """The polynomial at the centre of each block of an image of ``shape``."""
         v, u = _block_centres(blocks, shape)
-        return np.asarray(_powers(v) @ self.coefficients @ _powers(u).T)
+        return polyvander(v, POLYNOMIAL_ORDER) @ self.coefficients @ polyvander(u, POLYNOMIAL_ORDER).T
 
     def subtract_from(self, image: NDArray, level: float = 0.0) -> Values:
         """The image minus the polynomial, and relative to it, in grey levels at a ``level`` that is not 0."""
@@ -88,13 +82,6 @@ class Illumination:
         light, across = self.row_polynomials(np.arange(rows), (rows, columns))
         _subtract(out, np.ascontiguousarray(image), light, across, np.float32(level))
         return out
-
-
-def _powers(places: NDArray) -> NDArray:
-    """A row 1, x, x^2, x^3 for each x."""
-    powers = np.repeat(places[:, None], POLYNOMIAL_ORDER + 1, axis=1)
-    powers[:, 0] = 1.0
-    return np.multiply.accumulate(powers, axis=1)
 
 
 def fit_illumination(
@@ -228,7 +215,7 @@ class DifferenceImage:
     illumination : Illumination
         Of the background: ratio to the reference, or grey level without one; and which blocks are background.
     alignment : Alignment or None
-        Of the frame against the reference, NaN if the images do not determine it; None without reference.
+        Of the frame against the reference; None without reference.
     ratio : bool
         Whether ``illumination`` is a ratio to the reference.
     valid : ndarray of uint8 or None

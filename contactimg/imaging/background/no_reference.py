@@ -32,7 +32,7 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
-from contactimg.imaging.contrast.polarity import find_polarity
+from contactimg.imaging.contrast.polarity import find_sign
 from contactimg.imaging.detect.bars_and_scratches import label_regions
 from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.pixels.blocks import (
@@ -104,9 +104,8 @@ def estimate_background(
         roundness = [_roundness(one, sign, valid) for one, sign in both] if len(both) > 1 else [1.0]
         crowd, sign = both[int(np.argmax(roundness))]
         return replace(crowd, valid=valid), sign
-    sign, blocks = signs[0], block_means(flat.image, flat.valid)
-    if len(signs) > 1:
-        sign = -1 if find_polarity(blocks, flat.illumination.background) == "dark" else 1
+    blocks = block_means(flat.image, flat.valid)
+    sign = sum(signs) or find_sign(blocks, flat.illumination.background)
     limit = BACKGROUND_CLIP_SIGMA * flat.illumination.scatter
     if np.mean(sign * blocks < -limit) > NOTABLE_SHARE:  # no contact is darker than the background
         other = _flat_behind_envelope(frame, shown, sign, rounding)
@@ -142,8 +141,8 @@ def _flat_background(frame: Values, valid: Mask, rounding: float, sign: int) -> 
         if quiet < QUIET_SHARE or np.mean(members) < FLAT_SHARE * np.mean(finite):
             return None
     light = fit_region(blocks, members, frame.shape, scatter=2.0 * scatter, least=scatter)
-    at_blocks, level = light.at_blocks(blocks.shape, frame.shape), float(np.median(np.abs(blocks[largest])))
-    return _divide_by_illumination(frame, light, at_blocks, level, valid, rounding, sign)
+    level = float(np.median(np.abs(blocks[largest])))
+    return _divide_by_illumination(frame, light, level, valid, rounding, sign)
 
 
 def _flat_behind_envelope(frame: Values, valid: Mask, sign: int, rounding: float) -> DifferenceImage | None:
@@ -189,9 +188,8 @@ def _background_of_crowd(frame: Values, valid: Mask, sign: int, rounding: float)
     scatter = one_sided_scatter(flat[rest.background])
     background = np.abs(flat) < BACKGROUND_CLIP_SIGMA * max(scatter, expected)
     light = Illumination(sign * (lower.coefficients + rest.coefficients), background, scatter)
-    at_blocks = light.at_blocks((-(-shape[0] // BLOCK), -(-shape[1] // BLOCK)), shape)
-    level, image = abs(float(np.median(at_blocks))), frame - np.float32(sign) * uneven
-    return _divide_by_illumination(image, light, at_blocks, level, valid, rounding, sign)
+    level = abs(float(np.median(light.at_blocks(flat.shape, shape))))
+    return _divide_by_illumination(frame - np.float32(sign) * uneven, light, level, valid, rounding, sign)
 
 
 def _envelope(blocks: Values) -> Values:
@@ -230,15 +228,10 @@ def _scatter_of_squares(squares: NDArray, frame: NDArray, rounding: float) -> fl
 
 
 def _divide_by_illumination(
-    frame: NDArray,
-    light: Illumination,
-    at_blocks: NDArray,
-    level: float,
-    valid: Mask,
-    rounding: float,
-    sign: int,
+    frame: NDArray, light: Illumination, level: float, valid: Mask, rounding: float, sign: int
 ) -> DifferenceImage:
     """Frame minus background, relative to it: contacts transmit a fraction of the light."""
+    at_blocks = light.at_blocks((-(-frame.shape[0] // BLOCK), -(-frame.shape[1] // BLOCK)), frame.shape)
     # else subtracted before, or hardly lit
     relative = bool(at_blocks.min() >= 2.0 * DARKEST_FRACTION * level > 0)
     image = light.subtract_from(frame, level if relative else 0.0)

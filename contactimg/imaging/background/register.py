@@ -20,7 +20,7 @@ from contactimg.imaging.background.alignment import (
     filter_rows_and_columns,
     shift_kernel,
 )
-from contactimg.imaging.background.illumination import DARKEST_FRACTION, ITERATIONS, Illumination
+from contactimg.imaging.background.illumination import ITERATIONS, Illumination
 from contactimg.imaging.pixels.blocks import side_of, strips
 from contactimg.imaging.pixels.masks import Flags, Mask, Values, mean_of_seen
 from contactimg.imaging.pixels.robust import (
@@ -259,8 +259,8 @@ def _sum_row(frame, above, below, reference, over, under, mask, middle, clip, ou
 
 
 def search_alignment(
-    frame: NDArray, reference: NDArray, illumination: Illumination, valid: Mask, near: Alignment
-) -> tuple[Alignment | None, bool] | None:
+    frame: NDArray, reference: NDArray, illumination: Illumination, valid: Mask, *, near: Alignment
+) -> tuple[Alignment | None, bool]:
     """Search shifts of up to a quarter of the image and rotations of up to a degree.
 
     The images are as for `align`; ``near`` is the shift at the centre of the image, if known.
@@ -268,13 +268,12 @@ def search_alignment(
     Returns
     -------
     alignment, textured
-        To about 1 px, with a rotation and scale if the tiles show one, None if no peak stands out; and
-        whether the reference has more texture than a few grains of dirt. None in place of both if it has
-        nothing that a shift would move.
+        To about 1 px, with a rotation and scale if the tiles show one, None if no peak stands out or the
+        reference has nothing that a shift would move; and whether it has more than a few grains of dirt.
     """
     size = (frame.shape[1] // BIN_PX, frame.shape[0] // BIN_PX)
     if min(size) < 2 * WINDOW_BINS:
-        return None
+        return None, False
     every = np.ones(frame.shape, np.bool_) if valid is None else valid > 0
     (binned, share), (before, _) = (
         mean_of_seen(
@@ -290,9 +289,8 @@ def search_alignment(
     # near the border and holes the mean lies to one side of a place, and a slope of the light is no texture
     seen = cv2.blur(usable.astype(np.float32), window, borderType=cv2.BORDER_CONSTANT)
     usable &= seen > WHOLE_WINDOW * (quantile(seen[usable], 0.9) if usable.any() else 1.0)
-    usable &= around > DARKEST_FRACTION * float(np.abs(around).max())
     if np.count_nonzero(usable) < FEWEST_VALUES:
-        return None
+        return None, False
     around = np.where(usable, around, np.float32(1.0))
     detail = np.where(usable, before / around - 1.0, np.float32(0.0))
     detail[usable] -= median(detail[usable])  # light that falls off quadratically is above its mean around
@@ -300,15 +298,14 @@ def search_alignment(
     detail = np.clip(detail, -2 * CLIP_SIGMA * scatter, 2 * CLIP_SIGMA * scatter)
     grains, textured = _texture(detail, usable, scatter)
     if not (grains or textured):
-        return None
+        return None, False
     middle = [np.arange(count) * BIN_PX + BIN_PX // 2 for count in size]
     ratio = illumination.ratio_at_rows(middle[1], frame.shape, middle[0])
     excess = np.where(usable, binned / (ratio * around) - 1.0, np.float32(0.0))
     bright = (np.abs(excess) > CLIP_SIGMA * scatter).astype(np.uint8)
     square = np.ones((CONTACT_BINS, CONTACT_BINS), np.uint8)
     contacts = cv2.morphologyEx(bright, cv2.MORPH_OPEN, square, borderValue=1)
-    excess = np.where(contacts == 0, np.clip(excess, -CLIP_SIGMA * scatter, CLIP_SIGMA * scatter), 0.0)
-    excess, detail = excess.astype(np.float32), detail.astype(np.float32)
+    excess = np.where(contacts, np.float32(0.0), np.clip(excess, -CLIP_SIGMA * scatter, CLIP_SIGMA * scatter))
     peak: complex | None = complex(near.x_px, near.y_px) / BIN_PX
     if not near.known:
         reach = [max(int(count * LARGEST_SHIFT_FRACTION), 2) for count in excess.shape]
@@ -372,7 +369,7 @@ def _align_tiles(excess: Values, detail: Values, shift: complex) -> Alignment | 
             return None
         solution = np.linalg.lstsq(matrix[keep], shifts[keep], rcond=None)[0]
         keep = np.abs(shifts - matrix @ solution) < AGREEMENT_BINS
-    if np.mean(keep) < 0.5 or abs(solution[1]) * np.abs(positions).max() < AGREEMENT_BINS / 2:
+    if abs(solution[1]) * np.abs(positions).max() < AGREEMENT_BINS / 2:
         return None
     # position in the frame = factor x position in the reference + ..., and the shifts are given at positions
     # in the frame: shift = position - position/factor

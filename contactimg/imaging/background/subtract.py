@@ -32,7 +32,7 @@ from contactimg.imaging.background.illumination import (
 )
 from contactimg.imaging.background.no_reference import estimate_background, scatter_of_blocks
 from contactimg.imaging.background.register import BIN_PX, align, search_alignment
-from contactimg.imaging.contrast.polarity import find_polarity
+from contactimg.imaging.contrast.polarity import find_sign
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, find_clipped, rounding_of_blocks, side_of
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
@@ -49,7 +49,6 @@ BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highes
 """Level of the background among those of a frame, by the polarity of the contacts."""
 SIGNS = {"bright": 1, "dark": -1, "auto": 0}
 """Sign that makes contacts positive, by their polarity; 0 where the frame shows it."""
-NO_ALIGNMENT = Alignment(np.nan, np.nan, np.inf)
 REGISTERED = Alignment(0.0, 0.0, 0.0)
 
 
@@ -90,18 +89,22 @@ def remove_background(
     sign : int
         That makes contacts positive.
     """
-    level_is = BACKGROUND_IS[polarity]
+    level_is, sign = BACKGROUND_IS[polarity], SIGNS[polarity]
     plain = subtract_reference(frame, reference, valid=valid, background_is=level_is, **registration)
-    best = even_out(plain, sign=SIGNS[polarity]) if plain.ratio else plain
-    valid, light, level, sign = plain.valid, best.illumination, plain.level, SIGNS[polarity]
+    if plain is None:
+        rest = np.subtract(frame, reference, dtype=np.float32)
+        difference, sign = estimate_background(rest, valid=valid, polarity=polarity)
+        return replace(_without_clipped(difference, frame), alignment=UNKNOWN), sign
+    best = even_out(plain, sign=sign)
+    valid, light, level = plain.valid, best.illumination, plain.level
     if not sign:
         seen = block_means(best.image, valid, side=side_of(light.background.shape, frame.shape))
-        sign = -1 if find_polarity(seen, light.background) == "dark" else 1
+        sign = find_sign(seen, light.background)
     blocks = block_means(best.image, valid)
     scatter = max(scatter_of_blocks(part, plain.rounding) for part in (blocks, blocks.T))
     limit = BACKGROUND_CLIP_SIGMA * scatter
     changed = np.mean(light.background) < LEAST_BACKGROUND or np.mean(sign * blocks < -limit) > NOTABLE_SHARE
-    if not (changed and plain.ratio and np.isfinite(blocks).any()):
+    if not (changed and np.isfinite(blocks).any()):
         return _without_clipped(best, frame), sign
     found = np.abs(blocks) < limit
     least = np.mean(found) + NOTABLE_SHARE
@@ -109,9 +112,8 @@ def remove_background(
         other, new_sign = estimate_background(start.image + np.float32(level), valid=valid, polarity=polarity)
         near = np.abs(block_means(other.image, other.valid)) < limit
         if np.mean(near) > least and encloses(near, found):
-            least, sign, new = np.mean(near), new_sign, other.illumination
-            light = replace(light, background=new.background, scatter=new.scatter / level)
-            brightness = start.brightness * other.brightness
+            least, sign, brightness = np.mean(near), new_sign, start.brightness * other.brightness
+            light = replace(light, background=other.illumination.background)
             best = replace(plain, image=other.image, brightness=brightness, illumination=light)
     return _without_clipped(best, frame), sign
 
@@ -124,7 +126,7 @@ def subtract_reference(
     background_is: BackgroundLevel = "nearest_one",
     registered: bool = False,
     whole: bool = False,
-) -> DifferenceImage:
+) -> DifferenceImage | None:
     """Frame minus background: registered reference times the ratio of the illuminations.
 
     Parameters
@@ -142,18 +144,19 @@ def subtract_reference(
 
     Returns
     -------
-    DifferenceImage
+    DifferenceImage or None
+        None for a reference that is dark or was subtracted before: it cannot be divided by.
     """
     images = _Images(frame, reference, valid, background_is, rounding_of_blocks(frame, reference))
     placed = _PlacedReference.of(images, UNKNOWN)
     if placed is None:
-        return _subtract_plainly(images)
+        return None
     residual, missed = REGISTERED, False
     if not registered:
         placed, residual, missed = _register(placed, whole=whole)
     found = residual.after(placed.alignment) if residual.known else placed.alignment
     light, level = placed.illumination, placed.level
-    image = divide_by_reference(frame, placed.reference, placed.half, light, residual=residual, level=level)
+    image = divide_by_reference(frame, placed.reference, placed.valid, light, residual=residual, level=level)
     if placed.valid is not None:
         image[placed.valid == 0] = 0.0
     return DifferenceImage(
@@ -161,7 +164,7 @@ def subtract_reference(
         level,
         placed.brightness,
         light,
-        found if found.known else NO_ALIGNMENT,
+        found,
         ratio=True,
         valid=placed.valid,
         registration_failed=missed and not residual.known,
@@ -184,14 +187,13 @@ def _without_clipped(difference: DifferenceImage, frame: NDArray) -> DifferenceI
 class _PlacedReference:
     """The reference moved to where it lies under the frame, and the ratio of the illuminations.
 
-    ``alignment`` is the move: by whole pixels if it is a pure shift. ``half`` holds means of the moved
-    reference over 2 x 2 pixels; ``valid`` is 0 at holes and where it has no pixel or no light; ``level`` is
-    its median over the lit blocks, and ``brightness`` its blocks relative to that.
+    ``alignment`` is the move: by whole pixels if it is a pure shift. ``valid`` is 0 at holes and where the
+    reference has no pixel or no light; ``level`` is its median over the lit blocks, and ``brightness`` its
+    blocks relative to that.
     """
 
     images: _Images
     reference: NDArray
-    half: Values
     valid: Mask
     level: float
     brightness: Values
@@ -202,8 +204,7 @@ class _PlacedReference:
     def of(cls, images: _Images, alignment: Alignment) -> "_PlacedReference | None":
         """The reference moved by an alignment; None if it is too dark to divide by."""
         moved, valid = move_reference(images.reference, images.valid, alignment)
-        half, blocks = _bin_reference(moved, valid)
-        frame_blocks = block_means(images.frame, valid)
+        blocks, frame_blocks = (block_means(image, valid) for image in (moved, images.frame))
         finite = finite_values(blocks)
         if not finite.size:
             return None
@@ -216,17 +217,17 @@ class _PlacedReference:
             dark = (cv2.blur(moved, (3, 3)) < DARKEST_FRACTION * level).astype(np.uint8)
             window = np.ones((2 * EDGE_REACH_PX + 1, 2 * EDGE_REACH_PX + 1), np.uint8)
             valid = exclude(valid, np.asarray(cv2.dilate(dark, window), np.uint8))
-            half, blocks = _bin_reference(moved, valid)
-            frame_blocks = block_means(images.frame, valid)
+            blocks, frame_blocks = (block_means(image, valid) for image in (moved, images.frame))
 
         def ratio(side: int, rows: Rows) -> tuple[NDArray, float]:
             above, below = frame_blocks, blocks
-            noise = _noise_of_two(below)
             if side != BLOCK:
-                above, below = (_means_of_rows(image, valid, side, rows) for image in (images.frame, moved))
-                noise, own = _noise_of_two(below), neighbour_scatter(above)
-                noise = own if noise < SMOOTH_RATIO * own else noise  # contacts leave most squares alone
-            return above / np.maximum(below, DARKEST_FRACTION * level), noise / level
+                seen = None if valid is None else valid[rows]
+                above, below = (block_means(image[rows], seen, side=side) for image in (images.frame, moved))
+            noise = np.sqrt(2.0) * neighbour_scatter(below)
+            if side != BLOCK and noise < SMOOTH_RATIO * neighbour_scatter(above):
+                noise = neighbour_scatter(above)  # contacts leave most squares alone
+            return above / np.maximum(below, DARKEST_FRACTION * level), float(noise) / level
 
         rounding = images.rounding / level
         illumination = find_illumination(
@@ -238,7 +239,7 @@ class _PlacedReference:
             illumination = replace(illumination, background=illumination.background & whole)
         lit_blocks = np.maximum(blocks, DARKEST_FRACTION * level) / level
         brightness = np.where(np.isfinite(blocks), lit_blocks, np.float32(1.0)).astype(np.float32)
-        return cls(images, moved, half, valid, level, brightness, illumination, alignment)
+        return cls(images, moved, valid, level, brightness, illumination, alignment)
 
     def moved_by(self, residual: Alignment) -> "_PlacedReference":
         """The reference moved further; by whole pixels if the total is a pure shift."""
@@ -253,51 +254,30 @@ class _PlacedReference:
         return align(frame, self.reference, self.illumination, self.valid, all_rows=all_rows)
 
 
-def _bin_reference(image: NDArray, valid: Mask) -> tuple[Values, Values]:
-    """Means over 2 x 2 pixels and over blocks."""
-    half = block_means(image, valid, side=2)
-    whole = all(size % BLOCK == 0 for size in image.shape)
-    return half, block_means(half, side=BLOCK // 2) if valid is None and whole else block_means(image, valid)
-
-
-def _means_of_rows(image: NDArray, valid: Mask, side: int, rows: Rows) -> NDArray:
-    """Means over squares of some rows of an image."""
-    return block_means(image[rows], None if valid is None else valid[rows], side=side)
-
-
-def _noise_of_two(reference: NDArray) -> float:
-    """Scatter of the difference of two images without contacts, from the means of one of them."""
-    return float(np.sqrt(2.0) * neighbour_scatter(reference))
-
-
 def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReference, Alignment, bool]:
     """The reference moved to within a pixel, the alignment that is left, and whether texture was missed.
 
     Where neither strips nor all rows of the image tell the alignment well, a far search comes first. It may
     find a faint texture that is too weak for the rest.
     """
-    residual, all_rows = placed.align(all_rows=whole), whole
-    if residual.known and not residual.good and not whole:
-        residual, all_rows = placed.align(all_rows=True), True
-    if residual.good:
-        return *_approach(placed, residual, all_rows=all_rows), False
+    for all_rows in dict.fromkeys((whole, True)):
+        residual = placed.align(all_rows=all_rows)
+        if residual.good:
+            return *_approach(placed, residual, all_rows=all_rows), False
+        if not residual.known:  # nor do all rows tell it where there is nothing to find
+            break
     frame = placed.images.frame
-    search = search_alignment(frame, placed.reference, placed.illumination, placed.valid, residual)
-    if search is None:
-        return placed, residual, False
-    shift, textured = search
+    shift, textured = search_alignment(
+        frame, placed.reference, placed.illumination, placed.valid, near=residual
+    )
     if shift is not None and not (residual.known and shift.is_shift):
         candidate = placed.moved_by(shift)
-        left, all_rows = candidate.align(all_rows=whole), whole
-        if not (left.good and left.is_shift and shift.is_shift):  # of a rotation, all rows tell more
-            left, all_rows = candidate.align(all_rows=True), True
-        if left.std_px < residual.std_px:
+        left = candidate.align(all_rows=True)
+        if left.std_px < residual.std_px or (not residual.known and shift.largest_px > BIN_PX):
             placed, residual = candidate, left
-    if not residual.known:
-        residual, all_rows = placed.align(all_rows=True), True
-    if shift is not None and not residual.known and shift.largest_px > BIN_PX:
-        placed = placed.moved_by(shift)
-    return *_approach(placed, residual, all_rows=all_rows), textured and shift is None
+    elif textured and not residual.known:
+        residual = placed.align(all_rows=True)
+    return *_approach(placed, residual, all_rows=True), textured and shift is None
 
 
 def _approach(
@@ -309,28 +289,8 @@ def _approach(
             break
         candidate = placed.moved_by(residual)
         left = candidate.align(all_rows=all_rows)
-        if left.std_px >= residual.std_px and not residual.is_shift:
+        if left.std_px < residual.std_px or residual.is_shift:
+            placed, residual = candidate, left
+        else:
             residual = replace(residual, rotation=0.0, scale=1.0)
-            if residual.largest_px < SUBPIXEL_PX:
-                break
-            continue
-        placed, residual = candidate, left
     return placed, residual
-
-
-def _subtract_plainly(images: _Images) -> DifferenceImage:
-    """Plain difference for a reference that is dark or was subtracted before: it cannot be divided by."""
-    frame, reference, valid = images.frame, images.reference, images.valid
-
-    def difference(side: int, rows: Rows) -> tuple[NDArray, float]:
-        above, below = (_means_of_rows(image, valid, side, rows) for image in (frame, reference))
-        return above - below, _noise_of_two(below)
-
-    illumination = find_illumination(
-        difference, frame.shape, background_is="most_common", rounding=images.rounding
-    )
-    image = illumination.subtract_from(np.subtract(frame, reference, dtype=np.float32))
-    brightness = np.ones([-(-size // BLOCK) for size in frame.shape], np.float32)
-    return DifferenceImage(
-        image, 0.0, brightness, illumination, NO_ALIGNMENT, valid=valid, rounding=images.rounding
-    )

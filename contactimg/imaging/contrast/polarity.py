@@ -10,8 +10,8 @@ AT_BORDER = 0.3
 """Weight of a region at the border. By hand: four dark corners of 500 px^2 against 25 contacts of 3 px."""
 
 
-def find_polarity(blocks: Values, background: Flags | None = None) -> str:
-    """``"bright"`` or ``"dark"``: the sign of most of what stands out of the background at 0 (bright: none).
+def find_sign(blocks: Values, background: Flags) -> int:
+    """1 if most of what stands out of a background at 0 is bright, or nothing does, else -1.
 
     A connected region counts as the square root of its light: one shadow is not many contacts. One at the
     border counts less, since light falls off there.
@@ -20,18 +20,19 @@ def find_polarity(blocks: Values, background: Flags | None = None) -> str:
     ----------
     blocks : ndarray, shape (rows, columns)
         Block means of the difference image; NaN = no data.
-    background : ndarray of bool or None
-        Blocks that are background, from which the scatter is read; None: most are.
+    background : ndarray of bool
+        Blocks that are background, from which the scatter is read; of another shape, or none: most are.
 
     Examples
     --------
-    >>> find_polarity(np.array([[0.1, -0.1, 0.2, -0.2, 0.0, -9.0, -8.0, 0.1]]))
-    'dark'
+    >>> blocks = np.array([[0.1, -0.1, 0.2, -0.2, 0.0, -9.0, -8.0, 0.1]])
+    >>> find_sign(blocks, np.abs(blocks) < 1.0)
+    -1
     """
     usual = np.isfinite(blocks)
     if not usual.any():
-        return "bright"
-    if background is not None and background.shape == blocks.shape and (usual & background).any():
+        return 1
+    if background.shape == blocks.shape and (usual & background).any():
         usual &= background
     limit = CLIP_SIGMA * robust_std(blocks[usual])
     shown = []
@@ -42,4 +43,4 @@ def find_polarity(blocks: Values, background: Flags | None = None) -> str:
         for side in (regions[0], regions[-1], regions[:, 0], regions[:, -1]):
             weight[side] = AT_BORDER
         shown.append(weight @ np.sqrt(np.bincount(regions[far], light[far], minlength=count)))
-    return "dark" if shown[1] > shown[0] else "bright"
+    return -1 if shown[1] > shown[0] else 1

@@ -18,7 +18,7 @@ from scipy import special
 from contactimg.imaging.background.illumination import fit_illumination
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, find_insignificant, fit_disks
 from contactimg.imaging.fit.problem import CONTRAST, ContrastPrior, FitProblem
-from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of, to_pixels
+from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of, to_pixels
 from contactimg.imaging.pixels.robust import (
     MAD_TO_STD,
     SIGNIFICANT_SIGMA,
@@ -89,8 +89,8 @@ def remove_halo(
     for _ in range(ROUNDS):
         halo = prior_optics.halo
         if not given:
-            means = BlockMeans(problem.image, fit.model)
-            halo = estimate_halo(means, contrast=problem.contrast, contacts=len(fit.disks))
+            count = len(fit.disks)
+            halo = estimate_halo(problem.image, fit.model, contrast=problem.contrast, contacts=count)
         if halo is None or (not given and abs(halo.fraction - fraction) < SETTLED_FRACTION):
             break
         fraction, removed = halo.fraction, halo
@@ -183,13 +183,15 @@ def _gaps(problem: FitProblem, fit: FittedDisks, side: int) -> NDArray[np.float3
     return np.where(dark, image - model, np.float32(np.nan)) if dark.any() else None
 
 
-def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo | None:
+def estimate_halo(
+    image: NDArray[np.float32], model: NDArray[np.float32], *, contrast: float, contacts: int
+) -> Halo | None:
     """Halo of a frame, or None if it has no significant one.
 
     Parameters
     ----------
-    means : BlockMeans
-        Of the difference image, and of the disks fitted with the core of the point spread function.
+    image, model : ndarray, shape (rows, columns)
+        Difference image, and the disks fitted with the core of the point spread function.
     contrast : float
         Of the contacts, grey levels.
     contacts : int
@@ -199,16 +201,16 @@ def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo 
     if parts < FEWEST:
         return None
     # a quick look at larger blocks suffices for most frames
-    if _best_halo(means, contrast, 2 * BLOCK_PX, HALO_WIDTHS_PX[::3], parts=parts) is None:
+    if _best_halo((image, model), contrast, 2 * BLOCK_PX, HALO_WIDTHS_PX[::3], parts=parts) is None:
         return None
-    return _best_halo(means, contrast, BLOCK_PX, HALO_WIDTHS_PX, parts=parts)
+    return _best_halo((image, model), contrast, BLOCK_PX, HALO_WIDTHS_PX, parts=parts)
 
 
 def _best_halo(
-    means: BlockMeans, contrast: float, side: int, widths: tuple[float, ...], *, parts: int
+    images: tuple[NDArray, NDArray], contrast: float, side: int, widths: tuple[float, ...], *, parts: int
 ) -> Halo | None:
     """The halo, of those of some widths, that explains most of the block means of a side."""
-    image, core = means(side)
+    image, core = (block_means(part, side=side) for part in images)
     dark = np.abs(core) < CORE_END_FRACTION * contrast
     if np.count_nonzero(dark) < 20 * HALO_PARTS:
         return None

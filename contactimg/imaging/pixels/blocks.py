@@ -24,7 +24,6 @@ LARGEST_ROUNDING = 0.25  # of the range of these blocks: what they differ by mor
 SOME_CLIPPED, MOST_CLIPPED = 0.1, 0.8
 """Share of clipped blocks of an image that matters, and of clipped pixels of such a block. By hand: half of
 the pixels are clipped where a background was subtracted."""
-LARGEST_DIRECT_PX = 4  # side up to which block means are computed from pixels, beyond it from smaller blocks
 
 
 def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> Values:
@@ -126,28 +125,6 @@ def find_clipped(image: NDArray) -> Mask:
     if not SOME_CLIPPED < np.mean(clipped) < 1.0 - SOME_CLIPPED:
         return None
     return to_pixels(clipped.astype(np.uint8), image.shape)
-
-
-class BlockMeans:
-    """Block means of some images for any side in px (a power of 2), each computed once.
-
-    Examples
-    --------
-    >>> means = BlockMeans(np.arange(16.0).reshape(4, 4), np.ones((4, 4)))
-    >>> [part.tolist() for part in means(4)], means(2)[0].tolist()
-    ([[[7.5]], [[1.0]]], [[2.5, 4.5], [10.5, 12.5]])
-    """
-
-    def __init__(self, *images: NDArray) -> None:
-        self._images = images
-        self._means: dict[int, list[Values]] = {}
-
-    def __call__(self, side: int) -> list[Values]:
-        """Means over squares of that side: one array for each image."""
-        if side not in self._means:
-            images, part = (self._images, side) if side <= LARGEST_DIRECT_PX else (self(side // 2), 2)
-            self._means[side] = [block_means(image, side=part) for image in images]
-        return self._means[side]
 
 
 class SignedImage:

@@ -14,7 +14,6 @@ from contactimg.imaging.fit.shared_optics import contrast_prior
 from contactimg.imaging.kernels.pairs import find_pairs, overlapping
 from contactimg.imaging.kernels.solve import invert_4x4
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.pixels.blocks import BlockMeans
 from contactimg.tables import Flag
 
 
@@ -158,13 +157,13 @@ def test_halo_is_found_and_taken_out():
         np.float32
     )
     model = clean - 80.0
-    halo = estimate_halo(BlockMeans(hazy - 80.0, model), contrast=100.0, contacts=12)
+    halo = estimate_halo(hazy - 80.0, model, contrast=100.0, contacts=12)
     # pixels beyond the core tell the fraction to a per cent or two of itself
     assert halo.sigma_px == 8.0
     assert halo.fraction == pytest.approx(0.2, abs=0.01)
-    assert estimate_halo(BlockMeans(model, model), contrast=100.0, contacts=12) is None
+    assert estimate_halo(model, model, contrast=100.0, contacts=12) is None
     # the scatter of two contacts says nothing about that of more
-    assert estimate_halo(BlockMeans(hazy - 80.0, model), contrast=100.0, contacts=2) is None
+    assert estimate_halo(hazy - 80.0, model, contrast=100.0, contacts=2) is None
     left = subtract_halo(hazy - 80.0, model, halo) - model
     # 5 % for the fraction, and half a step, 10 %, for the width
     assert np.sqrt(np.mean(left**2)) < 0.15 * np.sqrt(np.mean((hazy - clean) ** 2))
