@@ -107,7 +107,7 @@ def in_parallel(
         """Results from workers; the stages of their processes are timed as well."""
         timed_lost = None if lost is None else partial(collect_call, lost)
         results = _in_order(takers, partial(collect_call, function), items, timed_lost)
-        return gather(results, processes=takers.processes())
+        return gather(results)
 
     asked = _Processes(processes) if workers is not None and processes > 1 else None
     takers = cluster_in_use() or asked
