@@ -5,7 +5,7 @@ import pickle
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError, Future, wait
+from concurrent.futures import Future, wait
 from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from itertools import islice
@@ -125,12 +125,10 @@ def _in_order(
     A caller that is slower than they are holds them up: no more than `AHEAD` results for each process wait in
     memory. If the caller stops, the calls that still run are dropped.
 
-    A process that ends takes all calls with it that were handed over. The oldest of them, as many as there
-    are processes, were under way: these are made again alone until one is found to be the cause, and the
-    others together.
+    A process that ends takes all calls with it that were handed over. Each of these is made again alone when
+    it is its turn: one that ends its process then too is the cause.
     """
     calls, failures = deque[tuple[tuple[Any, ...], Future[Result]]](), 0
-    suspects: int | None = None
     with _stored(function, workers.folder()) as name:
         try:
             while True:
@@ -138,12 +136,11 @@ def _in_order(
                     calls.append((item, workers.submit(_call, name, *item)))
                 if not calls:
                     return
-                item, future = calls[0]
+                item, future = calls.popleft()
                 try:
                     try:
                         result = _result(workers, future)
                     except WorkerEndedError:
-                        suspects = (suspects or workers.processes()) - 1
                         _settle(workers, [other for _, other in calls])
                         result = _result(workers, workers.submit(_call, name, *item))
                     failures = 0
@@ -154,23 +151,11 @@ def _in_order(
                             "a worker process was ended from outside, perhaps because memory ran out; start "
                             "the command again, with fewer --workers if memory is short"
                         ) from error
-                    result, suspects = lost(error, *item), 0
-                calls.popleft()
-                if suspects == 0:
-                    for k, (other, future) in enumerate(list(calls)):
-                        if _has_ended(workers, future):
-                            calls[k] = other, workers.submit(_call, name, *other)
-                    suspects = None
+                    result = lost(error, *item)
                 yield result
         finally:
             if calls:
-                workers.drop()
-
-
-def _has_ended(workers: Any, future: Future[Any]) -> bool:
-    """Whether the process of a call was ended."""
-    done = future.done() and not future.cancelled()
-    return done and isinstance(workers.named(future.exception()), WorkerEndedError)
+                end_workers()
 
 
 def _settle(workers: Any, futures: list[Future[Any]]) -> None:
@@ -183,10 +168,10 @@ def _settle(workers: Any, futures: list[Future[Any]]) -> None:
 def _result(workers: Any, future: Future[Result]) -> Result:
     """The result of a call when it is there; its error in the words of the workers."""
     _settle(workers, [future])
-    error = CancelledError() if future.cancelled() else future.exception()
-    if error is not None:
+    try:
+        return future.result()
+    except Exception as error:
         raise workers.named(error) from None
-    return future.result()
 
 
 class _Processes:
@@ -232,9 +217,6 @@ class _Processes:
                 "ended its process, in the end with no other beside it, perhaps because memory ran out"
             )
         return error
-
-    def drop(self) -> None:
-        end_workers()
 
 
 @contextmanager
