@@ -75,11 +75,11 @@ def measure_parts(
     scene = experiment.scene
     check_modulus(scene)
     asperities, sites = asperities_and_sites(experiment)
-    parts, shape = _measure_frames(experiment, FrameOptions.of(scene, sites), workers=workers, store=store)
+    parts = _measure_frames(experiment, FrameOptions.of(scene, sites), workers=workers, store=store)
     for k, part in enumerate(parts):  # own_optics is the largest part of a frame
         row = part.row | {"load_N": experiment.load_of(part.row["frame"])}
         parts[k] = replace(part, row=row, own_optics=None)
-    return MeasuredSeries(scene, parts, sites, workers=workers).posed(shape, asperities)
+    return MeasuredSeries(scene, parts, sites, workers=workers).posed(asperities)
 
 
 def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
@@ -106,17 +106,15 @@ def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
 
 def _measure_frames(
     experiment: files.Experiment, options: FrameOptions, *, workers: int | None, store: files.PartStore | None
-) -> tuple[list[MeasuredFrame], tuple[int, int]]:
+) -> list[MeasuredFrame]:
     """Measure the frames, on a pooled background where that gains; some again with optics of the others.
 
     Only the frames that the background is pooled from are measured with the reference before.
 
     Returns
     -------
-    parts : list of MeasuredFrame
+    list of MeasuredFrame
         In order; a frame that cannot be measured has a row that says why.
-    shape : (int, int)
-        Rows and columns of the frames.
 
     Raises
     ------
@@ -228,14 +226,12 @@ def _of_usual_shape(parts: Mapping[int, MeasuredFrame]) -> dict[int, MeasuredFra
     return {k: part for k, part in parts.items() if part.shape == usual}
 
 
-def _in_order(
-    parts: Mapping[int, MeasuredFrame], frames: Sequence[files.FrameSource]
-) -> tuple[list[MeasuredFrame], tuple[int, int]]:
-    """All frames and their usual shape; those of another shape are failures."""
+def _in_order(parts: Mapping[int, MeasuredFrame], frames: Sequence[files.FrameSource]) -> list[MeasuredFrame]:
+    """All frames; those of another shape than most are failures."""
     whole, usual = dict(parts), _of_usual_shape(parts)
     rows, columns = next(iter(usual.values())).shape or (0, 0)
     for k, part in parts.items():
         if part.shape is not None and k not in usual:
             odd = f"has {part.shape[1]} x {part.shape[0]} pixels, the other frames {columns} x {rows}"
             whole[k] = MeasuredFrame.of(FailedFrame.of(frames[k].name, FrameError(odd)))
-    return [whole[k] for k in range(len(frames))], (rows, columns)
+    return [whole[k] for k in range(len(frames))]
