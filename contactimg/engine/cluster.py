@@ -28,7 +28,8 @@ PATIENCE = "distributed.comm.timeouts.connect"
 """Setting of dask: how long a run waits for a scheduler that does not answer, or without any worker."""
 
 _one_at_a_time = threading.Lock()
-_in_use: ContextVar["Cluster | None"] = ContextVar("contactimg_cluster", default=None)
+cluster_in_use: ContextVar["Cluster | None"] = ContextVar("contactimg_cluster", default=None)
+"""The cluster of the `on_cluster` around."""
 
 
 class ClusterError(ContactimgError):
@@ -167,11 +168,6 @@ class Cluster:
             raise self._gone(error) from None
 
 
-def cluster_in_use() -> Cluster | None:
-    """The cluster of the `on_cluster` around."""
-    return _in_use.get()
-
-
 @contextmanager
 def on_cluster(place: str) -> Iterator[Cluster]:
     """Let the workers of a cluster take the calls of `contactimg.engine.parallel.in_parallel`.
@@ -218,7 +214,7 @@ def on_cluster(place: str) -> Iterator[Cluster]:
         ) from None
     cluster = Cluster(client, place)
     try:
-        with holding(_in_use, cluster):
+        with holding(cluster_in_use, cluster):
             yield cluster
     finally:
         with suppress(Exception):  # the scheduler may have gone

@@ -110,7 +110,7 @@ def in_parallel(
         return gather(results)
 
     asked = _Processes(processes) if workers is not None and processes > 1 else None
-    takers = cluster_in_use() or asked
+    takers = cluster_in_use.get() or asked
     return counted(alone() if takers is None else shared(takers), shown, count)
 
 
