@@ -141,9 +141,7 @@ def _measure_frames(
                 found[k] = part
         return found
 
-    counts_pixels = method == "threshold" and options.scene.images.background != "pooled"
-    sample = evenly_spread(numbers, len(frames) if counts_pixels else MOST_VIEWS)
-    parts |= measured(alone, dict.fromkeys(sample))
+    parts |= measured(alone, dict.fromkeys(evenly_spread(numbers, MOST_VIEWS)))
     shapes = Counter(part.shape for part in parts.values() if part.shape)
     if len(shapes) != 1 or shapes.total() < FEWEST_FRAMES:
         parts |= measured(alone, {k: None for k in numbers if k not in parts})
@@ -174,7 +172,6 @@ def _measure_frames(
     parts |= measured(call, dict.fromkeys(others, common))
     if pool is not None:  # frames of which the pool tells nothing
         parts |= measured(alone, {k: None for k in others if parts[k].shape is None})
-        parts |= {k: part.with_remarks(pool.remarks_on(k)) for k, part in parts.items() if part.shape}
     return _in_order(parts, frames)
 
 
