@@ -145,22 +145,22 @@ def _measure_frames(
     shapes = Counter(part.shape for part in parts.values() if part.shape)
     if len(shapes) != 1 or shapes.total() < FEWEST_FRAMES:
         parts |= measured(alone, {k: None for k in numbers if k not in parts})
-    if not (usual := _of_usual_shape(parts)):
+    if not _of_usual_shape(parts):
         raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
-    shown = {k: part for k, part in usual.items() if is_measured(part)}
-    pool = pool_background(experiment, options, shown, workers=workers)
+    pool = pool_background(experiment, options, _of_usual_shape(parts), workers=workers)
     if pool is not None and pool.spots >= FEWEST_FALSE_SPOTS:
         fault = f"the reference shows {pool.spots} spots like contacts that no frame confirms"
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
-        shown |= measured(alone, dict.fromkeys(shown))
-        parts |= shown
-        pool = pool_background(experiment, options, shown, workers=workers, fault=fault)
-    call, (common, lent) = alone, _lent_optics(_of_usual_shape(parts), method)
+        parts |= measured(alone, dict.fromkeys(parts))
+        pool = pool_background(experiment, options, _of_usual_shape(parts), workers=workers, fault=fault)
+    usual = _of_usual_shape(parts)
+    call, (common, lent) = alone, _lent_optics(usual, method)
     if pool is not None:
         on_pool = partial(measure_on_pool, pool=pool)
         # without a reference the frames alone know their contrast badly
-        better = measured(on_pool, {k: None if pool.source else lent.get(k) for k in shown})
+        known = (k for k, part in usual.items() if is_measured(part))
+        better = measured(on_pool, {k: None if pool.source else lent.get(k) for k in known})
         if pool.gains(better):
             call, parts = on_pool, parts | better
             common, lent = _lent_optics(better, method) if pool.source else (common, {})
