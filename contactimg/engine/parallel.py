@@ -33,9 +33,10 @@ START_SECONDS = 6.0
 process needs about 3 s of processor time to import the package and to load its compiled functions; twice that
 leaves room for an estimate from one call."""
 
-AHEAD = 8
+AHEAD = 4
 """Calls for each process that are made before the oldest result is taken. Chosen: a call that takes as long
-as eight others keeps no process waiting, and that many results fit into memory."""
+as four others keeps no process waiting, that many results fit into memory, and when a process was ended, no
+more calls are made again one by one."""
 
 MOST_FAILURES = 8
 """Calls in a row, each of which ended its process alone, after which no other is made. Chosen: then it is not
