@@ -165,12 +165,12 @@ def compare_frame(
 def draw_comparison(
     comparison: Comparison, run: Run, experiment: Experiment, folder: Path, *, workers: int | None
 ) -> None:
-    """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files."""
-    known, pose = {source.name for source in experiment.frames}, run.need_pose()
-    lost = [frame for frame in comparison.seen if frame not in known]
-    if lost:
-        raise InputError(f"frame {lost[0]} of the run is not among the frames of its scene; repeat `process`")
-    loads, tables = run.frames.set_index("frame")["load_N"], dict(run.by_frame())
+    """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files.
+
+    Frames of the run that are no longer there have no picture.
+    """
+    pose, tables = run.need_pose(), dict(run.by_frame())
+    loads = run.frames.set_index("frame")["load_N"]
 
     def drawings() -> Iterator[tuple[str, partial[Picture]]]:
         for frame, models in comparison.seen.items():

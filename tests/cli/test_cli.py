@@ -480,6 +480,16 @@ def test_overlay_names_loads_without_an_answer_and_leaves_out_frames_not_measure
     assert pd.read_csv(tmp_path / "out" / "scores.csv")["frame"].unique().tolist() == ["frame_1.tif"]
 
 
+def test_overlay_scores_a_frame_that_is_gone_and_has_no_picture_of_it(series, tmp_path, capsys):
+    assert process(series, "-o", tmp_path / "run", *COUNTED) == 0
+    (series / "frame_2.tif").unlink()
+    out = tmp_path / "out"
+    assert main(["overlay", str(tmp_path / "run"), "-o", str(out), "--quiet"]) == 0
+    assert "loads for frames that are not there: frame_2.tif" in capsys.readouterr().err
+    assert pd.read_csv(out / "scores.csv")["frame"].nunique() == 3
+    assert {path.name for path in (out / "overlays").iterdir()} == {"frame_1.tif.png", "frame_3.tif.png"}
+
+
 def test_a_scene_from_elsewhere_is_for_the_frames_of_the_folder(series, small_series, tmp_path):
     for name in ("scene.toml", "asperities.csv", "frame_3.tif"):
         (series / name).unlink()
