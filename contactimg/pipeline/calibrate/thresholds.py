@@ -242,8 +242,6 @@ def run_modulus(
     -------
     Calibrated
     """
-    if threshold is not None and not 0 < threshold.value < 1:
-        raise InputError(f"the threshold must lie between 0 and 1, got {threshold.value:g}")
     scene, measured = experiment.scene, _stated_modulus(experiment)
     kept: dict[str, Any] = {}
     if threshold is not None:
