@@ -1,8 +1,7 @@
 """Computing time of a run by named stages; without a collector, a stage costs next to nothing.
 
 Time is charged to the innermost stage that has been entered, so that all stages and the time outside them add
-up to the elapsed time. Worker processes time their own stages; the time spent waiting for them is divided
-among these.
+up to the elapsed time. Worker processes time their own stages, which are added to those of this process.
 """
 
 from collections import Counter, defaultdict
@@ -16,8 +15,8 @@ from typing import Any, TypeVar
 OTHER = "other"
 """Time outside of all stages."""
 
-WAITING = "starting and waiting for processes"
-"""Time that worker processes take beyond their stages."""
+WAITING = "waiting for processes"
+"""Time in which this process waits for the results of others."""
 
 Result = TypeVar("Result")
 
@@ -47,18 +46,11 @@ class Timings:
         self.seconds[self.entered[-1]] += now - self._since
         self._since = now
 
-    def divide(self, name: str, parts: "Timings", processes: int) -> None:
-        """Divide the time of a stage among the stages of processes that ran at the same time.
-
-        A part counts with its time over the number of processes; all parts are scaled down together if they
-        exceed the time of the stage.
-        """
-        total = sum(parts.seconds.values())
-        share = min(1 / processes, self.seconds[name] / total) if total > 0 else 0.0
-        for part, seconds in parts.seconds.items():
-            self.seconds[part] += share * seconds
-        self.seconds[name] -= share * total
-        self.calls += parts.calls
+    def add(self, other: "Timings") -> None:
+        """Add the stages that another process has timed."""
+        for name, seconds in other.seconds.items():
+            self.seconds[name] += seconds
+        self.calls += other.calls
 
     def rows(self) -> list[tuple[str, int, float]]:
         """Stage, calls and seconds, the longest first and what is outside of all stages last."""
@@ -124,32 +116,24 @@ def collect_call(function: Callable[..., Result], *arguments: Any) -> tuple[Resu
     return result, timings
 
 
-def gather(results: Iterable[tuple[Result, Timings]], *, processes: int) -> Iterator[Result]:
-    """The results of `collect_call` in several processes; their stages are added to the current timings.
+def gather(results: Iterable[tuple[Result, Timings]]) -> Iterator[Result]:
+    """The results of `collect_call` in other processes; their stages are added to the current timings.
 
     Parameters
     ----------
     results : iterable of (result, Timings)
         Taken as they are ready.
-    processes : int
-        How many ran at the same time.
 
     Yields
     ------
     result
     """
-    pending, parts = iter(results), Timings()
-    try:
-        while True:
-            with stage(WAITING):
-                item = next(pending, None)
-            if item is None:
-                return
-            for name, seconds in item[1].seconds.items():
-                parts.seconds[name] += seconds
-            parts.calls += item[1].calls
-            yield item[0]
-    finally:
-        timings = _collector.get()
+    pending, timings = iter(results), _collector.get()
+    while True:
+        with stage(WAITING):
+            item = next(pending, None)
+        if item is None:
+            return
         if timings is not None:
-            timings.divide(WAITING, parts, processes)
+            timings.add(item[1])
+        yield item[0]

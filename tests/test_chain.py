@@ -53,7 +53,7 @@ def last_frame_seen_by(series, camera, *, flipped=None, **sections):
         name = shift[list(columns).index(flipped)]
         part = replace(part.with_contacts(contacts), row=part.row | {name: -part.row[name]})
     one = replace(series, scene=scene, parts=[part])
-    return one.posed(part.shape).run
+    return one.posed().run
 
 
 def coupled_and_uncoupled(run):

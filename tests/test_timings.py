@@ -1,4 +1,4 @@
-"""Stages add up to the time that passed, here and in worker processes, and cost next to nothing when off."""
+"""Stages add up to the time that passed, those of worker processes are added, and off they cost nothing."""
 
 import re
 import time
@@ -11,7 +11,7 @@ from loky import get_reusable_executor
 from contactimg import timings as module
 from contactimg.cli import main
 from contactimg.engine.parallel import in_parallel
-from contactimg.timings import OTHER, WAITING, Timings, collect, collect_call, gather, stage
+from contactimg.timings import OTHER, WAITING, Timings, collect, stage
 
 
 def spend(seconds):
@@ -102,32 +102,21 @@ def own_processes():
 
 
 @pytest.mark.usefixtures("own_processes")
-def test_the_time_of_two_processes_is_divided_among_their_stages():
+def test_the_stages_of_processes_are_added():
     with collect() as timings:
         results = list(in_parallel(work, [(0.05,)] * 4, count=4, workers=2))
     assert results == [0.05] * 4
     assert timings.calls["working"] == 4
-    # 4 x 0.05 s on two processes take at least 0.1 s of the time that passed; not 0.2
-    assert timings.seconds["working"] >= 0.1
-    assert timings.seconds["working"] < sum(timings.seconds.values())
-    assert timings.seconds[WAITING] >= 0
+    assert timings.seconds["working"] >= 0.2
+    assert timings.seconds[WAITING] >= 0.1  # two processes share them
 
 
-def test_one_process_needs_no_division():
+def test_one_process_waits_for_no_other():
     with collect() as timings:
         list(in_parallel(work, [(0.01,)] * 3, count=3, workers=None))
     assert timings.calls["working"] == 3
     assert timings.seconds["working"] >= 0.03
     assert WAITING not in timings.seconds
-
-
-def test_stages_of_processes_never_exceed_what_was_waited_for():
-    # two processes that worked while this one did something else: it waited less than their share
-    parts = [(k, collect_call(work, 0.02)[1]) for k in range(2)]
-    with collect() as timings:
-        assert list(gather(iter(parts), processes=1)) == [0, 1]
-    assert timings.seconds["working"] < 0.04
-    assert timings.seconds[WAITING] == pytest.approx(0, abs=1e-12)
 
 
 def test_rows_are_sorted_with_the_rest_last():

@@ -97,7 +97,7 @@ def modulus(
     *,
     stated: shared.Stated,
     calibration: shared.Existing | None = None,
-    threshold: float | None = None,
+    threshold: Annotated[float | None, click.FloatRange(0, 1, min_open=True, max_open=True)] = None,
     jkr: Jkr = None,
     **common: Any,
 ) -> int:

@@ -1,6 +1,5 @@
 """Commands on the output of `process`: `overlay`, `analyse`, `report`, `review`, `export`, `import-rois`."""
 
-from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
@@ -143,10 +142,8 @@ def analyse(
         min_radius_px=min_radius_px,
         min_contacts=min_contacts,
         models=models,
+        smooth=None if smooth is None else pipeline.open_place(smooth),
     )
-    if smooth is not None:
-        stress = pipeline.smooth_shear_stress(pipeline.open_place(smooth), settings)
-        settings = replace(settings, smooth_stress=stress)
     centre = None if calibration is None else pipeline.read_centre(calibration)
     places = [pipeline.open_place(run, centre_px=centre) for run in runs]
     folders = [Path(run) for run in runs]

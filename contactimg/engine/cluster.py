@@ -2,7 +2,6 @@
 
 import hashlib
 import logging
-import os
 import platform
 import threading
 import time
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from contactimg.engine.progress import holding
-from contactimg.errors import ContactimgError, InputError, finite_number
+from contactimg.errors import ContactimgError, InputError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -25,11 +24,12 @@ if TYPE_CHECKING:
 LIBRARIES = ("numpy", "scipy", "numba", "pandas", "opencv-python-headless", "scikit-image", "finufft")
 """Libraries that compute numbers."""
 
-PATIENCE_VARIABLE = "CONTACTIMG_CLUSTER_WAIT_S"
-"""Environment variable with the patience in seconds, for workers that wait in the queue of a batch system."""
+PATIENCE = "distributed.comm.timeouts.connect"
+"""Setting of dask: how long a run waits for a scheduler that does not answer, or without any worker."""
 
 _one_at_a_time = threading.Lock()
-_in_use: ContextVar["Cluster | None"] = ContextVar("contactimg_cluster", default=None)
+cluster_in_use: ContextVar["Cluster | None"] = ContextVar("contactimg_cluster", default=None)
+"""The cluster of the `on_cluster` around."""
 
 
 class ClusterError(ContactimgError):
@@ -123,14 +123,16 @@ class Cluster:
 
     def seen(self, last: float) -> float:
         """When there was a worker: now, or else the ``last`` time, unless that is too long ago."""
-        limit = patience()
+        import dask
+
         with self._failures_named():
             if self.client.nthreads():
                 return time.monotonic()
-        if time.monotonic() - last > limit:
+        limit = dask.config.get(PATIENCE)
+        if time.monotonic() - last > dask.utils.parse_timedelta(limit):
             raise ClusterError(
-                f"the cluster at {self.place} has had no worker for {limit:g} s; start workers "
-                f"and the same command again, or set {PATIENCE_VARIABLE} to wait longer"
+                f"the cluster at {self.place} has had no worker for {limit}; start workers and the same "
+                f"command again, or let dask wait longer, by its setting {PATIENCE}"
             )
         return last
 
@@ -149,9 +151,6 @@ class Cluster:
             return ClusterError(f"a worker of the cluster has {error}; install contactimg there")
         return error
 
-    def drop(self) -> None:
-        """The scheduler forgets by itself what is left, with the connection."""
-
     def _gone(self, error: BaseException) -> ClusterError:
         return ClusterError(
             f"the cluster at {self.place} cannot go on ({type(error).__name__}: {error}); if its "
@@ -167,26 +166,6 @@ class Cluster:
             yield
         except (CancelledError, ClosedClientError, OSError, RuntimeError) as error:
             raise self._gone(error) from None
-
-
-def cluster_in_use() -> Cluster | None:
-    """The cluster of the `on_cluster` around."""
-    return _in_use.get()
-
-
-def patience() -> float:
-    """How long a run waits for a scheduler that does not answer, or without any worker, s.
-
-    Raises
-    ------
-    InputError
-        If the environment variable holds no positive number.
-    """
-    # chosen: a run that cannot go on ends within a minute
-    seconds = finite_number(os.environ.get(PATIENCE_VARIABLE, "45"), PATIENCE_VARIABLE, "seconds")
-    if seconds <= 0:
-        raise InputError(f"{PATIENCE_VARIABLE} must be positive, got {seconds:g} s")
-    return seconds
 
 
 @contextmanager
@@ -214,7 +193,6 @@ def on_cluster(place: str) -> Iterator[Cluster]:
     Workers must see input and output folders under the same paths, and have the same versions.
     """
     try:
-        import dask
         from distributed import Client
     except ImportError:
         raise InputError(
@@ -227,19 +205,17 @@ def on_cluster(place: str) -> Iterator[Cluster]:
     where = {"address" if "://" in place else "scheduler_file": place}
     for name in ("distributed", "distributed.client"):  # what it reports is in the errors here
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    limit = patience()
-    with dask.config.set({"distributed.comm.timeouts.connect": limit}):
-        try:
-            client = Client(**where, timeout=limit, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise ClusterError(
-                f"no scheduler answers at {place} ({type(error).__name__}: {error}); "
-                "start one with: dask scheduler"
-            ) from None
-        cluster = Cluster(client, place)
-        try:
-            with holding(_in_use, cluster):
-                yield cluster
-        finally:
-            with suppress(Exception):  # the scheduler may have gone
-                client.close(timeout=5.0)  # chosen: what is not closed then is left to the system
+    try:
+        client = Client(**where, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ClusterError(
+            f"no scheduler answers at {place} ({type(error).__name__}: {error}); "
+            "start one with: dask scheduler"
+        ) from None
+    cluster = Cluster(client, place)
+    try:
+        with holding(cluster_in_use, cluster):
+            yield cluster
+    finally:
+        with suppress(Exception):  # the scheduler may have gone
+            client.close(timeout=5.0)  # chosen: what is not closed then is left to the system

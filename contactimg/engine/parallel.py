@@ -5,7 +5,7 @@ import pickle
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError, Future, wait
+from concurrent.futures import Future, wait
 from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from itertools import islice
@@ -33,9 +33,10 @@ START_SECONDS = 6.0
 process needs about 3 s of processor time to import the package and to load its compiled functions; twice that
 leaves room for an estimate from one call."""
 
-AHEAD = 8
+AHEAD = 4
 """Calls for each process that are made before the oldest result is taken. Chosen: a call that takes as long
-as eight others keeps no process waiting, and that many results fit into memory."""
+as four others keeps no process waiting, that many results fit into memory, and when a process was ended, no
+more calls are made again one by one."""
 
 MOST_FAILURES = 8
 """Calls in a row, each of which ended its process alone, after which no other is made. Chosen: then it is not
@@ -107,10 +108,10 @@ def in_parallel(
         """Results from workers; the stages of their processes are timed as well."""
         timed_lost = None if lost is None else partial(collect_call, lost)
         results = _in_order(takers, partial(collect_call, function), items, timed_lost)
-        return gather(results, processes=takers.processes())
+        return gather(results)
 
     asked = _Processes(processes) if workers is not None and processes > 1 else None
-    takers = cluster_in_use() or asked
+    takers = cluster_in_use.get() or asked
     return counted(alone() if takers is None else shared(takers), shown, count)
 
 
@@ -125,12 +126,10 @@ def _in_order(
     A caller that is slower than they are holds them up: no more than `AHEAD` results for each process wait in
     memory. If the caller stops, the calls that still run are dropped.
 
-    A process that ends takes all calls with it that were handed over. The oldest of them, as many as there
-    are processes, were under way: these are made again alone until one is found to be the cause, and the
-    others together.
+    A process that ends takes all calls with it that were handed over. Each of these is made again alone when
+    it is its turn: one that ends its process then too is the cause.
     """
     calls, failures = deque[tuple[tuple[Any, ...], Future[Result]]](), 0
-    suspects: int | None = None
     with _stored(function, workers.folder()) as name:
         try:
             while True:
@@ -138,12 +137,11 @@ def _in_order(
                     calls.append((item, workers.submit(_call, name, *item)))
                 if not calls:
                     return
-                item, future = calls[0]
+                item, future = calls.popleft()
                 try:
                     try:
                         result = _result(workers, future)
                     except WorkerEndedError:
-                        suspects = (suspects or workers.processes()) - 1
                         _settle(workers, [other for _, other in calls])
                         result = _result(workers, workers.submit(_call, name, *item))
                     failures = 0
@@ -154,23 +152,11 @@ def _in_order(
                             "a worker process was ended from outside, perhaps because memory ran out; start "
                             "the command again, with fewer --workers if memory is short"
                         ) from error
-                    result, suspects = lost(error, *item), 0
-                calls.popleft()
-                if suspects == 0:
-                    for k, (other, future) in enumerate(list(calls)):
-                        if _has_ended(workers, future):
-                            calls[k] = other, workers.submit(_call, name, *other)
-                    suspects = None
+                    result = lost(error, *item)
                 yield result
         finally:
             if calls:
-                workers.drop()
-
-
-def _has_ended(workers: Any, future: Future[Any]) -> bool:
-    """Whether the process of a call was ended."""
-    done = future.done() and not future.cancelled()
-    return done and isinstance(workers.named(future.exception()), WorkerEndedError)
+                end_workers()
 
 
 def _settle(workers: Any, futures: list[Future[Any]]) -> None:
@@ -183,10 +169,10 @@ def _settle(workers: Any, futures: list[Future[Any]]) -> None:
 def _result(workers: Any, future: Future[Result]) -> Result:
     """The result of a call when it is there; its error in the words of the workers."""
     _settle(workers, [future])
-    error = CancelledError() if future.cancelled() else future.exception()
-    if error is not None:
+    try:
+        return future.result()
+    except Exception as error:
         raise workers.named(error) from None
-    return future.result()
 
 
 class _Processes:
@@ -232,9 +218,6 @@ class _Processes:
                 "ended its process, in the end with no other beside it, perhaps because memory ran out"
             )
         return error
-
-    def drop(self) -> None:
-        end_workers()
 
 
 @contextmanager

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
 from contactimg.files import output
 from contactimg.files.atomic import first_names, read_bytes
@@ -118,8 +117,6 @@ class Run:
         Pose of the camera over the reference frame; None without a pixel size.
     tables : dict
         Name -> further tables that are in memory; those of a folder are read when they are asked for.
-    law : LawPlan or None
-        Law of the local forces and what it leaves out; None without forces, or of a folder.
     folder : Path
         The output folder.
     provenance : dict
@@ -133,7 +130,6 @@ class Run:
     frames: pd.DataFrame
     pose: PoseFit | None = None
     tables: dict[str, pd.DataFrame] = field(default_factory=dict)
-    law: LawPlan | None = None
     folder: Path = Path()
     provenance: dict[str, Any] = field(default_factory=dict)
     changed: tuple[str, ...] = ()

@@ -1,6 +1,5 @@
 from .analyse.analysis import AnalysisOptions as AnalysisOptions
 from .analyse.analysis import analyse_places as analyse_places
-from .analyse.analysis import smooth_shear_stress as smooth_shear_stress
 from .analyse.analysis import write_analysis as write_analysis
 from .analyse.places import differences as differences
 from .analyse.places import open_place as open_place

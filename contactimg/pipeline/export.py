@@ -133,17 +133,15 @@ def edits_from_regions(
     InputError
         If the file or its frame is not known.
     """
-    if frame is None:
-        stems = {file_stem(name): str(name) for name in run.frames["frame"]}
-        frame = stems.get(path.stem) or stems.get(path.stem.removesuffix("_overlay"))
-    if frame is None:
-        raise InputError(f"{path}: its name is not that of an exported frame; name the frame with --frame")
-    if frame not in set(run.frames["frame"]):
-        raise InputError(f"{run.folder}: has no frame {frame!r}")
-    shown = dict(run.by_frame())[frame]
-    corrected = exports.read_regions(path)
+    tables = dict(run.by_frame())
+    stems = {file_stem(name): name for name in tables}
+    name = frame or stems.get(path.stem) or stems.get(path.stem.removesuffix("_overlay"), "")
+    if name not in tables:
+        called = f"{path}: no frame of {run.folder} is called {frame or 'so'}"
+        raise InputError(f"{called}; name the frame with --frame")
+    shown, corrected = tables[name], exports.read_regions(path)
     edits = edits_between(shown.contacts, contact_regions(shown), corrected, program="ImageJ")
-    return edits.assign(frame=frame, author=author, time=time)
+    return edits.assign(frame=name, author=author, time=time)
 
 
 def edits_between(

@@ -57,15 +57,14 @@ Result = TypeVar("Result")
 
 @stage("pose")
 def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.PoseFit:
-    """The pose of a series: the one that its contacts confirm, or the stated one.
+    """The pose of a series: the one that the contacts of a frame confirm, or the stated one.
 
-    The contacts of the frame that has most of them are looked for near the stated pose, or else anywhere on
-    the sample.
+    The contacts are looked for near the stated pose, or else anywhere on the sample.
 
     Parameters
     ----------
     run : Run
-        With the frames table of the series, and at least the contacts of that frame.
+        Of one frame of the series, that with most contacts.
     sites : DataFrame or None
         Composite summits of the asperities.
     guess : Pose
@@ -73,10 +72,9 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
     """
     if sites is None or run.scene.measure.pose != "fit":
         return fit.PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
-    targets, counts = sites[["x_m", "y_m"]].to_numpy(float), run.frames["n_contacts"].fillna(0)
-    name = str(run.frames["frame"].iloc[int(counts.to_numpy(float).argmax())])
-    part, shift = run.contacts[run.contacts["frame"] == name], frame_shift(run.frames, name)
-    x_px, y_px = part["x_px"] - shift[0], part["y_px"] - shift[1]
+    targets = sites[["x_m", "y_m"]].to_numpy(float)
+    shift = frame_shift(run.frames, run.frames["frame"].iloc[0])
+    x_px, y_px = run.contacts["x_px"] - shift[0], run.contacts["y_px"] - shift[1]
     reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
     pose = fit.fit_pose(x_px, y_px, targets, guess, largest_shift=reach)
     found = pose if pose.fitted else fit.search_everywhere(x_px, y_px, targets, guess)
@@ -251,18 +249,7 @@ def with_forces(run: files.Run, sites: pd.DataFrame | None, law: LawPlan | None)
     if law is not None:
         cut = frames["frame"].map(_border_shares(contacts, run.pose.pose.shape)) > CUT_SHARE
         frames = _noted(frames, _unbalanced(frames, law.scene, cut), Status.OFF_LOAD)
-    forces = contacts["force_N"].notna().any()
-    return replace(run, contacts=contacts, frames=frames, law=law if forces else None)
-
-
-def local_law(run: files.Run, sites: pd.DataFrame | None) -> LawPlan | None:
-    """The law of the local forces of a run, and what it leaves out; None without an elastic body."""
-    return None if run.scene.elastic is None else decide_law(run.scene, _law_evidence(run, sites))
-
-
-def _law_evidence(run: files.Run, sites: pd.DataFrame | None) -> pd.DataFrame:
-    """Tabulate what the contacts of a run say on the law of the local forces."""
-    return law_evidence(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
+    return replace(run, contacts=contacts, frames=frames)
 
 
 def _border_shares(contacts: pd.DataFrame, shape: tuple[int, int]) -> pd.Series:
@@ -330,17 +317,17 @@ class MeasuredSeries:
     law: LawPlan | None = None
     workers: int | None = 1
 
-    def posed(self, shape: tuple[int, int], asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
+    def posed(self, asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
         """The series with the pose and apex that the frame with most contacts gives, and the law of forces.
 
-        Frames have this usual shape. Where an asperity first touches depends on the apex, by less than the
-        asperities are apart: where the apex is found from the contacts, the pose is found once more.
+        Where an asperity first touches depends on the apex, by less than the asperities are apart: where the
+        apex is found from the contacts, the pose is found once more.
         """
         if self.scene.camera is None:
             return self
-        counts = [part.row.get("n_contacts", pd.NA) for part in self.parts]
-        most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
-        run = replace(self, parts=[self.parts[most]]).in_pixels
+        counts = pd.Series([part.row.get("n_contacts") for part in self.parts], dtype="Int64")
+        run = replace(self, parts=[self.parts[int(counts.fillna(0).argmax())]]).in_pixels
+        shape = next(part.shape for part in self.parts if part.shape)
         pose = find_pose(run, self.sites, self.scene.pose(shape))
         several = replace(self, parts=evenly_spread(self.parts, BLOCK_FRAMES))
         located = with_pose(several.in_pixels, self.sites, pose)
@@ -352,10 +339,18 @@ class MeasuredSeries:
             scene = self.scene.with_apex(apex.place)
             sites = contact_sites(asperities, scene)
             posed = replace(posed, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose))
-        if posed.scene.elastic is None:
-            return posed
-        evidence = posed.of_blocks(lambda block: _law_evidence(block.located, block.sites))
-        return replace(posed, law=decide_law(posed.scene, pd.concat(evidence)))
+        return posed.with_law()
+
+    def with_law(self) -> "MeasuredSeries":
+        """The series with the law of the local forces that its contacts call for, if there is a body."""
+        if self.scene.elastic is None:
+            return self
+
+        def evidence(block: MeasuredSeries) -> pd.DataFrame:
+            contacts = block.located.contacts
+            return law_evidence(block.scene, contacts, sphere_radii(contacts, block.scene, block.sites))
+
+        return replace(self, law=decide_law(self.scene, pd.concat(self.of_blocks(evidence))))
 
     def blocks(self) -> Iterator["MeasuredSeries"]:
         """The series, a few frames at a time; a short one is its only block, which keeps its tables."""

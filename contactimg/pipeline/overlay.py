@@ -21,7 +21,7 @@ from contactimg.pipeline.predict import predict_in_view
 from contactimg.plots.overlay import Picture
 from contactimg.pose.pairs import match_contacts
 from contactimg.prediction import COMPARED_MODELS, Prediction, hertz_circle, scene_of_model
-from contactimg.tables import FAILED, MATCHES, SCORES
+from contactimg.tables import MATCHES, SCORES
 from contactimg.tables.outlines import Outline, contact_outlines
 
 
@@ -80,15 +80,15 @@ def compare_run(
     pose = run.need_pose()
     for section in ("indenter", "elastic"):
         run.scene.need(section, "comparing with a contact model")
-    loaded, good = run.frames["load_N"].notna(), run.frames["status"] != FAILED
+    loaded, shown = run.frames["load_N"].notna(), run.frames["n_contacts"].notna()
     if not loaded.any():
         raise InputError(
             "there is nothing to compare: no frame of the run has a load; run `process` again with a table "
             "of loads, loads.csv or [images] loads"
         )
-    if not (loaded & good).any():
+    if not (loaded & shown).any():
         raise InputError("there is nothing to compare: no frame with a load could be measured")
-    frames = run.frames[loaded & good]
+    frames = run.frames[loaded & shown]
     matches, scores, left_out = list[pd.DataFrame](), list[dict[str, Any]](), dict[str, str]()
     seen, plans = dict[str, dict[str, dict[str, pd.DataFrame]]](), dict[str, Plan]()
     sites = contact_sites(asperities, run.scene)
@@ -165,12 +165,12 @@ def compare_frame(
 def draw_comparison(
     comparison: Comparison, run: Run, experiment: Experiment, folder: Path, *, workers: int | None
 ) -> None:
-    """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files."""
-    known, pose = {source.name for source in experiment.frames}, run.need_pose()
-    lost = [frame for frame in comparison.seen if frame not in known]
-    if lost:
-        raise InputError(f"frame {lost[0]} of the run is not among the frames of its scene; repeat `process`")
-    loads, tables = run.frames.set_index("frame")["load_N"], dict(run.by_frame())
+    """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files.
+
+    Frames of the run that are no longer there have no picture.
+    """
+    pose, tables = run.need_pose(), dict(run.by_frame())
+    loads = run.frames.set_index("frame")["load_N"]
 
     def drawings() -> Iterator[tuple[str, partial[Picture]]]:
         for frame, models in comparison.seen.items():

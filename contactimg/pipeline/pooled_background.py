@@ -73,8 +73,8 @@ class Pool:
         Whose coordinates the background has, if not those of the reference.
     remark : str
         On all frames of the series; empty where there is nothing to say.
-    differing : frozenset of int
-        Numbers of the frames that differ from the others.
+    differing : set of str
+        Names of the frames that differ from the others.
     needed : bool
         It is used whether or not it gains: it was asked for, or the reference is at fault.
     spots : int
@@ -90,7 +90,7 @@ class Pool:
     options: FrameOptions
     source: str
     remark: str
-    differing: frozenset[int]
+    differing: set[str]
     needed: bool
     spots: int
     before: dict[str, tuple[float, float]]
@@ -100,11 +100,6 @@ class Pool:
         rows = [part.row for part in after.values() if part.row["noise"] > 0]
         ratios = [self.before[row["frame"]][0] / row["noise"] for row in rows]
         return self.needed or bool(ratios and np.median(ratios) > LEAST_GAIN)
-
-    def remarks_on(self, number: int) -> str:
-        """Say what is remarkable about a frame of the series; empty where nothing is."""
-        differs = "differs from the other frames: left out of the pooled background"
-        return "; ".join(filter(None, [self.remark, differs * (number in self.differing)]))
 
     def without(self, image: NDArray) -> tuple[pooled.PooledBackground, list[pooled.Contacts]]:
         """The sums without the view of an image (or of a copy of it), and the contacts of the other views."""
@@ -153,7 +148,8 @@ def measure_on_pool(
         text += f": noise {noise:.3g} -> {less:.3g} grey levels"
         if np.isfinite([std, lower]).all():
             text += f", uncertainty of a radius {std:.2g} -> {lower:.2g} px"
-    return measured.with_remarks(text)
+    differs = "differs from the other frames: left out of the pooled background"
+    return measured.with_remarks(text, pool.remark, differs if frame.name in pool.differing else "")
 
 
 def _with_excess(
@@ -284,7 +280,7 @@ def pool_background(
         options=options,
         source=anchored.source,
         remark=remark,
-        differing=frozenset(anchored.shown) - frozenset(views),
+        differing={experiment.frames[k].name for k in anchored.shown.keys() - views.keys()},
         needed=bool(fault) or wish == "pooled",
         spots=agreement.spots_of(0, anchored.contacts, sign=anchored.sign) if has_reference else 0,
         before={str(part.row["frame"]): _noise_and_std(part) for part in parts.values()},

@@ -75,11 +75,11 @@ def measure_parts(
     scene = experiment.scene
     check_modulus(scene)
     asperities, sites = asperities_and_sites(experiment)
-    parts, shape = _measure_frames(experiment, FrameOptions.of(scene, sites), workers=workers, store=store)
+    parts = _measure_frames(experiment, FrameOptions.of(scene, sites), workers=workers, store=store)
     for k, part in enumerate(parts):  # own_optics is the largest part of a frame
         row = part.row | {"load_N": experiment.load_of(part.row["frame"])}
         parts[k] = replace(part, row=row, own_optics=None)
-    return MeasuredSeries(scene, parts, sites, workers=workers).posed(shape, asperities)
+    return MeasuredSeries(scene, parts, sites, workers=workers).posed(asperities)
 
 
 def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
@@ -106,17 +106,15 @@ def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
 
 def _measure_frames(
     experiment: files.Experiment, options: FrameOptions, *, workers: int | None, store: files.PartStore | None
-) -> tuple[list[MeasuredFrame], tuple[int, int]]:
+) -> list[MeasuredFrame]:
     """Measure the frames, on a pooled background where that gains; some again with optics of the others.
 
     Only the frames that the background is pooled from are measured with the reference before.
 
     Returns
     -------
-    parts : list of MeasuredFrame
+    list of MeasuredFrame
         In order; a frame that cannot be measured has a row that says why.
-    shape : (int, int)
-        Rows and columns of the frames.
 
     Raises
     ------
@@ -143,28 +141,26 @@ def _measure_frames(
                 found[k] = part
         return found
 
-    counts_pixels = method == "threshold" and options.scene.images.background != "pooled"
-    sample = evenly_spread(numbers, len(frames) if counts_pixels else MOST_VIEWS)
-    parts |= measured(alone, dict.fromkeys(sample))
+    parts |= measured(alone, dict.fromkeys(evenly_spread(numbers, MOST_VIEWS)))
     shapes = Counter(part.shape for part in parts.values() if part.shape)
     if len(shapes) != 1 or shapes.total() < FEWEST_FRAMES:
         parts |= measured(alone, {k: None for k in numbers if k not in parts})
-    if not (usual := _of_usual_shape(parts)):
+    if not _of_usual_shape(parts):
         raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
-    shown = {k: part for k, part in usual.items() if is_measured(part)}
-    pool = pool_background(experiment, options, shown, workers=workers)
+    pool = pool_background(experiment, options, _of_usual_shape(parts), workers=workers)
     if pool is not None and pool.spots >= FEWEST_FALSE_SPOTS:
         fault = f"the reference shows {pool.spots} spots like contacts that no frame confirms"
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
-        shown |= measured(alone, dict.fromkeys(shown))
-        parts |= shown
-        pool = pool_background(experiment, options, shown, workers=workers, fault=fault)
-    call, (common, lent) = alone, _lent_optics(_of_usual_shape(parts), method)
+        parts |= measured(alone, dict.fromkeys(parts))
+        pool = pool_background(experiment, options, _of_usual_shape(parts), workers=workers, fault=fault)
+    usual = _of_usual_shape(parts)
+    call, (common, lent) = alone, _lent_optics(usual, method)
     if pool is not None:
         on_pool = partial(measure_on_pool, pool=pool)
         # without a reference the frames alone know their contrast badly
-        better = measured(on_pool, {k: None if pool.source else lent.get(k) for k in shown})
+        known = (k for k, part in usual.items() if is_measured(part))
+        better = measured(on_pool, {k: None if pool.source else lent.get(k) for k in known})
         if pool.gains(better):
             call, parts = on_pool, parts | better
             common, lent = _lent_optics(better, method) if pool.source else (common, {})
@@ -176,7 +172,6 @@ def _measure_frames(
     parts |= measured(call, dict.fromkeys(others, common))
     if pool is not None:  # frames of which the pool tells nothing
         parts |= measured(alone, {k: None for k in others if parts[k].shape is None})
-        parts |= {k: part.with_remarks(pool.remarks_on(k)) for k, part in parts.items() if part.shape}
     return _in_order(parts, frames)
 
 
@@ -228,14 +223,12 @@ def _of_usual_shape(parts: Mapping[int, MeasuredFrame]) -> dict[int, MeasuredFra
     return {k: part for k, part in parts.items() if part.shape == usual}
 
 
-def _in_order(
-    parts: Mapping[int, MeasuredFrame], frames: Sequence[files.FrameSource]
-) -> tuple[list[MeasuredFrame], tuple[int, int]]:
-    """All frames and their usual shape; those of another shape are failures."""
+def _in_order(parts: Mapping[int, MeasuredFrame], frames: Sequence[files.FrameSource]) -> list[MeasuredFrame]:
+    """All frames; those of another shape than most are failures."""
     whole, usual = dict(parts), _of_usual_shape(parts)
     rows, columns = next(iter(usual.values())).shape or (0, 0)
     for k, part in parts.items():
         if part.shape is not None and k not in usual:
             odd = f"has {part.shape[1]} x {part.shape[0]} pixels, the other frames {columns} x {rows}"
             whole[k] = MeasuredFrame.of(FailedFrame.of(frames[k].name, FrameError(odd)))
-    return [whole[k] for k in range(len(frames))], (rows, columns)
+    return [whole[k] for k in range(len(frames))]

@@ -466,14 +466,31 @@ def test_verbose_says_what_was_found_and_the_next_command_is_silent_again(series
     assert capsys.readouterr().err == ""
 
 
-def test_overlay_passes_over_failed_frames_and_names_loads_without_an_answer(series, tmp_path, capsys):
-    text_file(series / "frame_2.tif")
+def all_black(path):
+    tifffile.imwrite(path, black(tifffile.imread(path)))
+
+
+@pytest.mark.parametrize(("spoil", "code"), [(text_file, 1), (all_black, 0)])
+def test_overlay_names_loads_without_an_answer_and_leaves_out_frames_not_measured(
+    series, tmp_path, capsys, spoil, code
+):
+    spoil(series / "frame_2.tif")
     edit(series / "loads.csv", "0.05", "500.0")
-    assert process(series, "-o", tmp_path / "run", "--no-plausibility", *COUNTED) == 1
+    assert process(series, "-o", tmp_path / "run", "--no-plausibility", *COUNTED) == code
     options = ["-o", str(tmp_path / "out"), "--quiet", "--no-plausibility"]
     assert main(["overlay", str(tmp_path / "run"), *options]) == 1
     assert "frame_3.tif: no prediction, coupled:" in capsys.readouterr().err
     assert pd.read_csv(tmp_path / "out" / "scores.csv")["frame"].unique().tolist() == ["frame_1.tif"]
+
+
+def test_overlay_scores_a_frame_that_is_gone_and_has_no_picture_of_it(series, tmp_path, capsys):
+    assert process(series, "-o", tmp_path / "run", *COUNTED) == 0
+    (series / "frame_2.tif").unlink()
+    out = tmp_path / "out"
+    assert main(["overlay", str(tmp_path / "run"), "-o", str(out), "--quiet"]) == 0
+    assert "loads for frames that are not there: frame_2.tif" in capsys.readouterr().err
+    assert pd.read_csv(out / "scores.csv")["frame"].nunique() == 3
+    assert {path.name for path in (out / "overlays").iterdir()} == {"frame_1.tif.png", "frame_3.tif.png"}
 
 
 def test_a_scene_from_elsewhere_is_for_the_frames_of_the_folder(series, small_series, tmp_path):

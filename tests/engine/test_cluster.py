@@ -13,12 +13,13 @@ from stored_results import stored_results
 from contactimg import InputError, solve_ensemble
 from contactimg.cli import main
 from contactimg.engine import cluster as cluster_module
-from contactimg.engine.cluster import PATIENCE_VARIABLE, ClusterError, on_cluster
+from contactimg.engine.cluster import PATIENCE, ClusterError, on_cluster
 from contactimg.engine.parallel import in_parallel
 from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline.analyse.places import grouped, open_place, predict_places
 from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
 
+dask = pytest.importorskip("dask")
 pytest.importorskip("distributed")
 
 
@@ -147,7 +148,7 @@ def test_a_frame_that_ends_its_workers_fails_and_the_others_are_kept(parts, tiny
     wait_until(lambda: sum(worker.poll() is None for worker in parts.workers) == 1)
 
 
-def test_without_workers_or_scheduler_a_run_ends(parts, tmp_path, monkeypatch, capfd):
+def test_without_workers_or_scheduler_a_run_ends(parts, tmp_path, capfd):
     """The last test of the cluster: it ends the workers and the scheduler."""
 
     def squares(count):
@@ -157,12 +158,10 @@ def test_without_workers_or_scheduler_a_run_ends(parts, tmp_path, monkeypatch, c
 
     for worker in parts.workers:
         worker.kill()
-    monkeypatch.setenv(PATIENCE_VARIABLE, "1")
-    with on_cluster(str(parts.file)) as cluster:
+    with on_cluster(str(parts.file)) as cluster, dask.config.set({PATIENCE: "1s"}):
         wait_until(lambda: not cluster.client.nthreads())
-        with pytest.raises(ClusterError, match="has had no worker for 1 s"):
+        with pytest.raises(ClusterError, match="has had no worker for 1s"):
             list(squares(1))
-    monkeypatch.setenv(PATIENCE_VARIABLE, "20")
     parts.start_worker()
     with on_cluster(str(parts.file)):
         results = squares(1000)
@@ -172,8 +171,8 @@ def test_without_workers_or_scheduler_a_run_ends(parts, tmp_path, monkeypatch, c
         with pytest.raises(ClusterError, match=r"cannot go on \(.*start it and the same command again"):
             list(results)
     assert time.monotonic() - begin < TIME_LIMIT_S
-    monkeypatch.setenv(PATIENCE_VARIABLE, "1")
-    assert main(["process", str(tmp_path), "--cluster", "tcp://127.0.0.1:9"]) == 2
+    with dask.config.set({PATIENCE: "1s"}):
+        assert main(["process", str(tmp_path), "--cluster", "tcp://127.0.0.1:9"]) == 2
     assert "no scheduler answers at tcp://127.0.0.1:9" in capfd.readouterr().err
     assert main(["process", str(tmp_path), "--cluster", "nothing.json"]) == 2
     assert "nor a scheduler file that exists" in capfd.readouterr().err

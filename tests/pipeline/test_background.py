@@ -114,6 +114,14 @@ def test_reference_in_contact_is_seen_through(series, pooled, tmp_path):
     assert run.contacts["area_m2"].sum() == pytest.approx(pooled.contacts["area_m2"].sum(), rel=0.005)
 
 
+def test_a_frame_that_is_the_reference_in_contact_is_measured_without_it(series, pooled, tmp_path):
+    folder = copy_of(series, tmp_path / "same")
+    shutil.copy(folder / "frame_5.tif", folder / "reference.tif")
+    run = measured(folder)
+    assert (run.frames["status"] == "ok").all()
+    assert run.contacts["area_m2"].sum() == pytest.approx(pooled.contacts["area_m2"].sum(), rel=0.005)
+
+
 def test_bad_and_copied_frames_do_no_harm(series, pooled, tmp_path):
     folder = copy_of(series, tmp_path / "bad")
     write_frame(Frame(np.zeros(SHAPE, np.uint8)), folder / "frame_2.tif")

@@ -6,8 +6,10 @@ import pytest
 from small_series import copy_of
 
 from contactimg.cli import main
+from contactimg.effects.local_law import decide_law, law_evidence
 from contactimg.files import Run, read_scene, write_scene
-from contactimg.pipeline.measured_series import local_law, with_forces
+from contactimg.forces import sphere_radii
+from contactimg.pipeline.measured_series import with_forces
 from contactimg.pose.fit import PoseFit
 from contactimg.scene import scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES
@@ -66,7 +68,8 @@ def balanced(load_over_forces, places, before="ok", **load):
     frames, scene = FRAMES.conform(pd.DataFrame([row])), scene_from_dict(RIGID | {"load": load})
     pose = PoseFit(scene.pose((200, 200)), fitted=False, n_points=0, n_matched=0, residual=np.nan)
     run = Run(scene, contacts, frames, pose)
-    found = with_forces(run, None, local_law(run, None)).frames.iloc[0]
+    law = decide_law(scene, law_evidence(scene, contacts, sphere_radii(contacts, scene, None)))
+    found = with_forces(run, None, law).frames.iloc[0]
     return found["status"], found["message"]
 
 

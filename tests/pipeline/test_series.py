@@ -17,7 +17,6 @@ from contactimg.mechanics import hertz
 from contactimg.pipeline.calibrate.thresholds import measure_thresholds
 from contactimg.pipeline.frame import measure_frame
 from contactimg.pipeline.inputs import contact_sites, need_asperities
-from contactimg.pipeline.measured_series import local_law
 from contactimg.pipeline.series import measure_parts, measure_series
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
@@ -207,7 +206,7 @@ def under_other_laws(folder, switch):
     for state in ("on", "off"):
         effects = series.scene.effects.model_copy(update={switch: state})
         one = replace(series, scene=series.scene.model_copy(update={"effects": effects}))
-        yield replace(one, law=local_law(one.located, one.sites)).run.frames.set_index("frame")
+        yield one.with_law().run.frames.set_index("frame")
 
 
 @pytest.mark.slow

@@ -70,8 +70,8 @@ class AnalysisOptions:
         Fewest contacts to expect in an annulus that enters the laws against the local pressure.
     models : bool
         Whether the coupled, uncoupled and Greenwood-Tripp models are solved too.
-    smooth_stress : Estimate or None, Pa
-        Shear stress of a smooth contact, to compare with.
+    smooth : Place or None
+        Run with a smooth lens, whose shear stress is the one to compare with.
     """
 
     annulus: float = 2.5e-4
@@ -84,7 +84,7 @@ class AnalysisOptions:
     min_radius_px: float = 1.0
     min_contacts: float = 5
     models: bool = True
-    smooth_stress: Estimate | None = None
+    smooth: Place | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,10 +146,11 @@ def analyse_places(
     Raises
     ------
     InputError
-        If a place is given twice, if some places are measured and others predicted, or if no place has a
-        frame with a load above zero and an area.
+        If a place is given twice, if some places are measured and others predicted, if no place has a frame
+        with a load above zero and an area, or if the smooth run has no friction force beside an area.
     """
-    own = _run_model(places)
+    own, smooth = _run_model(places), options.smooth
+    smooth_stress = None if smooth is None else _shear_stress(_friction_table([smooth]), options).stress
     notes = [note for place in places for note in _notes_on_frames(place)]
     friction, density = _friction_table(places), _density(places[0])
     seen = {own: grouped(places, tolerance=options.load_tolerance)}
@@ -180,22 +181,11 @@ def analyse_places(
         area_laws=area_laws,
         contact_laws=_contact_laws(averages, own, options, notes),
         shear_stress=stress,
-        smooth_stress=options.smooth_stress,
+        smooth_stress=smooth_stress,
         velocity_law=_velocity_law(friction, options, notes),
         sheared=sheared,
         notes=tuple(dict.fromkeys(notes)),
     )
-
-
-def smooth_shear_stress(place: Place, options: AnalysisOptions) -> Estimate:
-    """Shear stress (Pa) of the run with a smooth lens, for ``AnalysisOptions.smooth_stress``.
-
-    Raises
-    ------
-    InputError
-        If its loads hold no ``friction_N`` of a frame with a contact.
-    """
-    return _shear_stress(_friction_table([place]), options).stress
 
 
 def _run_model(places: Sequence[Place]) -> str:

@@ -167,17 +167,15 @@ def _centre_in(record: Mapping[str, Any]) -> Point | None:
 
 def _centre(run: Run, pose: Pose | None, centre_px: Point | None) -> Point:
     """The centre of the apparent contact on the sample."""
-    if centre_px is not None:
-        if pose is None:
-            raise InputError(f"{run.folder}: a centre in pixels needs a run with a pixel size")
-        x, y = pose.to_sample(*centre_px)
-        return float(x), float(y)
-    if run.scene.indenter is not None:
+    if centre_px is None and run.scene.indenter is not None:
         return run.scene.indenter.apex
     if pose is None:
-        raise InputError(f"{run.folder}: has no lengths in metres; run `process` with a pixel size first")
-    logger.warning("%s: no indenter and no calibrated centre; the image centre is taken", run.folder)
-    return pose.centre
+        raise InputError(f"{run.folder}: has no pixel size, so no length in m; run `process` with one first")
+    if centre_px is None:
+        logger.warning("%s: no indenter and no calibrated centre; the image centre is taken", run.folder)
+        return pose.centre
+    x, y = pose.to_sample(*centre_px)
+    return float(x), float(y)
 
 
 def radius_ratios(contacts: pd.DataFrame, scene: Scene, asperities: pd.DataFrame | None) -> pd.Series:

@@ -13,13 +13,13 @@ from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.plateau import find_plateau
 from contactimg.calibration.threshold import calibrate_modulus, calibrate_threshold, load_slope
 from contactimg.errors import FrameError, InputError
-from contactimg.files import Experiment, Run
+from contactimg.files import Experiment, FrameTables, Run
 from contactimg.frame import Frame
 from contactimg.imaging.measure import count_again
 from contactimg.pipeline.each_frame import for_each_frame, measured_and_failed
-from contactimg.pipeline.frame import count_pixels, frame_row
+from contactimg.pipeline.frame import MeasuredFrame, count_pixels, frame_row
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
-from contactimg.pipeline.measured_series import find_pose, local_law, with_forces, with_pose
+from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.results import Calibrated, cell_notes, frame_notes
 from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import doubts_about_forces, settle
@@ -89,30 +89,23 @@ def measure_thresholds(
     scene.need("camera", "a calibration")
     check_modulus(scene)
 
-    def count(
-        frame: Frame, reference: NDArray | None
-    ) -> tuple[dict[str, object], list[pd.DataFrame], tuple[int, int]]:
-        """The row of a frame, its contacts at each threshold, and its shape."""
+    def count(frame: Frame, reference: NDArray | None) -> list[MeasuredFrame]:
+        """The frame as it is counted at each threshold."""
         measurement = count_pixels(frame, reference, scene)
         if not measurement.contrast:
             raise FrameError(measurement.message or "nothing stands out of the noise")
+        row = frame_row(measurement, frame.name) | {"load_N": experiment.load_of(frame.name)}
+        row |= {"n_contacts": len(measurement.disks), "smallest_px": np.nan}
+        part = MeasuredFrame(row, frame.shape, FrameTables())
         counted = (count_again(measurement.foreground, float(level)).disks for level in levels)
-        contacts = [CONTACTS.conform(disks.assign(frame=frame.name)) for disks in counted]
-        row = frame_row(measurement, frame.name) | {"n_contacts": len(measurement.disks)}
-        return row | {"smallest_px": np.nan}, contacts, frame.shape
+        return [part.with_contacts(CONTACTS.conform(disks.assign(frame=frame.name))) for disks in counted]
 
     results = for_each_frame(experiment, count, workers=workers, shown="measuring frames")
     measured, failed = measured_and_failed(results, "no frame could be measured")
-    rows, counted, shapes = zip(*measured, strict=True)
-    frames = FRAMES.conform(pd.DataFrame(rows))
-    frames["load_N"] = [experiment.load_of(name) for name in frames["frame"]]
-    runs = [Run(scene, pd.concat(parts, ignore_index=True), frames) for parts in zip(*counted, strict=True)]
-    half = int(np.abs(levels - 0.5).argmin())
-    _, sites = asperities_and_sites(experiment)
-    pose = find_pose(runs[half], sites, scene.pose(shapes[0]))
-    runs = [with_pose(run, sites, pose) for run in runs]
-    law, frames = local_law(runs[half], sites), runs[half].frames
-    runs = [with_forces(run, sites, law) for run in runs]
+    half, parts = int(np.abs(levels - 0.5).argmin()), list(zip(*measured, strict=True))
+    asperities, sites = asperities_and_sites(experiment)
+    posed = MeasuredSeries(scene, parts[half], sites).posed(asperities)
+    runs, frames = [replace(posed, parts=counted).run for counted in parts], posed.located.frames
     areas = np.array([run.frames["area_m2"].to_numpy(float) for run in runs])
     forces = np.array([run.frames["force_sum_N"].to_numpy(float) for run in runs])
     forces[:, _lacks_forces(runs[half])] = np.nan
@@ -249,8 +242,6 @@ def run_modulus(
     -------
     Calibrated
     """
-    if threshold is not None and not 0 < threshold.value < 1:
-        raise InputError(f"the threshold must lie between 0 and 1, got {threshold.value:g}")
     scene, measured = experiment.scene, _stated_modulus(experiment)
     kept: dict[str, Any] = {}
     if threshold is not None:
