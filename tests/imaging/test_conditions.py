@@ -274,3 +274,13 @@ def test_contacts_that_only_one_image_lights_are_missed_and_said(broken, rng):
     assert len(match(truth[truth["y_px"] < 290.0], found.disks)) == np.sum(truth["y_px"] < 290.0)
     assert found.status == "unresolved"
     assert "% of the pixels are lit in one of frame and reference alone" in found.message
+
+
+def test_a_frame_that_is_torn_is_said_not_to_agree_with_its_reference(rng):
+    """Half of the rows moved: their contacts are not where they seem to be."""
+    optics = Optics(shape=(600, 800))
+    frame, reference = render(scatter(120, optics, rng, radii=(2.0, 14.0)), optics, rng)
+    assert measure_image(np.roll(frame, 9, axis=1), reference).status == "ok"
+    found = measure_image(np.vstack([frame[:300], np.roll(frame[300:], 9, axis=1)]), reference)
+    assert found.status == "not registered"
+    assert "agree in a part of the image only" in found.message

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from camera_worlds import make_scene
 from contact_frames import Optics, coverage
 
 from contactimg.forces import SHARED_SHIFTS
@@ -125,3 +126,12 @@ def test_blocks_a_hundredth_of_the_contrast_off_were_followed(level, followed):
     equal[:12] = False
     left = inspect_background(image, None, equal, np.empty((0, 3)), reach_px=4.0, contrast=100.0)
     assert left.found_share == pytest.approx(followed)
+
+
+def test_two_faint_specks_beside_dots_are_doubted():
+    """Without a reference dirt looks like dots of a fifth of the brightness of the others."""
+    scene = make_scene("dots", 25, 65103)
+    found = measure_image(scene.frame, polarity=scene.polarity)
+    assert len(found.disks) == 27
+    assert found.status == "false candidates"
+    assert "2 of 27 contacts have less than 0.25 of the brightness of the others" in found.message

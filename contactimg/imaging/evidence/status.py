@@ -38,10 +38,10 @@ contacts may be missing. By hand: one of twenty contacts of a usual frame."""
 DARK_SHARE = 0.004
 """Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it
 make 0.013."""
-FEWEST_DARK, DARK_AREA = 2, 0.02
-"""Spots of the other sign, or at the full scale of the sensor and no disks, and their area over that of the
-contacts, above which the first may be contacts and the others none. By hand: dust that has moved makes
-0.007-0.025, letters 0.02-0.09."""
+FEWEST_DOUBTED, DOUBTED_AREA = 2, 0.02
+"""Spots that are faint, of the other sign, or at the full scale of the sensor and no disks, from which they
+are doubted; and area of the latter two over that of the contacts above which they are. By hand: dust that has
+moved makes 0.007-0.025, letters 0.02-0.09."""
 FAINT = 0.25
 """Brightness over that of the frame's contacts below which several spots are doubted. By hand: light that two
 surfaces of glass reflect makes 0.002, of four or coated mirrors up to 0.2."""
@@ -111,6 +111,12 @@ def _light(seen: Judged) -> Iterator[tuple[str, str]]:
     if difference.registration_failed:
         yield Status.NOT_REGISTERED, ""
     if (moved := difference.alignment) is not None and moved.known:
+        if not moved.consistent:
+            text = (
+                "frame and reference agree in a part of the image only: rows of the frame were lost, or part "
+                "of the surface moved"
+            )
+            yield Status.NOT_REGISTERED, text
         bare = abs(moved.x_px) / columns + abs(moved.y_px) / rows
         if bare > HIDDEN_SHARE:
             text = (
@@ -279,14 +285,14 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
         yield Status.UNRESOLVED, text
     if seen.evidence:
         faint = int(np.count_nonzero(seen.evidence["brightness"] < FAINT))
-        if faint >= FEWEST and faint > DOUBTED_SHARE * seen.count:
+        if faint >= FEWEST_DOUBTED and faint > DOUBTED_SHARE * seen.count:
             text = (
                 f"{faint} of {seen.count} contacts have less than {FAINT:g} of the brightness of the others: "
                 "reflections and dirt look like that"
             )
             yield Status.FALSE_CANDIDATES, text
     drawn = Flag.SATURATED | Flag.COUNTED
-    which = _spoiled(seen, drawn, fewest=FEWEST_DARK, many=DOUBTED_SHARE, much=DARK_AREA)
+    which = _spoiled(seen, drawn, fewest=FEWEST_DOUBTED, many=DOUBTED_SHARE, much=DOUBTED_AREA)
     if seen.fit is not None and which:
         text = (
             f"{which} are at the full scale of the sensor and no disks: letters and marks that a program "
@@ -302,7 +308,7 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
         yield Status.FALSE_CANDIDATES, text
     dark = dark_spots(foreground.seen, foreground.contrast.plateau)
     area = np.pi * float(np.sum(seen.contacts["radius_px"] ** 2))
-    if len(dark) >= FEWEST_DARK and dark.sum() > DARK_AREA * area:
+    if len(dark) >= FEWEST_DOUBTED and dark.sum() > DOUBTED_AREA * area:
         against = "darker" if foreground.sign > 0 else "brighter"
         text = (
             f"{len(dark)} spots are {against} than the background, {seen.count} are contacts: measure those "
