@@ -92,9 +92,9 @@ def remove_background(
     level_is, sign = BACKGROUND_IS[polarity], SIGNS[polarity]
     plain = subtract_reference(frame, reference, valid=valid, background_is=level_is, **registration)
     if plain is None:
-        rest = np.subtract(frame, reference, dtype=np.float32)
-        difference, sign = estimate_background(rest, valid=valid, polarity=polarity)
-        return replace(_without_clipped(difference, frame), alignment=UNKNOWN), sign
+        rest, shown = np.subtract(frame, reference, dtype=np.float32), exclude(valid, find_clipped(frame))
+        difference, sign = estimate_background(rest, valid=shown, polarity=polarity)
+        return replace(difference, alignment=UNKNOWN, valid=valid), sign
     best = even_out(plain, sign=sign)
     valid, light, level = plain.valid, best.illumination, plain.level
     if not sign:
