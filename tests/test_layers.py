@@ -53,7 +53,6 @@ INNER_ROOMS = {
         "pixels",
         "profile",
         "kernels",
-        "contrast",
         "detect",
         "background",
         "foreground",

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.illumination import DifferenceImage
-from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.detect.bars_and_scratches import NONE, Foreign, find_foreign
 from contactimg.imaging.detect.candidates import ODD_RATIO, Contrast, measure_contrast
 from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.pixels.masks import mean_of_seen
+from contactimg.imaging.pixels.noise import estimate_noise
 from contactimg.imaging.profile.optics import SharedOptics
 
 HOLE_REACH_PX, LEAST_WEIGHT = 2, 0.3

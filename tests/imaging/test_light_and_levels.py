@@ -8,11 +8,11 @@ import pytest
 from camera_worlds import Layout, World, gamma, jpeg, make_scene, thresholded
 from contact_frames import match
 
-from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import fit_disks
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.field_of_view import find_margin, find_unlit
+from contactimg.imaging.pixels.noise import Noise
 from contactimg.imaging.pixels.sensor_defects import mosaic_gains
 from contactimg.tables import Status
 

@@ -24,12 +24,12 @@ from contactimg.imaging.background.find_illumination import (
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
     DifferenceImage,
+    find_sign,
     one_sided_scatter,
 )
-from contactimg.imaging.contrast.noise import estimate_noise
-from contactimg.imaging.contrast.polarity import find_sign
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
 from contactimg.imaging.pixels.masks import Flags, Values, mean_of_seen
+from contactimg.imaging.pixels.noise import estimate_noise
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION
 

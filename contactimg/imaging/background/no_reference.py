@@ -28,11 +28,10 @@ from contactimg.imaging.background.illumination import (
     DARKEST_FRACTION,
     DifferenceImage,
     Illumination,
+    find_sign,
     fit_illumination,
     one_sided_scatter,
 )
-from contactimg.imaging.contrast.noise import estimate_noise
-from contactimg.imaging.contrast.polarity import find_sign
 from contactimg.imaging.detect.bars_and_scratches import label_regions
 from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.pixels.blocks import (
@@ -44,6 +43,7 @@ from contactimg.imaging.pixels.blocks import (
     to_pixels,
 )
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
+from contactimg.imaging.pixels.noise import estimate_noise
 from contactimg.imaging.pixels.robust import finite_values, median, robust_std
 from contactimg.imaging.profile.limits import LEAST_FRACTION, SQUARE_PX
 

@@ -29,10 +29,10 @@ from contactimg.imaging.background.illumination import (
     ITERATIONS,
     DifferenceImage,
     Illumination,
+    find_sign,
 )
 from contactimg.imaging.background.no_reference import estimate_background, scatter_of_blocks
 from contactimg.imaging.background.register import BIN_PX, align, search_alignment
-from contactimg.imaging.contrast.polarity import find_sign
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, find_clipped, rounding_of_blocks, side_of
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
 from contactimg.imaging.pixels.masks import Mask, Values, exclude

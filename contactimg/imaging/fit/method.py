@@ -13,7 +13,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation, estimate_noise, measure_correlation
 from contactimg.imaging.detect.hand_edits import EditedDisks, HandEdit, edit_disks
 from contactimg.imaging.detect.rim_blur import estimate_blur, widest_spot_blur
 from contactimg.imaging.fit.assemble import assemble_disks
@@ -37,6 +36,7 @@ from contactimg.imaging.fit.shared_scores import with_plain_edges
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.kernels.pairs import DEEPEST, overlapping
 from contactimg.imaging.pixels.blocks import SignedImage
+from contactimg.imaging.pixels.noise import Noise, NoiseCorrelation, estimate_noise, measure_correlation
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting, film_table
 from contactimg.imaging.profile.limits import FEW, FEWEST, ITERATIONS, LEAST_NOISE_FRACTION

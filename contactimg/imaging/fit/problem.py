@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.noise import Noise
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
 from contactimg.imaging.profile.limits import ROUGH_STD
 

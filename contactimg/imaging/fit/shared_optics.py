@@ -23,7 +23,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.contrast.noise import NoiseCorrelation
 from contactimg.imaging.fit.disks import (
     NARROWEST_BLUR_PX,
     FitControl,
@@ -39,6 +38,7 @@ from contactimg.imaging.fit.unseen_contrast import (
     PLATEAU_STD_FRACTION,
     profile_contrast,
 )
+from contactimg.imaging.pixels.noise import NoiseCorrelation
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, MAD_TO_STD, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import (

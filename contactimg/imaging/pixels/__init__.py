@@ -5,5 +5,5 @@ levels of order 100 without holes.
 
 Read in this order: `frame_pair` (input and its defects), `field_of_view` (regions without light),
 `sensor_defects` (defective pixels, colour mosaics), `masks` (pixels that are left out), `blocks` (means over
-blocks), `robust` (robust statistics).
+blocks), `robust` (robust statistics), `noise` (of the background, with its correlation).
 """

@@ -26,9 +26,9 @@ from contactimg.imaging.background.find_illumination import find_background_leve
 from contactimg.imaging.background.illumination import fit_illumination
 from contactimg.imaging.background.no_reference import estimate_background
 from contactimg.imaging.background.subtract import subtract_reference
-from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.noise import estimate_noise
 
 SHAPE = (400, 560)
 

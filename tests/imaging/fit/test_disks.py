@@ -6,7 +6,6 @@ import pandas as pd
 import pytest
 from contact_frames import Optics, match, render
 
-from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation, measure_correlation
 from contactimg.imaging.fit.disks import FitControl, find_insignificant, fit_disks, render_disks
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.fit.residual_light import estimate_halo, subtract_halo
@@ -14,6 +13,7 @@ from contactimg.imaging.fit.shared_optics import contrast_prior
 from contactimg.imaging.kernels.pairs import find_pairs, overlapping
 from contactimg.imaging.kernels.solve import invert_4x4
 from contactimg.imaging.measure import measure_image
+from contactimg.imaging.pixels.noise import Noise, NoiseCorrelation, measure_correlation
 from contactimg.tables import Flag
 
 

@@ -7,13 +7,13 @@ import pytest
 from camera_worlds import make_scene
 from edge_frames import CASES, OPTICS, edge_frame, errors
 
-from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.learned_edge import LearnedEdge, describe_edge
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.fit.shared_scores import EVERY, rim_residuals, rim_scores
 from contactimg.imaging.kernels.radial_sums import sum_residuals
 from contactimg.imaging.measure import measure_image
+from contactimg.imaging.pixels.noise import Noise
 from contactimg.imaging.profile.blurred_disk import blurred_disk
 from contactimg.imaging.profile.edge_shape import (
     DOME,

@@ -5,12 +5,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
-from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.fit.shapes import fit_ellipse, render_ellipse
 from contactimg.imaging.kernels import ellipse_equations
 from contactimg.imaging.kernels.ellipse_equations import _bell, sample_ellipse
+from contactimg.imaging.pixels.noise import Noise
 
 BLUR, EXACT = 1.43, np.diag([1e-8, 1e-8])
 

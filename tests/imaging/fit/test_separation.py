@@ -6,7 +6,6 @@ import pandas as pd
 import pytest
 from contact_frames import Optics, expose, match, render
 
-from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.detect.components import label_components
 from contactimg.imaging.fit.disks import FitControl, fit_disks, render_disks
@@ -14,6 +13,7 @@ from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.kernels.model_image import add_lens
 from contactimg.imaging.kernels.pairs import DEEPEST, hidden, visible_share
 from contactimg.imaging.measure import measure_image
+from contactimg.imaging.pixels.noise import Noise
 from contactimg.tables import Flag
 
 OTHERS = [(190, 30, 10), (230, 40, 6), (200, 90, 8), (240, 95, 12), (190, 125, 6)]  # show contrast and blur

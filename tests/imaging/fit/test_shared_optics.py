@@ -9,7 +9,6 @@ from scipy import stats
 from contactimg.errors import InputError
 from contactimg.files import read_frames, read_scene
 from contactimg.frame import Frame
-from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit import shared_optics
 from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.pooling import pool_optics
@@ -17,6 +16,7 @@ from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.shared_optics import OpticsPrior, disk_scores, settle_optics
 from contactimg.imaging.fit.shared_scores import SharedScores
 from contactimg.imaging.measure import measure_image
+from contactimg.imaging.pixels.noise import Noise
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import FEW
 from contactimg.imaging.profile.optics import SharedOptics
