@@ -21,6 +21,7 @@ from contactimg.imaging.fit.problem import CONTRAST, ContrastPrior, FitProblem
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of, to_pixels
 from contactimg.imaging.pixels.robust import (
     MAD_TO_STD,
+    MANY,
     SIGNIFICANT_SIGMA,
     finite_values,
     median,
@@ -211,10 +212,11 @@ def _best_halo(
 ) -> Halo | None:
     """The halo, of those of some widths, that explains most of the block means of a side."""
     image, core = (block_means(part, side=side) for part in images)
-    dark = np.abs(core) < CORE_END_FRACTION * contrast
+    some = (slice(None, None, max(int(np.sqrt(core.size / MANY)), 1)),) * 2
+    dark = np.abs(core[some]) < CORE_END_FRACTION * contrast
     if np.count_nonzero(dark) < 20 * HALO_PARTS:
         return None
-    data, halos = image[dark], [_blurred(core, width / side)[dark] for width in widths]
+    data, halos = image[some][dark], [_blurred(core, width / side)[some][dark] for width in widths]
     fits = [_fit_slope(data, halo) for halo in halos]
     best = int(np.argmin([residual for _, residual in fits]))
     fraction = fits[best][0]

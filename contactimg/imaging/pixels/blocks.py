@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.pixels.masks import Flags, Mask, Values
-from contactimg.imaging.pixels.robust import SAMPLE, SOME, median, quantile, reach_std
+from contactimg.imaging.pixels.robust import MANY, SAMPLE, SOME, median, quantile, reach_std
 
 BLOCK = 8
 """Side of the blocks, px; a power of 2."""
@@ -162,7 +162,9 @@ class SignedImage:
             means = block_means(self.image, self.valid, side=side)
             if self.valid is not None:
                 means = np.where(np.isfinite(means), means, np.float32(0.0))
-            below, noise = means[::3, ::2][means[::3, ::2] < 0.0], max(self.noise / side, self.rounding)
+            every = max(int(np.sqrt(means.size / 6 / MANY)), 1)
+            below, noise = means[:: 3 * every, :: 2 * every], max(self.noise / side, self.rounding)
+            below = below[below < 0.0]
             if below.size > SOME:
                 noise = max(reach_std(below, 0.0), noise)
             self._squares[side] = means, noise

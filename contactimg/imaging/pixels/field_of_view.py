@@ -59,9 +59,12 @@ def find_margin(image: NDArray, valid: Mask, full_scale: float) -> Mask:
 
     The margin is at full scale, but for holes in it, and reaches all four sides of the image.
     """
+    corners = np.array([0, 0, -1, -1]), np.array([0, -1, 0, -1])
+    if not ((image[corners] >= full_scale) | (False if valid is None else valid[corners] == 0)).all():
+        return None
     white = image >= full_scale
     holes_too = white if valid is None else white | (valid == 0)
-    if not (white.any() and holes_too[[0, 0, -1, -1], [0, -1, 0, -1]].all()):
+    if not white.any():
         return None
     margin = _at_border(block_means(holes_too.astype(np.float32)) == 1.0)
     sides = (margin[0], margin[-1], margin[:, 0], margin[:, -1])
