@@ -32,7 +32,8 @@ class Status(enum.StrEnum):
     """The background is 1.5 times brighter or darker than the reference, or more: the illumination changed,
     or contacts fill most of the frame."""
     NOT_REGISTERED = "not registered", "take the reference at the place of the frames, or leave it out"
-    """The frame could not be aligned with its reference; background may remain in the difference."""
+    """The frame could not be aligned with its reference, or only a part of it, as where rows were lost;
+    background may remain in the difference."""
     HOLES = (
         "holes",
         "if the mask is meant, mind that contacts below it are not counted, and those of models are",
@@ -61,8 +62,9 @@ class Status(enum.StrEnum):
     the frame; others may be left among the contacts."""
     UNRESOLVED = "unresolved", "split or add contacts in `contactimg review`, mask dirt, store without loss"
     """Part of the light belongs to no contact that was found: groups of contacts were not resolved,
-    something that is no contact stands out, compression hides small contacts, or the fit was cut off because
-    the frame would have cost more than one of its size may."""
+    something that is no contact stands out, compression hides small contacts, a part of the frame has no
+    light or no reference, or the fit was cut off because the frame would have cost more than one of its size
+    may."""
     WRONG_REFERENCE = "wrong reference", "name the frame without contact, of the same place, as the reference"
     """The reference does not belong to the frame: it is brighter in patches (contacts, another place)."""
     SATURATED = "saturated", "shorten the exposure; state [camera] full_scale_levels of a 12-bit sensor"
