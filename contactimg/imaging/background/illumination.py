@@ -9,7 +9,6 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.polynomial.polynomial import polyvander
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
@@ -61,7 +60,7 @@ class Illumination:
 
     def row_polynomials(self, rows: NDArray[np.int64], shape: tuple[int, int]) -> tuple[Values, Values]:
         """Coefficients of the cubic in ``u`` for some rows, and ``u`` of each column."""
-        along = polyvander(2.0 * rows / shape[0] - 1.0, POLYNOMIAL_ORDER) @ self.coefficients
+        along = _powers(2.0 * rows / shape[0] - 1.0) @ self.coefficients
         across = 2.0 * np.arange(shape[1]) / shape[1] - 1.0
         return along.astype(np.float32), across.astype(np.float32)
 
@@ -71,13 +70,13 @@ class Illumination:
         """A ratio, far enough from 0 to divide by it, at all pixels of some rows (and columns)."""
         along, across = self.row_polynomials(rows, shape)
         # a matrix product would start threads, whose wait for more work costs far more than this
-        ratio = np.einsum("yk,kx->yx", along, polyvander(across[columns], POLYNOMIAL_ORDER).T)
+        ratio = np.einsum("yk,kx->yx", along, _powers(across[columns]).T)
         return np.maximum(ratio, max(DARKEST_FRACTION * float(self.coefficients[0, 0]), 1e-6), out=ratio)
 
     def at_blocks(self, blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
         """The polynomial at the centre of each block of an image of ``shape``."""
         v, u = _block_centres(blocks, shape)
-        return polyvander(v, POLYNOMIAL_ORDER) @ self.coefficients @ polyvander(u, POLYNOMIAL_ORDER).T
+        return _powers(v) @ self.coefficients @ _powers(u).T
 
     def subtract_from(self, image: NDArray, level: float = 0.0) -> Values:
         """The image minus the polynomial, and relative to it, in grey levels at a ``level`` that is not 0."""
@@ -140,6 +139,11 @@ def one_sided_scatter(deviation: NDArray) -> float:
         abs(median(side)) if len(side) else 0.0
         for side in (deviation[deviation < 0.0], deviation[deviation > 0.0])
     )
+
+
+def _powers(x: NDArray) -> NDArray:
+    """The powers of each value, from 0 to `POLYNOMIAL_ORDER`, of its type."""
+    return np.vander(x, POLYNOMIAL_ORDER + 1, increasing=True).astype(x.dtype, copy=False)
 
 
 def _block_centres(blocks: tuple[int, int], shape: tuple[int, int]) -> list[NDArray]:
