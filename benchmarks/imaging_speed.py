@@ -22,6 +22,7 @@ from contactimg.imaging.measure import measure_image
 # px: the larger crowds fit only as smaller disks; at equal radii 2000 contacts would cover the frame
 LARGEST = {1000: 20.0, 2000: 12.0, 5000: 5.0}
 WHOLE, QUARTER = (1200, 1600), (600, 800)  # rows and columns; at a quarter of the contacts, as crowded
+LARGE = (4096, 4096)  # nothing may grow faster than the frame
 
 
 def label_with_opencv(frame, reference):
@@ -62,9 +63,10 @@ def main():
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     print("image      contacts  radii (px)    F (ms)  threshold/F   disk/F")
-    for shape, count in [(s, n) for n in arguments.counts for s in (QUARTER, WHOLE)]:
-        largest = LARGEST.get(count, 30.0)
-        few = count if shape == WHOLE else count // 4
+    cases = [(s, n) for n in arguments.counts for s in (QUARTER, WHOLE)]
+    for shape, count in [*cases, (LARGE, 300), (LARGE, 5000)]:
+        largest = 20.0 if shape == LARGE else LARGEST.get(count, 30.0)
+        few = count // 4 if shape == QUARTER else count
         times, placed = compare(few, largest=largest, repeats=arguments.repeats, seed=count, shape=shape)
         base = times["F"]
         print(
