@@ -364,7 +364,7 @@ def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:
 
 
 def unseen_sum(contacts: pd.DataFrame, terms: ArrayLike, smallest: float, *, power: float) -> Total:
-    """What the contacts too small to be detected would add to a sum.
+    """Estimate what the contacts too small to be detected would add to a sum.
 
     Parameters
     ----------

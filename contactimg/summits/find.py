@@ -278,14 +278,15 @@ def find_summits(
 def _without_clipped(surface: HeightMap) -> tuple[HeightMap, list[str]]:
     """The map with holes where the instrument cut the heights off, and a sentence about them.
 
-    A sphere has as many pixels in each step of the height: more at the largest one lie above the range.
+    A sphere has as many pixels in each step of the height: more at the largest one lie above the range. Where
+    most pixels are at the largest height, they are the base of a map without noise.
     """
     heights = surface.heights
     largest = np.nanmax(heights, initial=-np.inf)
     top = heights == largest
     next_lower = np.max(heights, initial=-np.inf, where=heights < largest)
     clipped, fewest = int(np.count_nonzero(top)), CLIPPED_RATIO * np.count_nonzero(heights == next_lower)
-    if clipped < MIN_PIXELS or clipped < fewest or not np.isfinite(next_lower):
+    if not max(MIN_PIXELS, fewest) <= clipped <= heights.size // 2 or not np.isfinite(next_lower):
         return surface, []
     text = (
         f"{clipped} pixels have the largest height, {1e6 * largest:.4g} um: the instrument cut off what is "

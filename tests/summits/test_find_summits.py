@@ -184,6 +184,10 @@ def test_heights_that_the_instrument_cut_off_are_holes(rng):
     assert abs(row["radius_m"] - 50e-6) < 3 * row["radius_std_m"] < 1e-6
     assert row["height_m"] == pytest.approx(3e-6, abs=3 * row["height_std_m"])
     assert "pixels have the largest height, 2.5 um: the instrument cut off" in found.warnings[0]
+    noiseless = np.maximum(np.sqrt(np.maximum((50e-6) ** 2 - squared, 0)) - 47e-6, 0)
+    pit = find_summits(HeightMap(-noiseless, (1e-6, 1e-6)))
+    assert pit.table.empty
+    assert not any("cut off" in warning for warning in pit.warnings)
 
 
 def test_noise_alone_has_no_summit(rng):
