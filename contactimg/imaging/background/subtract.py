@@ -75,6 +75,8 @@ def remove_background(
     Where much is left on the side on which no contact is, or little of the image is background, the light
     has changed strongly. It is then estimated from the difference as well, in which texture and dirt are
     divided out. This estimate is taken if more blocks agree with it and if they enclose those found before.
+    A reference that is too dark to divide by, or was subtracted before, is subtracted, and the light
+    estimated from the difference.
 
     Parameters
     ----------
