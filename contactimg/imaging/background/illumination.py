@@ -15,7 +15,7 @@ from contactimg.compiled import njit
 from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Flags, Mask, Values
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, MAD_TO_STD, median, robust_std
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, MAD_TO_STD, robust_std
 from contactimg.imaging.profile.limits import LEAST_FRACTION
 from contactimg.timings import stage
 
@@ -69,9 +69,10 @@ class Illumination:
     ) -> Values:
         """A ratio, far enough from 0 to divide by it, at all pixels of some rows (and columns)."""
         along, across = self.row_polynomials(rows, shape)
-        # a matrix product would start threads, whose wait for more work costs far more than this
-        ratio = np.einsum("yk,kx->yx", along, _powers(across[columns]).T)
-        return np.maximum(ratio, max(DARKEST_FRACTION * float(self.coefficients[0, 0]), 1e-6), out=ratio)
+        ratio = np.empty((len(rows), len(across[columns])), np.float32)
+        least = np.float32(max(DARKEST_FRACTION * float(self.coefficients[0, 0]), 1e-6))
+        _evaluate(ratio, along, np.ascontiguousarray(across[columns]), least)
+        return ratio
 
     def at_blocks(self, blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
         """The polynomial at the centre of each block of an image of ``shape``."""
@@ -109,19 +110,26 @@ def fit_illumination(
         Of lower order where too few blocks are background to determine a cubic.
     """
     part, basis = _basis(blocks.shape, shape)
-    data = blocks.ravel()[part].astype(float)
+    data = blocks.ravel()[part].astype(float) - level
     finite = np.isfinite(data)
-    keep = finite & np.isfinite(scatter)  # where no scatter is known, a fit to all blocks tells it first
-    deviation = data = np.where(finite, data - level, 0.0)
-    coefficients = np.zeros(len(TERMS))
+    if not finite.all():
+        data, basis = data[finite], basis[:, finite]
+    deviation, coefficients = data, np.zeros(len(TERMS))
+    keep = np.full(len(data), np.isfinite(scatter))  # where no scatter is known, a fit to all tells it first
+    normal, right, summed = np.zeros((len(TERMS), len(TERMS))), np.zeros(len(TERMS)), np.zeros_like(keep)
     least = max(LEAST_FRACTION * abs(level), least_scatter, 1e-9)
     for _ in range(ITERATIONS):
-        keep, previous = finite & (np.abs(deviation) < FIT_CLIP_SIGMA * scatter), keep
+        keep, previous = np.abs(deviation) < FIT_CLIP_SIGMA * scatter, keep
         if not keep.any():
             break
-        coefficients = _solve(basis, data, keep)
+        # the sums over the blocks of the step before, and those that have come or gone
+        changed = np.flatnonzero(keep != summed)
+        terms = basis[:, changed]
+        added = np.where(keep[changed], terms, -terms)
+        normal, right, summed = normal + added @ terms.T, right + added @ data[changed], keep
+        coefficients = _solve(normal, right, int(np.count_nonzero(keep)))
         deviation = data - coefficients @ basis
-        scatter = max(min(one_sided_scatter(deviation[finite]), scatter), least)
+        scatter = max(min(one_sided_scatter(deviation), scatter), least)
         if np.count_nonzero(keep != previous) < LEAST_FRACTION * len(data):
             break
     i, j = np.transpose(TERMS)
@@ -135,10 +143,9 @@ def fit_illumination(
 
 def one_sided_scatter(deviation: NDArray) -> float:
     """Robust standard deviation from the narrower side, above or below: on it no contacts stand."""
-    return MAD_TO_STD * min(
-        abs(median(side)) if len(side) else 0.0
-        for side in (deviation[deviation < 0.0], deviation[deviation > 0.0])
-    )
+    ordered = np.sort(deviation)
+    below, above = ordered[: np.searchsorted(ordered, 0.0)], ordered[np.searchsorted(ordered, 0.0, "right") :]
+    return MAD_TO_STD * min(abs(float(side[len(side) // 2])) if len(side) else 0.0 for side in (below, above))
 
 
 def _powers(x: NDArray) -> NDArray:
@@ -175,16 +182,12 @@ def jittered_grid(shape: tuple[int, int], every: int) -> tuple[NDArray[np.int64]
     return rows, columns
 
 
-def _solve(basis: NDArray, data: NDArray, keep: Flags) -> NDArray[np.float64]:
-    """Regularised least squares over the kept blocks with the terms that so many determine."""
-    count = int(np.count_nonzero(keep))
+def _solve(normal: NDArray, right: NDArray, count: int) -> NDArray[np.float64]:
+    """Regularised least squares with the terms that ``count`` blocks determine."""
     used = (ORDERS == 0) | (count >= BLOCKS_PER_COEFFICIENT * (ORDERS + 1) * (ORDERS + 2) / 2)
-    terms = basis if used.all() else basis[used]
-    kept = terms * keep
-    normal = kept @ terms.T
-    normal.flat[len(terms) + 1 :: len(terms) + 1] += LEAST_FRACTION * count
+    penalty = np.where(ORDERS[used] > 0, LEAST_FRACTION * count, 0.0)
     coefficients = np.zeros(len(TERMS))
-    coefficients[used] = np.linalg.solve(normal, kept @ data)
+    coefficients[used] = np.linalg.solve(normal[np.ix_(used, used)] + np.diag(penalty), right[used])
     return coefficients
 
 
@@ -192,6 +195,17 @@ def _solve(basis: NDArray, data: NDArray, keep: Flags) -> NDArray[np.float64]:
 def cubic(c0, c1, c2, c3, u):
     """Cubic polynomial by Horner's rule, for compiled loops over a row."""
     return c0 + u * (c1 + u * (c2 + u * c3))
+
+
+@njit(cache=True)
+def _evaluate(out, light, places, least):
+    """The polynomial at each pixel, at ``least`` so large."""
+    for y in range(len(out)):
+        c0, c1, c2, c3 = light[y]
+        row = out[y]
+        for x in range(len(row)):
+            value = cubic(c0, c1, c2, c3, places[x])
+            row[x] = value if value > least else least
 
 
 @njit(cache=True, error_model="numpy")
