@@ -27,7 +27,7 @@ from contactimg.imaging.background.illumination import (
     find_sign,
     one_sided_scatter,
 )
-from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
+from contactimg.imaging.pixels.blocks import BLOCK, to_pixels
 from contactimg.imaging.pixels.masks import Flags, Values, mean_of_seen
 from contactimg.imaging.pixels.noise import estimate_noise
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
@@ -54,14 +54,12 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
     fraction of the light, so that they are corrected with it.
     """
     light_level = difference.level if relative else 0.0
-    blocks, flickering = block_means(difference.image, difference.valid), difference
-    background = difference.illumination.background
-    if background.shape != blocks.shape:  # small contacts leave no block free
+    flickering, background = difference, difference.illumination.background
+    if background.shape != difference.blocks.shape:  # small contacts leave no block free
         return difference
     for axis in (1, 0):
-        even = _without_flicker(difference, blocks, axis, light_level)
-        if even is not difference:
-            difference, blocks = even, block_means(even.image, even.valid)
+        difference = _without_flicker(difference, axis, light_level)
+    blocks = difference.blocks
     used = background & np.isfinite(blocks)
     flat = blocks[used]
     if flat.size < FEWEST_BLOCKS:
@@ -208,9 +206,10 @@ def _in_common(image: NDArray, used: Flags, fewest: int = 0) -> tuple[float, NDA
     return float(shared.mean()) if significant else 0.0, mean, count
 
 
-def _without_flicker(difference: DifferenceImage, blocks: Values, axis: int, level: float) -> DifferenceImage:
+def _without_flicker(difference: DifferenceImage, axis: int, level: float) -> DifferenceImage:
     """The difference image without what the background of a row (axis 1) or column (axis 0) has in common."""
-    image, background = difference.image, difference.illumination.background & np.isfinite(blocks)
+    image, blocks = difference.image, difference.blocks
+    background = difference.illumination.background & np.isfinite(blocks)
     if not axis:
         image, blocks, background = image.T, blocks.T, background.T
     near, hides = _near_the_median_of_lines(blocks, background)

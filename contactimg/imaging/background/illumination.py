@@ -5,7 +5,7 @@ Everything is fitted to block means, which are few and have little noise.
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -256,6 +256,11 @@ class DifferenceImage:
     valid: Mask = None
     registration_failed: bool = False
     rounding: float = 0.0
+
+    @cached_property
+    def blocks(self) -> Values:
+        """Means of the image over its blocks, NaN where no pixel is seen."""
+        return block_means(self.image, self.valid)
 
     @property
     def remark(self) -> str:

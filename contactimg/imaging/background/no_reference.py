@@ -104,13 +104,13 @@ def estimate_background(
         roundness = [_roundness(one, sign, valid) for one, sign in both] if len(both) > 1 else [1.0]
         crowd, sign = both[int(np.argmax(roundness))]
         return replace(crowd, valid=valid), sign
-    blocks = block_means(flat.image, flat.valid)
+    blocks = flat.blocks
     sign = sum(signs) or find_sign(blocks, flat.illumination.background)
     limit = BACKGROUND_CLIP_SIGMA * flat.illumination.scatter
     if np.mean(sign * blocks < -limit) > NOTABLE_SHARE:  # no contact is darker than the background
         other = _flat_behind_envelope(frame, shown, sign, rounding)
         if other is not None:
-            near = np.abs(block_means(other.image, other.valid)) < limit
+            near = np.abs(other.blocks) < limit
             flat = other if np.mean(near) > np.mean(np.abs(blocks) < limit) else flat
     return replace(flat, valid=valid), sign
 

@@ -102,7 +102,7 @@ def remove_background(
     if not sign:
         seen = block_means(best.image, valid, side=side_of(light.background.shape, frame.shape))
         sign = find_sign(seen, light.background)
-    blocks = block_means(best.image, valid)
+    blocks = best.blocks
     scatter = max(scatter_of_blocks(part, plain.rounding) for part in (blocks, blocks.T))
     limit = BACKGROUND_CLIP_SIGMA * scatter
     changed = np.mean(light.background) < LEAST_BACKGROUND or np.mean(sign * blocks < -limit) > NOTABLE_SHARE
@@ -112,7 +112,7 @@ def remove_background(
     least = np.mean(found) + NOTABLE_SHARE
     for start in dict.fromkeys((plain, best)):
         other, new_sign = estimate_background(start.image + np.float32(level), valid=valid, polarity=polarity)
-        near = np.abs(block_means(other.image, other.valid)) < limit
+        near = np.abs(other.blocks) < limit
         if np.mean(near) > least and encloses(near, found):
             least, sign, brightness = np.mean(near), new_sign, start.brightness * other.brightness
             light = replace(light, background=other.illumination.background)

@@ -31,7 +31,7 @@ from contactimg.imaging.fit.disks import (
     largest_radii,
     reach_of,
 )
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
 from contactimg.imaging.fit.shapes import (
     EXACT_OPTICS,
     LEAST_ELONGATION,
@@ -80,7 +80,9 @@ def assemble_disks(
     contrast = problem.contrast
     found = find_candidates(seen, contrast, blur=blur)
     most = min(int(MOST_DISKS_PER_PX2 * problem.image.size) + 1, MOST_DISKS)
-    disks, whole = found.places[:most], found.whole[:most]
+    tiles = found.places[:most, :2] // 64
+    near = np.lexsort((tiles[:, X], tiles[:, Y]))  # neighbours one after the other share what is in the cache
+    disks, whole = found.places[near], found.whole[near]
     disks = np.column_stack([disks, np.full(len(disks), contrast)])
     largest = largest_radii(disks, problem.image.shape, blur, GROWTH_RATIO, 1.0)
     work = Assembly(problem, disks, largest, whole, blur=blur, free_blur=free_blur)

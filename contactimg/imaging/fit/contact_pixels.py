@@ -22,7 +22,7 @@ COLUMNS = (
     "core_n", "core_mean", "ring_n", "ring_mean", "rim_n", "rim_chi", "light",
     "count", "x", "y", "xx", "xy", "yy", "expected", "inside_seen", "core_chi", "border",
 )  # fmt: skip
-BATCH, ROOM = 2048, 7  # pixels that are added at once, besides those of a row, and numbers for each; accuracy
+BATCH, ROOM = 512, 7  # pixels that are added at once, besides those of a row, and numbers for each; accuracy
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,14 +170,21 @@ def _look(image, model, valid, disks, s, variance, noise, half, heights, out):
                         pixels[2, n], pixels[3, n], pixels[4, n] = column - x, row - y, outside
                         n += 1
             else:
-                for j in range(end - first):
-                    pixels[0, n + j], pixels[1, n + j] = image[row, first + j], model[row, first + j]
-                    pixels[2, n + j] = np.float32(first - x) + np.float32(j)
-                    pixels[3, n + j], pixels[4, n + j] = row - y, 0.0
+                _append(pixels, n, image[row][first:end], model[row][first:end], first - x, row - y)
                 n += end - first
             if n > BATCH or row == bottom:
                 _add_pixels(pixels, n, radii, scale, start, light, profile, out[i])
                 n = 0
+
+
+@njit(cache=True, forceinline=True)
+def _append(pixels, n, line, modelled, x, y):
+    """Append the pixels of a row inside the image, the first at ``x`` and ``y`` from the centre of a disk."""
+    levels, models, across = pixels[0][n:], pixels[1][n:], pixels[2][n:]
+    down, border, first = pixels[3][n:], pixels[4][n:], np.float32(x)
+    for j in range(len(line)):
+        levels[j], models[j], across[j] = line[j], modelled[j], first + np.float32(j)
+        down[j], border[j] = np.float32(y), np.float32(0.0)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)

@@ -216,11 +216,7 @@ def render_disks(
 
 def erase_disks(problem: FitProblem, fit: FittedDisks, erased: NDArray[np.bool_]) -> None:
     """Take some disks out of the model image of a fit, in place."""
-    drawn = np.ones(len(fit.disks), np.bool_)
-    if 2 * np.count_nonzero(erased) > len(drawn):  # those that stay are sooner drawn anew
-        fit.model.fill(0.0)
-        drawn[:] = False
-    pairs = find_pairs(fit.disks, 0.0)
+    drawn, pairs = np.ones(len(fit.disks), np.bool_), find_pairs(fit.disks, 0.0)
     draw_disks(fit.model, fit.disks, fit.blur, drawn, ~erased, pairs, problem.profile)
 
 

@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.imaging.background.illumination import fit_illumination
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, find_insignificant, fit_disks
+from contactimg.imaging.fit.disks import (
+    FitControl,
+    FittedDisks,
+    ModelImage,
+    erase_disks,
+    find_insignificant,
+    fit_disks,
+)
 from contactimg.imaging.fit.problem import CONTRAST, ContrastPrior, FitProblem
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of, to_pixels
 from contactimg.imaging.pixels.robust import (
@@ -106,7 +113,8 @@ def remove_halo(
 def _refit(problem: FitProblem, fit: FittedDisks, kept: NDArray[np.bool_], *, free_blur: bool) -> FittedDisks:
     """Fit some of the disks of a fit, whose model image is overwritten, again."""
     control = FitControl(free_blur, robust=False, iterations=4)
-    start = ModelImage.over(fit.model, int(np.count_nonzero(kept)))
+    erase_disks(problem, fit, ~kept)
+    start = ModelImage(fit.model, np.ones(int(np.count_nonzero(kept)), np.bool_))
     return fit_disks(problem, fit.disks[kept], blur=fit.blur, control=control, start=start)
 
 

@@ -44,7 +44,7 @@ EDGE = special.ndtr(np.arange(-EDGE_HALF, EDGE_HALF + 2) / EDGE_STEPS_PER_BLUR_W
 NODE_SPACING_BLUR_WIDTHS = 0.8  # of the integral; theory: exact to 1e-8, see above
 LEAST_NODES = 8  # theory: midpoint rule on the parabola of a thin lens, area right to 1/(2 x 8^2) = 0.8 %
 THINNEST_OVERLAP_PX = 0.02  # depth of overlaps that are ignored; theory: area 4/3 sqrt(a) 0.02^1.5
-CLEARED_PIXELS = 6000  # of the model image for each disk to erase, up to which all is cleared; speed only
+CLEARED_PIXELS = 6000  # of the model image that are cleared in the time in which a disk is erased; speed only
 
 
 def draw_disks(
@@ -56,12 +56,12 @@ def draw_disks(
 
     ``near_pairs`` contains all pairs that overlap.
     """
-    change = np.flatnonzero(drawn != wanted)
-    if not len(change):
-        return
-    if len(change) * CLEARED_PIXELS > model.size and not wanted.any():
+    kept, erased = np.count_nonzero(drawn & wanted), np.count_nonzero(drawn & ~wanted)
+    if (erased - kept) * CLEARED_PIXELS > model.size:  # those that stay are sooner drawn anew
         model.fill(0.0)
         drawn[:] = False
+    change = np.flatnonzero(drawn != wanted)
+    if not len(change):
         return
     disks, touching = np.ascontiguousarray(disks), select_close(near_pairs, disks, 0.0)
     _draw(model, disks, s, drawn, wanted, table, change, touching)
