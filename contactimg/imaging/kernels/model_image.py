@@ -50,16 +50,16 @@ CLEARED_PIXELS = 6000  # of the model image for each disk to erase, up to which 
 def draw_disks(
     model: NDArray[np.float32], disks: NDArray[np.float64], s: float, drawn: NDArray[np.bool_],
     wanted: NDArray[np.bool_],
-    near_pairs: NDArray[np.int64], table: EdgeTable,
+    near_pairs: NDArray[np.int64], table: EdgeTable, *, shared: bool = False,
 ) -> None:  # fmt: skip
     """Add disks to the model image, or subtract them, until it contains those wanted, each with its overlaps.
 
-    ``near_pairs`` contains all pairs that overlap.
+    ``near_pairs`` contains all pairs that overlap; ``shared``: the image contains other disks as well.
     """
     change = np.flatnonzero(drawn != wanted)
     if not len(change):
         return
-    if len(change) * CLEARED_PIXELS > model.size and not wanted.any():
+    if not (shared or wanted.any()) and len(change) * CLEARED_PIXELS > model.size:
         model.fill(0.0)
         drawn[:] = False
         return
