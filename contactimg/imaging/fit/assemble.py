@@ -276,7 +276,7 @@ class Assembly:
         control = FitControl(free_blur=False, robust=False, iterations=iterations)
         fit = fit_disks(
             self.problem, disks[part], blur=old.blur, control=control, largest=self.largest[part],
-            active=active[part], start=ModelImage(old.model, rows[part] >= 0),
+            active=active[part], start=ModelImage(old.model, rows[part] >= 0, shared=not part.all()),
         )  # fmt: skip
         # the disks held fixed keep their uncertainty and misfit
         self.fit = old.rearranged(rows, active, fit, active[part])

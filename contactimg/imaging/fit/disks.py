@@ -106,11 +106,14 @@ class ModelImage:
         Which of the disks to fit it contains, as they are before the fit.
     complete : bool
         Whether it shall contain all disks after the fit.
+    shared : bool
+        Whether it contains other disks as well, which stay in it.
     """
 
     model: NDArray[np.float32]
     drawn: NDArray[np.bool_]
     complete: bool = True
+    shared: bool = False
 
     @classmethod
     def blank(cls, shape: tuple[int, ...], n: int) -> "ModelImage":
@@ -264,7 +267,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     if largest is None:
         largest = largest_radii(disks, image.shape, blur, GROWTH_RATIO, GROWTH_BLUR_WIDTHS)
     start = start or ModelImage.blank(image.shape, n)
-    model, drawn = start.model, start.drawn.copy()
+    model, drawn, shared = start.model, start.drawn.copy(), start.shared
     started, before = np.ones(n, np.bool_) if active is None else active, disks
     moving, free_blur = started.copy(), control.free_blur
     reach = reach_of(table)
@@ -289,7 +292,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
         # isolated disks are their own model: nobody needs a drawing of them
         isolated = np.full(n, not saturated)
         isolated[pairs] = False
-        draw_disks(model, disks, s, drawn, ~isolated | (drawn & ~moving), near_pairs, table)
+        draw_disks(model, disks, s, drawn, ~isolated | (drawn & ~moving), near_pairs, table, shared=shared)
         row_step = 1 if control.robust else (4 if iteration == 0 else 2)
         build_normal_equations(
             image, model, weight, disks, s, levels, prior, moving, isolated, control.robust, row_step, table,
@@ -311,7 +314,8 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
         steps = alone.copy()
         if len(pairs) and not solve_coupled(inverse, gradient, moving, pairs, blocks, steps):
             steps = alone
-        draw_disks(model, disks, s, drawn, drawn & ~moving & (change == 0.0), near_pairs, table)
+        still = drawn & ~moving & (change == 0.0)
+        draw_disks(model, disks, s, drawn, still, near_pairs, table, shared=shared)
         s = max(s + change, NARROWEST_BLUR_PX)
         blur_tolerance = BLUR_TOLERANCE if control.robust else ROUGH_BLUR_TOLERANCE
         steady = abs(change) < blur_tolerance * s and (control.robust or iteration >= 1)

@@ -50,14 +50,14 @@ CLEARED_PIXELS = 6000  # of the model image that are cleared in the time in whic
 def draw_disks(
     model: NDArray[np.float32], disks: NDArray[np.float64], s: float, drawn: NDArray[np.bool_],
     wanted: NDArray[np.bool_],
-    near_pairs: NDArray[np.int64], table: EdgeTable,
+    near_pairs: NDArray[np.int64], table: EdgeTable, *, shared: bool = False,
 ) -> None:  # fmt: skip
     """Add disks to the model image, or subtract them, until it contains those wanted, each with its overlaps.
 
-    ``near_pairs`` contains all pairs that overlap.
+    ``near_pairs`` contains all pairs that overlap; ``shared``: the image contains other disks as well.
     """
     kept, erased = np.count_nonzero(drawn & wanted), np.count_nonzero(drawn & ~wanted)
-    if (erased - kept) * CLEARED_PIXELS > model.size:  # those that stay are sooner drawn anew
+    if not shared and (erased - kept) * CLEARED_PIXELS > model.size:  # those that stay are sooner drawn anew
         model.fill(0.0)
         drawn[:] = False
     change = np.flatnonzero(drawn != wanted)

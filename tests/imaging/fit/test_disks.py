@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from contact_frames import Optics, match, render
 
-from contactimg.imaging.fit.disks import FitControl, find_insignificant, fit_disks, render_disks
+from contactimg.imaging.fit.disks import FitControl, ModelImage, find_insignificant, fit_disks, render_disks
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.fit.residual_light import estimate_halo, subtract_halo
 from contactimg.imaging.fit.shared_optics import contrast_prior
@@ -90,6 +90,17 @@ def test_disks_held_fixed_stay(rng):
     found = fit(image, start, blur=1.5, active=moves, free_blur=False)
     assert np.array_equal(found.disks[~moves], start[~moves])
     assert np.abs(found.disks[moves] - truth[moves])[:, :3].max() < 0.02
+
+
+def test_a_fit_of_some_disks_leaves_the_others_in_the_model_image(rng):
+    disks = grid(rng)
+    image = render_disks(disks, 1.5, (264, 264))
+    some = np.arange(len(disks)) < 30  # so many are sooner cleared with the image than erased one by one
+    problem = FitProblem(image, Noise(1.0), ContrastPrior(100.0, 10.0))
+    start = ModelImage(image.copy(), np.ones(30, np.bool_), shared=True)
+    found = fit_disks(problem, disks[some], blur=1.5, control=FitControl(free_blur=False), start=start)
+    # rounding of the disks that were erased and drawn again
+    assert found.model == pytest.approx(image, abs=1e-2)
 
 
 def test_no_disk_is_a_result_too():
