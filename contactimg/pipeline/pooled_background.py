@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
+import cv2
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -47,6 +48,10 @@ FEWEST_FALSE_SPOTS = 3
 """Spots like contacts from which on a reference is not used at all. Chosen: a grain that has moved makes
 one spot or two, a reference taken in contact many."""
 
+BRIGHT_FRACTION = 0.1
+"""Fraction of a contact from which on it counts that the reference has half the contrast there. Chosen: that
+of a contact which has grown threefold in radius; of the contacts of the sample data none has so much."""
+
 LEAST_GAIN = 1.01
 """Ratio of the noise of the difference before and after, above which the pooled background is used. Chosen:
 the noise is known to 0.6 %."""
@@ -78,7 +83,7 @@ class Pool:
     needed : bool
         It is used whether or not it gains: it was asked for, or the reference is at fault.
     spots : int
-        Spots of the reference that look like contacts and that no frame confirms.
+        Spots of the reference that look like contacts: that no frame confirms, or that frames have, too.
     before : dict
         Name of a frame that was measured before -> its noise (grey levels) and the median uncertainty of its
         radii (px).
@@ -282,7 +287,7 @@ def pool_background(
         remark=remark,
         differing={experiment.frames[k].name for k in anchored.shown.keys() - views.keys()},
         needed=bool(fault) or wish == "pooled",
-        spots=agreement.spots_of(0, anchored.contacts, sign=anchored.sign) if has_reference else 0,
+        spots=anchored.spots(brightness),
         before={str(part.row["frame"]): _noise_and_std(part) for part in parts.values()},
     )
 
@@ -313,6 +318,32 @@ class _Anchored:
         """Where the views agree, the reference first."""
         squares = [*(view.squares() for view in self.first), *(squares for _, squares in self.shown.values())]
         return pooled.compare_views(squares, sign=self.sign)
+
+    def spots(self, brightness: NDArray[np.float32]) -> int:
+        """Spots of the reference, for a smooth brightness (grey levels) of it, that look like contacts."""
+        if not self.references:
+            return 0
+        shared = [self._in_contact(own, brightness) for own, _ in self.shown.values()]
+        return max(self.agreement.spots_of(0, self.contacts, sign=self.sign), *shared)
+
+    def _in_contact(self, own: pooled.PlacedFrame, brightness: NDArray[np.float32]) -> int:
+        """Contacts and candidates of a frame that the reference shows, too, beyond twice what chance makes.
+
+        Chance is what the same places have on the reference turned by half a turn.
+        """
+        whole, (rows, columns) = own.contacts.left_out(), self.image.shape
+        places = replace(whole, disks=np.pad(whole.hidden, ((0, 0), (0, 1))))
+        x, y, radius, _ = places.moved(own.placement.alignment, (rows, columns)).disks.T
+        excess = cv2.blur(np.asarray(self.image, np.float32), (3, 3)) / np.maximum(brightness, 1e-9) - 1.0
+        sums = cv2.integral((excess / whole.contrast > 0.5).astype(np.uint8))
+
+        def count(x: NDArray, y: NDArray) -> int:
+            left, right = (np.clip(np.rint(x + at), 0, columns).astype(int) for at in (-radius, radius + 1))
+            top, bottom = (np.clip(np.rint(y + at), 0, rows).astype(int) for at in (-radius, radius + 1))
+            bright = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+            return int(np.count_nonzero(bright > BRIGHT_FRACTION * np.pi * np.maximum(radius, 2.0) ** 2))
+
+        return count(x, y) - 2 * count(columns - 1 - x, rows - 1 - y)
 
 
 def _place_views(

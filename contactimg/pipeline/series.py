@@ -149,7 +149,7 @@ def _measure_frames(
         raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
     pool = pool_background(experiment, options, _of_usual_shape(parts), workers=workers)
     if pool is not None and pool.spots >= FEWEST_FALSE_SPOTS:
-        fault = f"the reference shows {pool.spots} spots like contacts that no frame confirms"
+        fault = f"the reference shows {pool.spots} spots like contacts"
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
         parts |= measured(alone, dict.fromkeys(parts))
