@@ -22,7 +22,7 @@ from contactimg.files.corrections import EDITS_FILE, PixelCorrections, find_area
 from contactimg.files.decoders import stated_pixel_size
 from contactimg.files.output import finish_commit
 from contactimg.files.sources import FrameSource, is_image, list_frames, named_file, natural_key
-from contactimg.files.tables import read_asperities, read_loads
+from contactimg.files.tables import in_western_code, read_asperities, read_loads
 from contactimg.optics.sensor import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import EDITS, LOADS
@@ -275,7 +275,7 @@ def edits_file(scene: Scene) -> Path:
 def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.DataFrame:
     """One row per frame, which the table may name with a path, without extension or by number.
 
-    Names that differ in capitals or in the composition of accents only are the same where one frame has them.
+    Names that differ only in capitals or in how accents are encoded are the same where one frame has them.
     Mismatches are logged.
 
     Raises
@@ -324,7 +324,7 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
 
 def _plain(name: str) -> str:
     """The name in small letters, each accent in one character with its letter."""
-    return unicodedata.normalize("NFC", name).casefold()
+    return unicodedata.normalize("NFC", in_western_code(name)).casefold()
 
 
 def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]:
