@@ -434,26 +434,28 @@ class FolderFiles:
         return sections | ({"asperities": {"file": self.asperities}} if self.asperities else {})
 
 
-def recognise_folder(folder: str | Path) -> FolderFiles:
+def recognise_folder(folder: str | Path, *, frames_named: bool = False) -> FolderFiles:
     """Tell frames, reference, dark and flat frames, masks, loads and asperities of a folder; reads no pixels.
 
     Parameters
     ----------
     folder : str or Path
+    frames_named : bool
+        Whether it is stated which images are frames; these may be in other folders.
 
     Raises
     ------
     InputError
-        If it holds no frame.
+        If it holds no frame, unless they are named.
     """
     folder = Path(folder)
-    listed = list_frames(folder)
+    listed = [] if frames_named and not any(map(is_image, folder.iterdir())) else list_frames(folder)
     images = {
         kind: list(dict.fromkeys(one.path.name for one in listed if kind_of(one.path) == kind))
         for kind in ("reference", "dark", "flat", "mask")
     }
     frames = [one for one in listed if not kind_of(one.path)]
-    if not frames:
+    if not frames and not frames_named:
         raise InputError(f"{folder}: there is no frame besides {listed[0].name}; add the frames")
     frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)
