@@ -6,7 +6,7 @@ frame is then measured on the mean of the others.
 """
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
@@ -83,7 +83,7 @@ class Pool:
     needed : bool
         It is used whether or not it gains: it was asked for, or the reference is at fault.
     spots : int
-        Spots of the reference that look like contacts: that no frame confirms, or that frames have, too.
+        Spots of the reference that look like contacts and that no frame confirms.
     before : dict
         Name of a frame that was measured before -> its noise (grey levels) and the median uncertainty of its
         radii (px).
@@ -207,6 +207,34 @@ def contacts_of(part: MeasuredFrame, options: FrameOptions) -> pooled.Contacts:
     return replace(contacts, contrast=contrast, blur=blur, film=film) if known else contacts.left_out()
 
 
+def spots_in_contact(parts: Iterable[MeasuredFrame], reference: NDArray | None) -> int:
+    """Contacts and other candidates of a frame, the most of any, that the reference shows, too.
+
+    Twice what chance makes is taken off: what the same places have on the reference turned by half a turn.
+    """
+    if reference is None:
+        return 0
+    (rows, columns), counts = reference.shape, [0]
+    smooth = pooled.smooth_brightness(reference)
+    fine = cv2.blur(np.where(np.isfinite(reference), reference, smooth).astype(np.float32), (3, 3))
+    excess = fine / np.maximum(smooth, 1e-9) - 1.0
+    for part in parts:
+        if not (is_measured(part) and part.row["contrast"]):
+            continue
+        tables, names = part.tables, ["x_px", "y_px", "radius_px"]
+        places = pd.concat([tables.contacts[names], tables.rejected[names]]).dropna().to_numpy(float)
+        x, y, radius = (places - np.nan_to_num([part.row["shift_x_px"], part.row["shift_y_px"], 0.0])).T
+        sums, shown = cv2.integral((excess * part.level / part.row["contrast"] > 0.5).astype(np.uint8)), []
+        for column, row in ((x, y), (columns - 1 - x, rows - 1 - y)):
+            left, right = np.clip(np.rint([column - radius, column + radius + 1]), 0, columns).astype(int)
+            top, bottom = np.clip(np.rint([row - radius, row + radius + 1]), 0, rows).astype(int)
+            bright = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+            least = BRIGHT_FRACTION * np.pi * np.maximum(radius, 2.0) ** 2
+            shown.append(int(np.count_nonzero(bright > least)))
+        counts.append(shown[0] - 2 * shown[1])
+    return max(counts)
+
+
 def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
     """Choose at most so many of the items, evenly spread over them, the first and the last among them."""
     places = np.linspace(0, len(items) - 1, min(most, len(items)))
@@ -287,7 +315,7 @@ def pool_background(
         remark=remark,
         differing={experiment.frames[k].name for k in anchored.shown.keys() - views.keys()},
         needed=bool(fault) or wish == "pooled",
-        spots=anchored.spots(brightness),
+        spots=agreement.spots_of(0, anchored.contacts, sign=anchored.sign) if has_reference else 0,
         before={str(part.row["frame"]): _noise_and_std(part) for part in parts.values()},
     )
 
@@ -318,32 +346,6 @@ class _Anchored:
         """Where the views agree, the reference first."""
         squares = [*(view.squares() for view in self.first), *(squares for _, squares in self.shown.values())]
         return pooled.compare_views(squares, sign=self.sign)
-
-    def spots(self, brightness: NDArray[np.float32]) -> int:
-        """Spots of the reference, for a smooth brightness (grey levels) of it, that look like contacts."""
-        if not self.references:
-            return 0
-        shared = [self._in_contact(own, brightness) for own, _ in self.shown.values()]
-        return max(self.agreement.spots_of(0, self.contacts, sign=self.sign), *shared)
-
-    def _in_contact(self, own: pooled.PlacedFrame, brightness: NDArray[np.float32]) -> int:
-        """Contacts and candidates of a frame that the reference shows, too, beyond twice what chance makes.
-
-        Chance is what the same places have on the reference turned by half a turn.
-        """
-        whole, (rows, columns) = own.contacts.left_out(), self.image.shape
-        places = replace(whole, disks=np.pad(whole.hidden, ((0, 0), (0, 1))))
-        x, y, radius, _ = places.moved(own.placement.alignment, (rows, columns)).disks.T
-        excess = cv2.blur(np.asarray(self.image, np.float32), (3, 3)) / np.maximum(brightness, 1e-9) - 1.0
-        sums = cv2.integral((excess / whole.contrast > 0.5).astype(np.uint8))
-
-        def count(x: NDArray, y: NDArray) -> int:
-            left, right = (np.clip(np.rint(x + at), 0, columns).astype(int) for at in (-radius, radius + 1))
-            top, bottom = (np.clip(np.rint(y + at), 0, rows).astype(int) for at in (-radius, radius + 1))
-            bright = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
-            return int(np.count_nonzero(bright > BRIGHT_FRACTION * np.pi * np.maximum(radius, 2.0) ** 2))
-
-        return count(x, y) - 2 * count(columns - 1 - x, rows - 1 - y)
 
 
 def _place_views(
