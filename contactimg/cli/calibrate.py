@@ -198,14 +198,11 @@ def _calibrate(
             raise InputError(ONE_OF_TWO)
         result = run(experiment, workers=workers)
         pipeline.write_calibration(result, out.folder, frames=out.record["inputs"])
-        from contactimg.report.units import display_unit
+        from contactimg.report.units import in_display_units, numbers_of
 
         say(f"{folder}, calibrate {click.get_current_context().info_name}")
-        for name, entry in result.record.items():
-            if isinstance(entry, dict) and {"value", "std", "unit"} <= set(entry):
-                factor, unit = display_unit(entry["value"], entry["unit"])
-                numbers = f"{entry['value'] * factor:.6g} ± {entry['std'] * factor:.2g}"
-                say(f"  {name:26} {numbers} {unit}".rstrip())
+        for row in in_display_units(numbers_of(result.record)).itertuples():
+            say(f"  {row.quantity:26} {row.value:.6g} ± {row.std:.2g} {row.unit}".rstrip())
         say(*(f"  {note}" for note in result.record["notes"]))
     return 1 if result.failed else 0
 

@@ -71,7 +71,7 @@ def analyse(
     runs: Annotated[tuple[shared.ExistingFolder, ...], "RUN [RUN ...]"],
     *,
     output: shared.Output = None,
-    calibration: shared.ExistingFile | None = None,
+    calibration: shared.Existing | None = None,
     annulus_mm: shared.Annulus = 0.25,
     load_min_N: float = 0.0,
     load_max_N: float | None = None,
@@ -106,7 +106,7 @@ def analyse(
     Parameters
     ----------
     calibration
-        Take the centre of the contact from this calibration.json of `calibrate jkr`.
+        Take the centre of the contact from this calibration.json (or its folder) of `calibrate jkr`.
     load_min_N
         Smallest load, in newtons, used to fit the exponent of contact area against load.
     load_max_N
@@ -148,7 +148,7 @@ def analyse(
     places = [pipeline.open_place(run, centre_px=centre) for run in runs]
     folders = [Path(run) for run in runs]
     inputs = [path for one in folders for path in (*files.main_tables([one]), one / files.PROVENANCE_FILE)]
-    inputs += [] if calibration is None else [Path(calibration)]
+    inputs += [] if calibration is None else [files.calibration_file(calibration)]
     then = "report" if len(runs) == 1 else ""
     with shared.results_in(output, runs[0], None, inputs, main_files=["results.csv"], then=then) as out:
         analysis = pipeline.analyse_places(places, settings, workers=workers)

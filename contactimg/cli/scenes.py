@@ -53,7 +53,7 @@ def scene_of_folder(
     elif (folder / files.SCENE_FILE).exists():
         data = deepcopy(files.read_scene(folder).source)
     else:
-        found = files.recognise_folder(folder)
+        found = files.recognise_folder(folder, frames_named="frames" in stated.get("images", {}))
         data = found.keys
         if found.ignored:
             say(f"{folder}: not used: {', '.join(found.ignored)}")

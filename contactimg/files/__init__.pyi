@@ -36,6 +36,7 @@ from .runs import CALIBRATION_FILE as CALIBRATION_FILE
 from .runs import RUN_TABLES as RUN_TABLES
 from .runs import FrameTables as FrameTables
 from .runs import Run as Run
+from .runs import calibration_file as calibration_file
 from .runs import input_hashes as input_hashes
 from .runs import read_calibration as read_calibration
 from .runs import read_run as read_run

@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import FrameError, InputError, finite_number
-from contactimg.files.atomic import first_names, flush_to_disk, read_bytes, write_text
+from contactimg.files.atomic import first_names, flush_to_disk, naming, read_bytes, write_text
 from contactimg.files.sources import FrameSource
 from contactimg.files.tables import read_table, read_text_table
 from contactimg.frame import Frame
@@ -126,7 +126,8 @@ def find_areas(masks: Mapping[str, MaskArea], folder: Path, names: Sequence[str]
             path = folder / mask
             if not path.is_file():
                 raise InputError(f"{path}: the scene names this mask, but there is no such file")
-            _mask(path, _changes([path]))  # a mistake is found before any frame is measured
+            with naming("[images] mask"):
+                _mask(path, _changes([path]))  # a mistake is found before any frame is measured
             areas.append(MaskedArea(frame, path))
         else:
             areas += [MaskedArea(frame, points=tuple((x, y) for x, y in corners)) for corners in mask]

@@ -22,7 +22,7 @@ from contactimg.files.corrections import EDITS_FILE, PixelCorrections, find_area
 from contactimg.files.decoders import stated_pixel_size
 from contactimg.files.output import finish_commit
 from contactimg.files.sources import FrameSource, is_image, list_frames, named_file, natural_key
-from contactimg.files.tables import read_asperities, read_loads
+from contactimg.files.tables import in_western_code, read_asperities, read_loads
 from contactimg.optics.sensor import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import EDITS, LOADS
@@ -275,7 +275,7 @@ def edits_file(scene: Scene) -> Path:
 def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.DataFrame:
     """One row per frame, which the table may name with a path, without extension or by number.
 
-    Names that differ in capitals or in the composition of accents only are the same where one frame has them.
+    Names that differ only in capitals or in how accents are encoded are the same where one frame has them.
     Mismatches are logged.
 
     Raises
@@ -324,7 +324,7 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
 
 def _plain(name: str) -> str:
     """The name in small letters, each accent in one character with its letter."""
-    return unicodedata.normalize("NFC", name).casefold()
+    return unicodedata.normalize("NFC", in_western_code(name)).casefold()
 
 
 def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]:
@@ -434,26 +434,28 @@ class FolderFiles:
         return sections | ({"asperities": {"file": self.asperities}} if self.asperities else {})
 
 
-def recognise_folder(folder: str | Path) -> FolderFiles:
+def recognise_folder(folder: str | Path, *, frames_named: bool = False) -> FolderFiles:
     """Tell frames, reference, dark and flat frames, masks, loads and asperities of a folder; reads no pixels.
 
     Parameters
     ----------
     folder : str or Path
+    frames_named : bool
+        Whether it is stated which images are frames; these may be in other folders.
 
     Raises
     ------
     InputError
-        If it holds no frame.
+        If it holds no frame, unless they are named.
     """
     folder = Path(folder)
-    listed = list_frames(folder)
+    listed = [] if frames_named and not any(map(is_image, folder.iterdir())) else list_frames(folder)
     images = {
         kind: list(dict.fromkeys(one.path.name for one in listed if kind_of(one.path) == kind))
         for kind in ("reference", "dark", "flat", "mask")
     }
     frames = [one for one in listed if not kind_of(one.path)]
-    if not frames:
+    if not frames and not frames_named:
         raise InputError(f"{folder}: there is no frame besides {listed[0].name}; add the frames")
     frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
     files = sorted((path for path in folder.iterdir() if path.is_file()), key=natural_key)

@@ -217,6 +217,9 @@ def _read_run(folder: Path) -> Run:
         raise
     except Exception as error:  # whatever a damaged record makes of it
         raise InputError(f"{file}: is damaged ({type(error).__name__}: {error}); repeat the run") from None
+    for missing in (table.name for table in (CONTACTS, FRAMES) if not table_file(folder, table).is_file()):
+        made, cure = output.command_of(record), "give what `process` or `predict` wrote, or repeat it"
+        raise InputError(f"{folder}: holds what `{made}` wrote, and no {missing}.csv; {cure}")
     contacts, frames = read_run_table(folder, CONTACTS), read_run_table(folder, FRAMES)
     _check_tables(folder, contacts, frames)
     known = {name: record["sha256"][name] for name in RUN_TABLES if name in record["sha256"]}
@@ -290,6 +293,11 @@ def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) ->
 CALIBRATION_FILE = "calibration.json"
 
 
+def calibration_file(path: str | Path) -> Path:
+    """The file of a calibration: as given, or in the folder that is given."""
+    return Path(path) / CALIBRATION_FILE if Path(path).is_dir() else Path(path)
+
+
 def read_calibration(path: str | Path) -> dict[str, Any]:
     """Read the result of `calibrate`.
 
@@ -317,8 +325,7 @@ def read_calibration(path: str | Path) -> dict[str, Any]:
     ...     read_calibration(folder)["threshold"]["value"]
     0.43
     """
-    path = Path(path)
-    path = path / CALIBRATION_FILE if path.is_dir() else path
+    path = calibration_file(path)
     output.finish_commit(path.parent)
     data = read_bytes(path)
     try:

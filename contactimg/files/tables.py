@@ -148,6 +148,13 @@ def read_text(path: str | Path) -> str:
     return text
 
 
+def in_western_code(text: str) -> str:
+    """Text of `read_text`; bytes that are not UTF-8 are taken for the 8-bit code of western Windows."""
+    if not re.search("[\udc80-\udcff]", text):
+        return text
+    return text.encode("utf-8", errors="surrogateescape").decode("cp1252", errors="replace")
+
+
 def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out."""
     text = read_text(path)
@@ -416,11 +423,11 @@ def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame
     >>> table["load_N"].tolist(), columns
     ([0.0125], "loads from 'Kraft [mN]', frames from 'Bild'")
     """
-    text, shown = read_text(path), ""
-    if re.search("[\udc80-\udcff]", text):  # bytes that are not UTF-8
-        text = text.encode("utf-8", errors="surrogateescape").decode("cp1252", errors="replace")
+    text, shown = in_western_code(read_text(path)), ""
     for separator in ("\t", ";", ",", None, "\n"):  # None: any white space; a line end: a single column
-        lines = [[cell.strip().strip('"') for cell in line.split(separator)] for line in text.split("\n")]
+        # numpy marks a header as a comment
+        parted = (line.removeprefix("# ").split(separator) for line in text.split("\n"))
+        lines = [[cell.strip().strip('"') for cell in cells] for cells in parted]
         for number, header in enumerate(lines, start=1):
             named = [name for name in header if _is_load(name) and column in ("", name)]
             if (shown and not named) or (len(header) < 2 and separator != "\n"):

@@ -6,11 +6,12 @@ frame is then measured on the mean of the others.
 """
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
+import cv2
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -46,6 +47,10 @@ FEWEST_VIEWS = 3
 FEWEST_FALSE_SPOTS = 3
 """Spots like contacts from which on a reference is not used at all. Chosen: a grain that has moved makes
 one spot or two, a reference taken in contact many."""
+
+BRIGHT_FRACTION = 0.1
+"""Fraction of a contact from which on it counts that the reference has half the contrast there. Chosen: that
+of a contact which has grown threefold in radius; of the contacts of the sample data none has so much."""
 
 LEAST_GAIN = 1.01
 """Ratio of the noise of the difference before and after, above which the pooled background is used. Chosen:
@@ -200,6 +205,34 @@ def contacts_of(part: MeasuredFrame, options: FrameOptions) -> pooled.Contacts:
     film = options.film.rim if options.film and part.film is not None and part.film.taken else None
     known = np.isfinite(contrast * blur)
     return replace(contacts, contrast=contrast, blur=blur, film=film) if known else contacts.left_out()
+
+
+def spots_in_contact(parts: Iterable[MeasuredFrame], reference: NDArray | None) -> int:
+    """Contacts and other candidates of a frame, the most of any, that the reference shows, too.
+
+    Twice what chance makes is taken off: what the same places have on the reference turned by half a turn.
+    """
+    if reference is None:
+        return 0
+    (rows, columns), counts = reference.shape, [0]
+    smooth = pooled.smooth_brightness(reference)
+    fine = cv2.blur(np.where(np.isfinite(reference), reference, smooth).astype(np.float32), (3, 3))
+    excess = fine / np.maximum(smooth, 1e-9) - 1.0
+    for part in parts:
+        if not (is_measured(part) and part.row["contrast"]):
+            continue
+        tables, names = part.tables, ["x_px", "y_px", "radius_px"]
+        places = pd.concat([tables.contacts[names], tables.rejected[names]]).dropna().to_numpy(float)
+        x, y, radius = (places - np.nan_to_num([part.row["shift_x_px"], part.row["shift_y_px"], 0.0])).T
+        sums, shown = cv2.integral((excess * part.level / part.row["contrast"] > 0.5).astype(np.uint8)), []
+        for column, row in ((x, y), (columns - 1 - x, rows - 1 - y)):
+            left, right = np.clip(np.rint([column - radius, column + radius + 1]), 0, columns).astype(int)
+            top, bottom = np.clip(np.rint([row - radius, row + radius + 1]), 0, rows).astype(int)
+            bright = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+            least = BRIGHT_FRACTION * np.pi * np.maximum(radius, 2.0) ** 2
+            shown.append(int(np.count_nonzero(bright > least)))
+        counts.append(shown[0] - 2 * shown[1])
+    return max(counts)
 
 
 def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:

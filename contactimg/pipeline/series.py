@@ -15,16 +15,18 @@ from contactimg.imaging.fit.pooling import FEWEST_SCORES, pool_edges, pool_optic
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
-from contactimg.pipeline.inputs import asperities_and_sites, check_modulus
+from contactimg.pipeline.inputs import asperities_and_sites, check_modulus, read_reference
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.pooled_background import (
     FEWEST_FALSE_SPOTS,
     FEWEST_FRAMES,
     MOST_VIEWS,
+    Pool,
     evenly_spread,
     is_measured,
     measure_on_pool,
     pool_background,
+    spots_in_contact,
 )
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene
@@ -147,14 +149,14 @@ def _measure_frames(
         parts |= measured(alone, {k: None for k in numbers if k not in parts})
     if not _of_usual_shape(parts):
         raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
-    pool = pool_background(experiment, options, _of_usual_shape(parts), workers=workers)
-    if pool is not None and pool.spots >= FEWEST_FALSE_SPOTS:
-        fault = f"the reference shows {pool.spots} spots like contacts that no frame confirms"
+    usual = _of_usual_shape(parts)
+    pool = pool_background(experiment, options, usual, workers=workers)
+    if fault := _fault_of_reference(experiment, usual, pool):
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
         parts |= measured(alone, dict.fromkeys(parts))
-        pool = pool_background(experiment, options, _of_usual_shape(parts), workers=workers, fault=fault)
-    usual = _of_usual_shape(parts)
+        usual = _of_usual_shape(parts)
+        pool = pool_background(experiment, options, usual, workers=workers, fault=fault)
     call, (common, lent) = alone, _lent_optics(usual, method)
     if pool is not None:
         on_pool = partial(measure_on_pool, pool=pool)
@@ -172,7 +174,20 @@ def _measure_frames(
     parts |= measured(call, dict.fromkeys(others, common))
     if pool is not None:  # frames of which the pool tells nothing
         parts |= measured(alone, {k: None for k in others if parts[k].shape is None})
+    elif fault:
+        parts = {k: part.with_remarks(f"{fault}: not used") for k, part in parts.items()}
     return _in_order(parts, frames)
+
+
+def _fault_of_reference(
+    experiment: files.Experiment, parts: Mapping[int, MeasuredFrame], pool: Pool | None
+) -> str:
+    """Why the reference is left out; empty where it may serve, or has to as the scene says."""
+    if experiment.scene.images.background == "reference":
+        return ""
+    spots = spots_in_contact(parts.values(), read_reference(experiment))
+    spots = max(spots, 0 if pool is None else pool.spots)
+    return f"the reference shows {spots} spots like contacts" if spots >= FEWEST_FALSE_SPOTS else ""
 
 
 def _lent_optics(

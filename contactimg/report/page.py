@@ -4,7 +4,7 @@ import base64
 import io
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isnan, nan
 from pathlib import Path
@@ -25,7 +25,7 @@ from contactimg.pipeline.pooled_background import evenly_spread
 from contactimg.plots import CAPTIONS, caption_of, plot_area
 from contactimg.plots.numbers import number_with_std, plain_number
 from contactimg.report import summary
-from contactimg.report.units import in_display_units
+from contactimg.report.units import in_display_units, numbers_of
 from contactimg.tables import FAILED, RESULTS, RUN_MODELS, SCORES, VARIANTS, Flag
 
 logger = logging.getLogger(__name__)
@@ -110,7 +110,7 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
     parts: dict[str, list[Part]] = {command: [] for command in SHOWN_COMMANDS}
     used = run.provenance["configuration"].get("options", {}).get("calibration")
     if used:
-        table = in_display_units(_numbers(used["record"]))
+        table = in_display_units(numbers_of(used["record"]))
         parts["calibrate"].append(Part(f"used by this run: {used['file']}", [], table))
     for place, record in outputs:
         part = _show_output(place, record, run, max_pictures=max_pictures, most_bytes=most_bytes)
@@ -226,7 +226,7 @@ def _show_output(place: Path, record: Record, run: files.Run, *, max_pictures: i
         ]
         return Part(command, pictures, files.read_table(place / "scores.csv", SCORES))
     if kind == "calibrate":
-        table = _numbers(files.read_calibration(place))
+        table = numbers_of(files.read_calibration(place))
     else:
         table = files.read_table(place / "results.csv", RESULTS, infinite=True)
     names = [Path(str(name)) for name in record.get("outputs", [])]
@@ -244,15 +244,6 @@ def _show_output(place: Path, record: Record, run: files.Run, *, max_pictures: i
     alone = kind == "analyse" and not (table["n_places"] > 1).any()
     area = figures.pop("area", None) if alone else None
     return Part(command, list(figures.values()), in_display_units(table), area)
-
-
-def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
-    rows = [
-        {"quantity": name, "value": entry["value"], "std": entry.get("std"), "unit": entry.get("unit", "")}
-        for name, entry in record.items()
-        if isinstance(entry, dict) and {"value", "unit"} <= set(entry)
-    ]
-    return pd.DataFrame(rows, columns=["quantity", "value", "std", "unit"])
 
 
 def _pictures_in(folder: Path, run: files.Run) -> list[tuple[str, Path]]:

@@ -1,5 +1,8 @@
 """Units in which a person reads a number: MPa instead of Pa, mm² instead of m²."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import pandas as pd
 
 DISPLAY_UNITS: dict[str, tuple[tuple[float, float, str], ...]] = {
@@ -24,6 +27,16 @@ def display_unit(value: float, unit: str) -> tuple[float, str]:
     """
     choices = DISPLAY_UNITS.get(unit, ((0.0, 1.0, unit),))
     return next(((factor, name) for least, factor, name in choices if abs(value) >= least), choices[-1][1:])
+
+
+def numbers_of(record: Mapping[str, Any]) -> pd.DataFrame:
+    """The numbers of a calibration, of the content of its ``calibration.json``: one row each."""
+    rows = [
+        {"quantity": name, "value": entry["value"], "std": entry.get("std"), "unit": entry["unit"]}
+        for name, entry in record.items()
+        if isinstance(entry, dict) and {"value", "unit"} <= set(entry)
+    ]
+    return pd.DataFrame(rows, columns=["quantity", "value", "std", "unit"])
 
 
 def in_display_units(table: pd.DataFrame) -> pd.DataFrame:

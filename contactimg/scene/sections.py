@@ -293,7 +293,7 @@ class Images(Section):
         "auto",
         description="What is subtracted from each frame: the reference, or the background pooled from all "
         'frames of the series together. "auto": pooled for the method "disk" and five frames or more, where '
-        "that lowers the noise.",
+        'that lowers the noise. Unless "reference" is stated, one that shows contacts is left out.',
     )
     frames: Frames = Field(
         None,

@@ -9,11 +9,12 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid, trapezoid
 
+from contactimg.analysis.annuli import annulus_moments
+from contactimg.analysis.radial_profiles import ring_profile
 from contactimg.effects.mechanics import estimate_mechanics, solve_scene
 from contactimg.effects.optics import measuring
-from contactimg.effects.output_change import OUTPUTS, POWER, chosen_change, relative_change
+from contactimg.effects.output_change import POWER, chosen_change, relative_change
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.frame import Frame
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
@@ -41,9 +42,6 @@ LEVELS = {
 }
 """Level of coupling -> name in the table."""
 
-RADIAL_NODES = 4001
-"""Points of the trapezoidal rule over rings. Chosen: far more than any number of rings."""
-
 
 @dataclass(frozen=True, eq=False)
 class Average:
@@ -69,28 +67,19 @@ class Average:
 
 def average_contacts(solution: InteractingSolution, *, centre: tuple[float, float], edges: Values) -> Average:
     """Averages of a solution with single contacts; those beyond the last edge (m) count in the last ring."""
-    rows = solution.touching
-    if not rows.size:
+    if not solution.touching.size:
         raise InputError("there is no contact to average; increase the load")
-    r = np.hypot(solution.x[rows] - centre[0], solution.y[rows] - centre[1])
-    ring = np.clip(np.searchsorted(edges, r, side="right") - 1, 0, edges.size - 2)
-    loads = np.bincount(ring, solution.force[rows], minlength=edges.size - 1).astype(float)
-    return Average(solution.area, loads, float(solution.radius[rows].mean()))
+    sums = annulus_moments(solution.contacts(), centre=centre, edges=np.append(edges[:-1], np.inf))
+    return Average(solution.area, sums["p"].to_numpy(float), float(sums["a"].sum() / sums["n"].sum()))
 
 
 def average_rings(rings: RingSolution, *, edges: Values) -> Average:
-    """Averages of a statistical solution on rings with these edges, m."""
-    r = np.linspace(0.0, rings.r[-1], RADIAL_NODES)
+    """Averages of a statistical solution; what lies beyond the last edge (m) counts in the last ring."""
+    edges = np.append(edges[:-1], max(edges[-1], rings.r[-1]))
+    table, area = ring_profile(rings.profile(), edges, frame=""), np.pi * np.diff(edges**2)
+    loads, count = (area * table[name].to_numpy(float) for name in ("pressure_Pa", "density_per_m2"))
     # where nothing touches there is no mean radius, and none is needed
-    length = np.where(rings.density > 0, rings.density * rings.mean_radius, 0.0)
-    pressure, density, length = (
-        np.interp(r, rings.r, values) for values in (rings.pressure, rings.density, length)
-    )
-    inside = cumulative_trapezoid(2 * np.pi * r * pressure, r, initial=0)
-    at_edges = np.interp(edges, r, inside)
-    at_edges[-1] = inside[-1]
-    mean_radius = trapezoid(r * length, r) / trapezoid(r * density, r)
-    return Average(rings.area, np.diff(at_edges), float(mean_radius))
+    return Average(rings.area, loads, float(np.nansum(count * table["mean_radius_m"]) / count.sum()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,8 +225,8 @@ def model_settings(case: Case) -> Iterator[Setting]:
         return average_rings(rings, edges=edges).change(case.output, expected)
 
     def stated_error(_: InteractingSolution) -> float:
-        errors = estimate_mechanics(case.scene, case.table(), load=case.load).model_error.errors
-        return max(errors[name] for name in (OUTPUTS if case.output == "all" else (case.output,)))
+        known = estimate_mechanics(case.scene, case.table(), load=case.load).model_error
+        return chosen_change(known.errors, case.output)
 
     models: dict[Literal["gw", "gt"], str] = {"gw": "Greenwood-Williamson", "gt": "Greenwood-Tripp"}
     said = "an average over patterns; its error includes the scatter of this pattern"

@@ -18,6 +18,7 @@ from small_series import TINY, break_measurement, copy_of, write_small_series
 from contactimg.cli import COMMANDS, main
 from contactimg.cli.printing import echo_frames
 from contactimg.cli.scenes import scene_of_folder
+from contactimg.files import open_experiment
 from contactimg.pipeline import measured_series
 from contactimg.tables import CONTACTS, FRAMES, MATCHES, PROFILE, REJECTED, SCORES
 
@@ -513,6 +514,12 @@ def test_a_scene_from_elsewhere_has_masks_and_dark_frames_beside_it(tmp_path):
     assert images.dark == ["dark_1.tif", str((other / "dark_2.tif").resolve())]
     scratch = str((other / "scratch.png").resolve())
     assert images.masks == {"a.tif": scratch, "*": [[(0, 0), (1, 1), (2, 0)]]}
+
+
+def test_frames_that_are_named_may_lie_in_other_folders(series, tmp_path):
+    series.rename(tmp_path / "day 1")
+    scene = scene_of_folder(tmp_path, {"images": {"frames": "day 1/frame_*.tif"}})
+    assert len(open_experiment(scene).frames) == 3
 
 
 def test_a_scene_from_elsewhere_takes_a_page_of_the_folders_stack_as_reference(series, tmp_path):

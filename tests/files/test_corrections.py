@@ -173,6 +173,7 @@ def test_a_mask_or_a_dark_frame_that_changes_is_read_again(tmp_path, key, seen):
         ({"mask": {"b.tif": "m.tif"}}, "there is no frame 'b.tif'; the frames are frame_1.tif"),
         ({"mask": [[[0, 0], [1, 1]]]}, "mask must be a file, a list of polygons"),
         ({"mask": "bad.roi"}, "bad.roi: is not an ImageJ ROI file"),
+        ({"mask": "bad.roi"}, "[images] mask: "),
         ({"mask": "m.tif"}, "m.tif has 3 x 3 pixels, the frame frame_1.tif has 5 x 4"),
         ({"dark": "m.tif"}, "m.tif has 3 x 3 pixels, the frame frame_1.tif has 5 x 4"),
         ({"flat": "gone.tif"}, "gone.tif: there is no such file or folder"),

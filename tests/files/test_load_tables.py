@@ -20,6 +20,7 @@ TABLES = {
     "grams": ("image,weight (g)\n{0},2.5\n", 2.5 * GRAM),
     "CSV, load_g": ("frame,load_g\n{0},2.5\n", 2.5 * GRAM),
     "white space": ("# rig 2\nframe  load/mN\n{0}  12.5\n", 0.0125),
+    "numpy": ("# frame load_mN\n{0} 12.5\n", 0.0125),
     "micronewtons": ("Datei;Last [µN]\n{0};12500\n", 0.0125),
 }
 
@@ -38,6 +39,13 @@ def test_a_table_of_any_form_gives_the_load_of_a_frame(tmp_path, name, encoding,
     (tmp_path / "table.lvm").write_bytes(text.format(frame).encode(encoding))
     scene = scene_from_dict({"images": {"loads": "table.lvm"}}, folder=str(tmp_path))
     assert open_experiment(scene).load_of("Img000123.tif") == pytest.approx(load, rel=1e-12)
+
+
+def test_an_umlaut_in_the_code_of_western_windows_is_that_of_the_frame(tmp_path):
+    frames_in(tmp_path, ["Größe 1.tif", "Größe 2.tif"])
+    (tmp_path / "loads.csv").write_bytes("frame;load_N\nGröße 1.tif;0,1\nGröße 2.tif;0,2\n".encode("cp1252"))
+    scene = scene_from_dict({"images": {"loads": "loads.csv"}}, folder=str(tmp_path))
+    assert open_experiment(scene).loads["load_N"].tolist() == [0.1, 0.2]
 
 
 def test_rows_without_a_frame_follow_the_order_and_must_be_as_many(tmp_path):

@@ -435,5 +435,5 @@ def test_run_of_a_newer_version(tmp_path):
 
 def test_run_without_its_tables(tmp_path):
     run(tmp_path / "out", {})
-    with pytest.raises(InputError, match=r"contacts\.csv: cannot be read \(No such file or directory\)$"):
+    with pytest.raises(InputError, match=r"holds what `process` wrote, and no contacts\.csv; give"):
         read_run(tmp_path / "out")

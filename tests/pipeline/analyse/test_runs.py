@@ -314,6 +314,7 @@ def test_a_calibrated_centre_moves_the_annuli(run, alone, tmp_path, capsys):
     assert place.scene.indenter.apex == place.centre  # the models press there too
     moved = analyse_places([place], AnalysisOptions(models=False))
     assert moved.profile["pressure_Pa"].iloc[0] != alone.profile["pressure_Pa"].iloc[0]
+    assert analyse(run, "-o", tmp_path / "moved", "--calibration", tmp_path, "--no-models") == 0
     bare = calibration(tmp_path / "bare.json", threshold=0.5)
     assert analyse(run, "-o", tmp_path / "none", "--calibration", bare) == 2
     assert "centre_x" in capsys.readouterr().err
