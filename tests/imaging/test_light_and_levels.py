@@ -172,6 +172,16 @@ def test_a_frame_on_a_white_page_is_measured_as_without_the_page(plain, with_ref
     )
 
 
+@pytest.mark.parametrize("gain", [3.3, 3.6])
+def test_an_overexposed_reference_is_given_up(plain, gain):
+    """Where it is at full scale, what light falls on the sample is not known."""
+    reference = np.clip(plain.reference * gain, 0, 255).astype(np.uint8)
+    assert 0.1 < np.mean(reference == 255) < 1.0
+    result = measure_image(plain.frame, reference)
+    assert min(shares(plain.truth, result.disks)) >= 0.95
+    assert result.status == Status.BAD_REFERENCE
+
+
 @pytest.mark.parametrize("full_scale", [255 / 999, 255e-6, 4095 / 65535, 1.0])
 def test_white_pixels_are_at_any_full_scale(plain, full_scale):
     """Levels that single precision rounds down, as it does half of all, are at full scale as well."""
