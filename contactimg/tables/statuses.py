@@ -50,7 +50,8 @@ class Status(enum.StrEnum):
     IDENTICAL = "identical to reference", "name the frame without contact as the reference"
     """The frame is identical to its reference, so no contact can show."""
     BAD_REFERENCE = "reference without light", "take the reference again with light"
-    """The reference is black or at full scale everywhere; the background was estimated from the frame."""
+    """The reference is black everywhere, or at full scale where the frame is not; the background was
+    estimated from the frame."""
     POOR_FIT = "poor fit", '[measure] shape = "free" fits outlines, method = "threshold" counts pixels'
     """More than a fifth of the contacts, or the only ones, are not the disks that were fitted: their pixels
     differ by more than the noise allows. Of counted regions: most are no ellipses."""

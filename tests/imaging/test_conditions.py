@@ -249,6 +249,17 @@ def test_letters_that_a_program_has_drawn_into_a_frame_are_said(rng):
     assert "at the full scale of the sensor and no disks" in found.message
 
 
+def test_thin_letters_of_which_specks_are_left_are_said(rng):
+    """Letters one pixel wide pass for small contacts of the wrong shape, not only for regions of one."""
+    optics = Optics(shape=(400, 500), contrast=0.75, dust=0)
+    truth = scatter(25, optics, rng, radii=(4.0, 12.0), pairs=0, touching=0)
+    frame, reference = render(truth[truth["y_px"] < 360.0], optics, rng)
+    drawn = cv2.putText(frame, "k  k  k", (6, 392), cv2.FONT_HERSHEY_PLAIN, 0.9, 255, 1)
+    found = measure_image(drawn, reference)
+    assert np.count_nonzero(found.disks["y_px"] > 372.0) == 3
+    assert found.status == "false candidates"
+
+
 def test_a_few_letters_among_many_contacts_are_said_by_their_area(rng):
     optics = Optics(shape=(600, 800), dust=0)
     frame, reference = render(scatter(140, optics, rng, radii=(2.0, 14.0)), optics, rng)

@@ -159,9 +159,10 @@ def test_the_background_of_an_ordinary_frame_is_found_without_a_reference(name):
 
 
 @pytest.mark.parametrize("with_reference", [True, False])
-def test_a_frame_on_a_white_page_is_measured_as_without_the_page(plain, with_reference):
+@pytest.mark.parametrize("level", [255, 128])
+def test_a_frame_on_a_page_of_one_level_is_measured_as_without_the_page(plain, level, with_reference):
     def page(image):
-        return np.pad(image, ((41, 30), (53, 60)), constant_values=255)
+        return np.pad(image, ((41, 30), (53, 60)), constant_values=level)
 
     reference = plain.reference if with_reference else None
     alone = measure_image(plain.frame, reference)
@@ -170,6 +171,16 @@ def test_a_frame_on_a_white_page_is_measured_as_without_the_page(plain, with_ref
     assert min(shares(plain.truth.assign(**place), framed.disks)) >= min(
         *shares(plain.truth, alone.disks), 0.97
     )
+
+
+@pytest.mark.parametrize("gain", [3.3, 3.6])
+def test_an_overexposed_reference_is_given_up(plain, gain):
+    """Where it is at full scale, what light falls on the sample is not known."""
+    reference = np.clip(plain.reference * gain, 0, 255).astype(np.uint8)
+    assert 0.1 < np.mean(reference == 255) < 1.0
+    result = measure_image(plain.frame, reference)
+    assert min(shares(plain.truth, result.disks)) >= 0.95
+    assert result.status == Status.BAD_REFERENCE
 
 
 @pytest.mark.parametrize("full_scale", [255 / 999, 255e-6, 4095 / 65535, 1.0])
@@ -201,7 +212,7 @@ def test_a_white_contact_at_the_border_is_no_margin():
     assert mask is not None
     assert mask[frame == 255].all()
     assert not mask[25:195, 35:285].any()
-    assert find_margin(frame, None, 65535.0) is None
+    assert find_margin(frame, None, 65535.0) is None  # background without noise looks like that, too
 
 
 @pytest.mark.parametrize("hole", ["corner", "band", "lines"])

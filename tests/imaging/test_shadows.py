@@ -100,5 +100,19 @@ def test_rings_of_dust_out_of_focus_are_no_contacts_and_said(plain):
     assert result.status == Status.FALSE_CANDIDATES
 
 
+@pytest.mark.parametrize("seed", [44, 46])
+def test_a_bright_fibre_out_of_focus_is_no_row_of_contacts(seed):
+    scene = make_scene("plain", 25, seed)
+    y, x = np.indices(scene.frame.shape)
+    fibre = 0.2 * np.exp(-0.5 * ((y - 0.4 * x - 80) / 9.0) ** 2)
+    result = measure_image(changed(scene, lambda light: light * (1 + fibre)), scene.reference)
+    found, true = shares(scene, result.disks)
+    # of the disks that cover the fibre two or three have a rim: where a contact stands on it
+    assert found > 0.9
+    assert true > 0.85
+    assert Reason.NO_RIM in set(result.rejected["reason"])
+    assert result.status != Status.OK
+
+
 def test_the_same_frame_without_reflections_is_ok(plain):
     assert measure_image(plain.frame, plain.reference).status == Status.OK

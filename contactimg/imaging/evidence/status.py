@@ -204,6 +204,14 @@ def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
             "depend on a brightness that is not seen"
         )
         yield Status.SATURATED, text
+    drawn = Flag.SATURATED | Flag.POOR_FIT
+    which = _spoiled(seen, drawn, fewest=FEWEST_DOUBTED, many=DOUBTED_SHARE, much=DOUBTED_AREA)
+    if seen.fit is not None and which:
+        text = (
+            f"{which} are at the full scale of the sensor and no disks: letters and marks that a program "
+            "draws into a frame look like that"
+        )
+        yield Status.FALSE_CANDIDATES, text
     if which := _spoiled(seen, Flag.POOR_FIT):
         text = f"{which} are not described by blurred disks or ellipses"
         given = seen.foreground.prior_optics.blur_px
@@ -291,14 +299,6 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
                 "reflections and dirt look like that"
             )
             yield Status.FALSE_CANDIDATES, text
-    drawn = Flag.SATURATED | Flag.COUNTED
-    which = _spoiled(seen, drawn, fewest=FEWEST_DOUBTED, many=DOUBTED_SHARE, much=DOUBTED_AREA)
-    if seen.fit is not None and which:
-        text = (
-            f"{which} are at the full scale of the sensor and no disks: letters and marks that a program "
-            "draws into a frame look like that"
-        )
-        yield Status.FALSE_CANDIDATES, text
     small = seen.flagged(Flag.TOO_SMALL)
     if foreground.frame_pair.reference is None and FEWEST <= small > DOUBTED_SHARE * seen.count:
         text = (

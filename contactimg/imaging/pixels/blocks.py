@@ -22,8 +22,8 @@ rounds their means, over those that differ by more. By hand: 0.03 in JPEG files,
 ALL_FOUR = np.ones(BLOCK // 2, np.bool_).view(np.uint32)[0]  # flags of the pixels of a square in one number
 LARGEST_ROUNDING = 0.25  # of the range of these blocks: what they differ by more is a contrast. By hand
 SOME_CLIPPED, MOST_CLIPPED = 0.1, 0.8
-"""Share of clipped blocks of an image that matters, and of clipped pixels of such a block. By hand: half of
-the pixels are clipped where a background was subtracted."""
+"""Share of clipped blocks or pixels of an image that matters, and of clipped pixels of such a block. By hand:
+half of the pixels are clipped where a background was subtracted."""
 
 
 def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> Values:

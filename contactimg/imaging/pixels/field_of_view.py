@@ -1,4 +1,4 @@
-"""Where a frame shows the sample: not outside a field stop, in a black border or in a white margin.
+"""Where a frame shows the sample: not outside a field stop, in a black border or in a margin.
 
 All of it is found in the frame, or its reference, alone and left out before anything else is measured.
 """
@@ -55,20 +55,27 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
 
 
 def find_margin(image: NDArray, valid: Mask, full_scale: float) -> Mask:
-    """Pixels (1) of a white margin around one convex region, as of a figure on a page; None if there is none.
+    """Pixels (1) of a margin of one level around a convex region, as of a figure on a page; None without one.
 
-    The margin is at full scale, but for holes in it, and reaches all four sides of the image.
+    But for holes in it, the margin is at full scale, or at a grey level where the pixels of the region differ
+    as noise makes them, and reaches all four sides of the image.
     """
     corners = np.array([0, 0, -1, -1]), np.array([0, -1, 0, -1])
-    if not ((image[corners] >= full_scale) | (False if valid is None else valid[corners] == 0)).all():
+    seen = image[corners] if valid is None else image[corners][valid[corners] > 0]
+    level = min(float(seen.max()), full_scale) if seen.size else full_scale
+    if not level > 0.0 or (np.minimum(seen, np.float32(level)) != np.float32(level)).any():
         return None
-    white = image >= full_scale
-    holes_too = white if valid is None else white | (valid == 0)
-    if not white.any():
+    drawn = image >= full_scale if level >= full_scale else image == np.float32(level)
+    if not drawn.any():
         return None
+    holes_too = drawn if valid is None else drawn | (valid == 0)
     margin = _at_border(block_means(holes_too.astype(np.float32)) == 1.0)
     sides = (margin[0], margin[-1], margin[:, 0], margin[:, -1])
     if not all(side.any() for side in sides) or not _is_field_of_view(1 - margin):
+        return None
+    # without noise the background of a wide contact looks like a margin
+    inside = to_pixels(1 - margin, image.shape)[:, 1:] > 0
+    if level < full_scale and 2 * np.count_nonzero(inside & (np.diff(image) == 0)) > np.count_nonzero(inside):
         return None
     return _pixels_of(margin, holes_too, DRAWN_EDGE_PX)
 

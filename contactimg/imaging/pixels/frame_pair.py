@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.pixels.blocks import SOME_CLIPPED
 from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.tables import Status
@@ -27,8 +28,8 @@ MESSAGES: dict[str, str] = {
     Status.IDENTICAL: "the frame is identical to its reference: no contact can show",
     Status.ALL_HOLES: "the frame has no finite pixel",
     Status.HOLES: "masked pixels, or pixels without a finite value, were left out",
-    Status.BAD_REFERENCE: "the reference is black or white throughout: the background was estimated "
-    "from the frame",
+    Status.BAD_REFERENCE: "the reference is black or white throughout, or at full scale where the frame is "
+    "not: the background was estimated from the frame",
 }
 """What is said of a frame with a defect."""
 SHOWS_NOTHING = {Status.BLACK, Status.WHITE, Status.CONSTANT, Status.IDENTICAL, Status.ALL_HOLES}
@@ -130,7 +131,7 @@ class FramePair:
         valid = _finite([image] if reference is None else [image, reference])
         frame = _fill_holes(image, valid)
         other = None if reference is None else _fill_holes(reference, valid)
-        unlit = other is not None and _constant(other) and float(other[0, 0]) in (0.0, scale)
+        unlit = other is not None and _shows_no_light(frame, other, scale)
         if unlit:
             other = None
         full = np.isfinite(scale) and float(frame.max()) >= scale
@@ -152,6 +153,14 @@ def _finite(arrays: list[NDArray]) -> Mask:
         return None
     good = np.logical_and.reduce([np.isfinite(array) for array in arrays])
     return None if good.all() else good.astype(np.uint8)
+
+
+def _shows_no_light(frame: NDArray, reference: NDArray, scale: float) -> bool:
+    """Whether a reference is black or white throughout, or has lost much of the light of the frame."""
+    if _constant(reference):
+        return float(reference[0, 0]) in (0.0, scale)
+    some, other = (image[::7, ::11] < np.float32(scale) for image in (frame, reference))
+    return bool(np.mean(some & ~other) > SOME_CLIPPED)
 
 
 def _constant(image: NDArray) -> bool:
