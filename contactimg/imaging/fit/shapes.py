@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 from contactimg.imaging.fit.contact_pixels import look_at_pixels
 from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, X, Y
-from contactimg.imaging.kernels.ellipse_equations import sample_ellipse
-from contactimg.imaging.kernels.normal_equations import LARGEST_TERM
+from contactimg.imaging.kernels.ellipse_equations import sample_ellipse, sum_over_ellipse
 from contactimg.imaging.kernels.pairs import count_touching
-from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
+from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.profile.limits import (
-    FIT_BLUR_WIDTHS,
     ITERATIONS,
     LEAST_FRACTION,
     POOR_CHI_SQUARE,
@@ -144,34 +142,23 @@ def fit_ellipse(
         Factor of the variances for noise that pixels share.
     """
     contrast, spread = prior[0], max(prior[1], LEAST_FRACTION * prior[0])
-    seen = None if window.valid is None or window.valid.all() else window.valid.ravel() > 0
-    image, noise = window.image.ravel().astype(float), window.noise
-    image = image if seen is None else image[seen]
+    noise, valid = window.noise, for_kernel(window.valid)
     a, size = start[RADIUS], max(start[RADIUS], blur)
     limit = np.array([size, size, a + blur, 2 * WIDEST_ELLIPTICITY, 2 * WIDEST_ELLIPTICITY, 3.0 * contrast])
     low = np.array([-np.inf, -np.inf, min(0.5 * a, 0.1 * blur), *[-WIDEST_ELLIPTICITY] * 2, 0.3 * contrast])
     high = np.array([np.inf, np.inf, np.inf, *[WIDEST_ELLIPTICITY] * 2, 3.0 * contrast])
     p, best, least, damping = start, start, np.inf, 1e-3
     for _ in range(ITERATIONS):
-        profile = sample_ellipse(window.image.shape, p, blur).reshape(-1, 8)
-        profile = profile if seen is None else profile[seen]
-        # as bright as its own light makes a pixel, but no darker than the background
-        level = p[LIGHT] * profile[:, 5]
-        weight = 1.0 / (noise.variance * (1.0 + noise.slope * np.maximum(level, 0.0) / contrast))
-        squares = (image - level) ** 2 * weight
-        share = np.minimum(SIGNIFICANT_SIGMA / np.sqrt(np.maximum(squares, 1e-30)), 1.0)
-        loss = float(squares @ (share * (2.0 - share))) + ((p[LIGHT] - contrast) / spread) ** 2
+        products, right = np.empty((7, 7)), np.empty(6)
+        sums = sum_over_ellipse(
+            window.image, valid, p, blur, noise.variance, noise.slope / contrast, products, right
+        )
+        loss = sums[0] + ((p[LIGHT] - contrast) / spread) ** 2
         if not loss >= least:  # the first, or a better one; NaN ends as parameters that are not finite
             small, best, least, damping = least - loss < LOSS_TOLERANCE, p, loss, 0.1 * damping
-            slopes = profile[:, :7] * p[LIGHT]
-            slopes[:, LIGHT] = profile[:, LIGHT]
-            products = slopes.T @ (weight[:, None] * slopes)
-            normal, by_blur = products[:6, :6], products[:6, 6]
+            normal, by_blur, gradient, fitted = products[:6, :6], products[:6, 6], right, sums[1:]
             normal[LIGHT, LIGHT] += spread**-2.0
-            gradient = slopes[:, :6].T @ (weight * share * (image - level))
             gradient[LIGHT] += (contrast - p[LIGHT]) / spread**2
-            kept, rim = np.minimum(squares, LARGEST_TERM), np.abs(profile[:, 7]) <= FIT_BLUR_WIDTHS
-            inside = ~rim & (profile[:, 7] < 0.0)
             if small:
                 break
         else:
@@ -184,9 +171,9 @@ def fit_ellipse(
     sizes = np.array([blur, blur, blur, 0.1, 0.1, contrast])
     inverse = np.linalg.inv(normal + 1e-9 * np.trace(normal * sizes**2) * np.diag(sizes**-2.0))
     cross = np.column_stack([[0.0] * 5 + [-contrast / spread**2], by_blur])
-    chi_square = np.array([kept[part].mean() if part.any() else np.nan for part in (rim, inside)])
+    chi_square = np.array([total / count if count else np.nan for total, count in fitted])
     offset = np.array([*window.corner, 0.0, 0.0, 0.0, 0.0])
-    scale = inflation * (max(float(chi_square[0]), 1.0) if rim.any() else 1.0)
+    scale = inflation * np.fmax(chi_square[0], 1.0)
     shifts = -inverse @ cross @ np.linalg.cholesky(covariance)
     return FittedEllipse(best + offset, scale * inverse, shifts, chi_square)
 

@@ -1,4 +1,4 @@
-"""The image of a blurred ellipse, with its derivatives (compiled).
+"""The image of a blurred ellipse, with its derivatives, and its normal equations (compiled).
 
 An ellipse of half-axes a, b seen through a Gaussian of standard deviation s: with the coordinates X, Y along
 its axes, g the Gaussian and Phi its integral,
@@ -17,6 +17,9 @@ import numpy as np
 from scipy.special import ndtr
 
 from contactimg.compiled import njit
+from contactimg.imaging.kernels.normal_equations import LARGEST_TERM
+from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
+from contactimg.imaging.profile.limits import FIT_BLUR_WIDTHS
 
 NODE_REACH_BLUR_WIDTHS = 4.2
 """Distance beyond which nodes and rims do not count. Theory: the integral of the Gaussian is 1.3e-5 there."""
@@ -168,3 +171,47 @@ def sample_ellipse(shape, parameters, s):
             at = out[j, i]
             at[7] = profile_at(i - parameters[0], j - parameters[1], ellipse, s, nodes, terms, at)
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def sum_over_ellipse(image, valid, parameters, s, variance, slope, normal, gradient):
+    """Sums over the pixels of a window that holds one ellipse; outliers count linearly (Huber).
+
+    ``variance (1 + slope m)`` is the variance of a pixel of model level m. ``normal``, shape (7, 7), gets the
+    weighted products of the derivatives by the parameters (x, y, radius, ellipticity, contrast) and by the
+    blur, ``gradient``, shape (6,), their products with the residuals. Returns chi-square; then sum of squared
+    residuals over their variances and number of the pixels about the rim, and of those inside it.
+    """
+    at, terms = np.empty(7), np.empty(6)
+    normal.fill(0.0)
+    gradient.fill(0.0)
+    loss = rim = rim_n = inside = inside_n = 0.0
+    ellipse, light = axes_of(parameters), parameters[5]
+    nodes = place_nodes(ellipse, s)
+    for j in range(image.shape[0]):
+        for i in range(image.shape[1]):
+            if valid.shape == image.shape and valid[j, i] == 0:
+                continue
+            distance = profile_at(i - parameters[0], j - parameters[1], ellipse, s, nodes, terms, at)
+            # as bright as its own light makes a pixel, but no darker than the background
+            level = light * at[5]
+            residual, weight = image[j, i] - level, 1.0 / (variance * (1.0 + slope * max(level, 0.0)))
+            square = residual * residual * weight
+            share = min(SIGNIFICANT_SIGMA / math.sqrt(max(square, 1e-30)), 1.0)
+            loss += square * share * (2.0 - share)
+            if abs(distance) <= FIT_BLUR_WIDTHS:
+                rim, rim_n = rim + min(square, LARGEST_TERM), rim_n + 1.0
+            elif distance < 0.0:
+                inside, inside_n = inside + min(square, LARGEST_TERM), inside_n + 1.0
+            if at[5] == 0.0:
+                continue
+            for u in range(7):
+                at[u] *= 1.0 if u == 5 else light
+            for u in range(6):
+                gradient[u] += at[u] * weight * share * residual
+                for v in range(u, 7):
+                    normal[u, v] += at[u] * weight * at[v]
+    for u in range(6):
+        for v in range(u):
+            normal[u, v] = normal[v, u]
+    return loss, (rim, rim_n), (inside, inside_n)
