@@ -37,16 +37,10 @@ Values = NDArray[np.float64]
 ODDS = 4.0
 """Odds of a film, or of none, before the pixels are looked at. Chosen: where they tell nothing, a wrong
 choice is off by at most 1/sqrt(0.2) = 2.2 of the uncertainties that it brings."""
-DECIDED_DOUBT = 0.02
-"""Probability of the other case below which the rims have decided. Chosen: it adds a tenth of the
-difference."""
-LEAST_DOUBT = 1e-4
-"""Probability that what was set by hand is a mistake, at least. Chosen: rims that exclude it are heard, and
-it adds a hundredth of the difference."""
+DECIDED_DOUBT = 1.0 / TAKEN_ODDS
+"""Probability of the other case below which the rims have decided: it adds a tenth of the difference."""
 CONTRAST_FACTOR = 2.0
 """A film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
-LARGEST_LOG_ODDS = 50.0
-"""Logarithm of the odds by rims at most. Accuracy: beyond, probabilities are rounded."""
 MODEL_ERROR = 3e-4
 """Error of the height of an edge, of the contrast, that all rims share. By hand: pixels that are not points
 make 1e-4 at a blur of 1.4 px, and no lens has a Gaussian point spread function."""
@@ -174,9 +168,10 @@ def _judge(
     asked, data, likely = setting.asked, 0.0, film_makes_contrast(setting.rim, ratio)
     # before the pixels are looked at
     expected = asked == "on" or (asked == "auto" and likely)
-    prior_doubt = 1.0 / (1.0 + ODDS) if asked == "auto" else max(setting.doubt, LEAST_DOUBT)
+    # rims that exclude what was set by hand are heard
+    prior_doubt = 1.0 / (1.0 + ODDS) if asked == "auto" else max(setting.doubt, NEGLIGIBLE_FRACTION)
     if rims >= FEWEST:
-        data = float(np.clip((light - 0.5) / std**2, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS))
+        data = (light - 0.5) / std**2
     odds = data + float(special.logit(1.0 - prior_doubt)) * (1.0 if expected else -1.0)
     other_cause = asked == "auto" and not likely
     taken = data > np.log(TAKEN_ODDS) if other_cause else odds > 0 if asked == "auto" else asked == "on"
