@@ -44,7 +44,7 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import (
     FEWEST,
     ITERATIONS,
-    LONGEST_BLUR_STEP,
+    LONGEST_STEP,
     NEAR_BLUR_WIDTHS,
     NEGLIGIBLE_FRACTION,
     POOR_CHI_SQUARE,
@@ -58,8 +58,6 @@ from contactimg.imaging.profile.limits import (
 )
 from contactimg.imaging.profile.optics import SharedOptics
 
-LONGEST_CONTRAST_STEP = 0.4
-"""Longest step of ln contrast. By hand."""
 LINEAR_STEP = 0.003
 """Relative step below which disks are extrapolated linearly. Accuracy: the error is its square."""
 BLUR_GUESS_FRACTION = 0.5
@@ -268,7 +266,7 @@ def _newton(
         if not remaining or not _is_worth_a_fit(step, fit, scores, covariance):
             break
         step *= 0.5 if step @ last_step < 0 else 1.0
-        longest = np.array([LONGEST_CONTRAST_STEP, LONGEST_BLUR_STEP * fit.blur])
+        longest = LONGEST_STEP * np.array([1.0, fit.blur])
         last_step = step = np.clip(step, -longest, longest)
         contrast, blur = contrast * float(np.exp(step[0])), fit.blur + float(step[1])
         prior = prior.at(contrast)

@@ -41,8 +41,9 @@ ITERATIONS = 12
 ROUNDS = 5
 """Rounds at most in which what a fit assumes and its result are settled in turn. Accuracy: each leaves about
 a fifth of the error."""
-LONGEST_BLUR_STEP = 0.25
-"""Longest step of the blur, relative to it. Accuracy: keeps Newton steps finite."""
+LONGEST_STEP = 0.25
+"""Longest step of the blur, relative to it, of ln contrast, and of another parameter of the edge, relative to
+its largest magnitude. Accuracy: keeps Newton steps finite."""
 
 ROUGH_STD = 0.1
 """Relative standard uncertainty of what is known roughly. By hand."""
