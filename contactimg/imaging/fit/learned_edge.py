@@ -35,6 +35,7 @@ from contactimg.imaging.fit.shared_scores import (
     rim_scores,
     with_plain_edges,
 )
+from contactimg.imaging.pixels.robust import SOME
 from contactimg.imaging.profile.edge_shape import (
     DOME,
     FAMILIES,
@@ -55,7 +56,6 @@ from contactimg.timings import stage
 Values = NDArray[np.float64]
 Refine = Callable[[FitProblem, FittedDisks, OpticsPrior], JointFit]
 
-FEW_CONTACTS = 60  # that are looked at first; for time
 FEWEST_SCORES = 5
 """Isolated contacts below which their scores say nothing. Chosen: with fewer, one odd contact decides."""
 INDISTINCT = ({"softness", "response"}, {"softness", "rim"}, {"softness", "point spread"})
@@ -257,7 +257,7 @@ class EdgeSearch:
         Each rim has a radius, a contrast and a background of its own.
         """
         chosen, every = parameters_of(families), start.disks
-        rims = replace(start, disks=evenly(every, FEW_CONTACTS))  # until they have settled, for time
+        rims = replace(start, disks=evenly(every, SOME))  # until they have settled, for time
         last, share = np.zeros(len(chosen)), 1.0
         most = np.log(min(self.problem.largest_contrast, self.problem.shown_contrast))
         for _ in range(ITERATIONS):
@@ -282,7 +282,7 @@ class EdgeSearch:
             rims = Rims(disks, rims.contrast * float(np.exp(delta[0])), edge, step)
             far = float(np.max(np.abs(own[:, 1]) / scores.own_std[:, 1]))
             if delta @ np.linalg.solve(step.covariance, delta) < SETTLED_SIGMA**2 and far < 0.5:
-                if len(every) <= FEW_CONTACTS:
+                if len(every) <= SOME:
                     return rims
                 rims, every = replace(rims, disks=every), every[:0]
         return replace(rims, settled=False)
@@ -331,7 +331,7 @@ class EdgeSearch:
             edge = replace(self.plain, blur=blur, shape=lent.shape)
             plain = self._fit_with(plain, self.start(edge), lent.families)
         rims, count = self.start(plain.learned.edge, plain.joint), len(self.isolated)
-        scores, rims = self.scores(replace(rims, disks=evenly(rims.disks, FEW_CONTACTS)))
+        scores, rims = self.scores(replace(rims, disks=evenly(rims.disks, SOME)))
         if len(rims.disks) < FEWEST_SCORES:
             return self._finish(plain, *self._unseen(plain))
         if not plain.learned.families:
@@ -377,7 +377,7 @@ class EdgeSearch:
         Their information is the expected one, their scores are 0; where other frames lend their edge, these
         alone count.
         """
-        disks, edge = evenly(current.joint.fit.disks, FEW_CONTACTS), current.learned.edge
+        disks, edge = evenly(current.joint.fit.disks, SOME), current.learned.edge
         rims = replace(self.start(edge, current.joint), disks=disks)
         scores = rim_scores(self.at(rims.contrast), disks, edge, least_factor=self.joint.least_factor)
         share = 0.0 if current.learned.families else 1.0
