@@ -70,4 +70,6 @@ NOISY_RATIO = 12.0
 """Contrast over noise below which noise notches outlines, and an image is smoothed before it is outlined.
 Theory: twice six sigma."""
 LEAST_VISIBLE = 0.2
-"""Least share of a rim that is taken as seen. By hand."""
+"""Least share of a rim, or of a square, that is taken as seen. By hand."""
+SAME_PLACE_RADII = 0.5
+"""Distance between two disks, in radii, up to which they are the same contact. By hand."""
