@@ -86,10 +86,8 @@ class FilmVerdict:
     def remark(self) -> str:
         """A sentence about the film; empty where none was found and nothing is left open, or by hand only."""
         rims = f"{self.rims} rims show {self.light:.2g} +- {self.std:.2g} of its light"
-        other, size = (
-            "without it" if self.taken else "with it",
-            "larger" if self.area_change > 0 else "smaller",
-        )
+        other = "without it" if self.taken else "with it"
+        size = "larger" if self.area_change > 0 else "smaller"
         area = f"{other} the area would be {100 * abs(self.area_change):.2g} % {size}"
         if self.contradicted:
             return f'[effects] film = "{self.asked}", but the rims say the opposite ({rims}): {area}'
@@ -144,11 +142,9 @@ def weigh_film(
     rims = search.settle(search.start(replace(search.plain, film=rim)), ("film",))
     if families:  # from what the film explains by itself
         rims = search.settle(rims, (*families, "film"))
-    covariance, moving = (
-        rims.step.covariance,
-        (rims.step.chosen < SHARED) | (rims.step.chosen == SHARED + LIGHT),
-    )
-    chosen = rims.step.chosen[moving]
+    covariance, chosen = rims.step.covariance, rims.step.chosen
+    moving = (chosen < SHARED) | (chosen == SHARED + LIGHT)
+    chosen = chosen[moving]
     response = rim_scores(search.at(search.joint.contrast), disks, rims.edge.with_light(0.0), chosen).response
     # contrast and blur follow the light along the covariance
     follow = covariance[moving, -1] / max(covariance[-1, -1], 1e-300)

@@ -193,7 +193,7 @@ class Edge:
     def profile(self, nodes: Nodes) -> Values:
         """Brightness of contacts over their contrast, shape (n, k)."""
         shape, a, r = self.shape, nodes.radius, nodes.distance
-        relative = np.maximum(1.0 + nodes.field @ shape[FIELD], NARROWEST_BLUR_RATIO)[:, None]
+        relative = 1.0 + (nodes.field @ shape[FIELD])[:, None]
         variance = (self.blur * relative) ** 2 + shape[SOFTNESS] * a**2
         s = np.sqrt(np.maximum(variance, (NARROWEST_BLUR_RATIO * self.blur) ** 2))
         plain = light = blurred_disks(r, a, s)
