@@ -120,7 +120,7 @@ class Nodes:
 
         Examples
         --------
-        >>> Nodes.about(np.array([[50.0, 50.0, 21.0]]), (100, 100), 2.0).distance[0, :9]
+        >>> Nodes.about(np.array([[50.0, 50.0, 20.0]]), (100, 100), 2.0).distance[0, :9]
         array([ 0. ,  2. ,  4. ,  6. ,  8. , 10. , 12. , 12.5, 13. ])
         """
         x, y = (2.0 * disks[:, k] / max(shape[1 - k] - 1.0, 1.0) - 1.0 for k in (0, 1))
