@@ -23,7 +23,7 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.radial_sums import add_profiles, sum_residuals
 from contactimg.imaging.pixels.masks import for_kernel, touches
-from contactimg.imaging.pixels.robust import FEWEST_VALUES, SIGNIFICANT_SIGMA
+from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, blurred_disks
 from contactimg.imaging.profile.edge_shape import (
     FINE_STEPS_PER_BLUR,
@@ -38,6 +38,8 @@ from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, FAINT_FRACTION, 
 
 Values = NDArray[np.float64]
 
+SMALLEST_BLUR_WIDTHS = 0.5  # radius of contacts that are looked at; smaller ones show no edge
+MOST_CONTACTS = 250  # that are looked at, evenly chosen among the radii; for time
 LEAST_CLIP_FRACTION = 0.5
 """Residuals are clipped at this fraction of the contrast, or at 5 sigma of a pixel. By hand: it cuts foreign
 objects, not an edge of another shape."""
@@ -144,8 +146,8 @@ def isolated_disks(problem: FitProblem, disks: Values, *, blur: float) -> NDArra
     alone[find_pairs(disks, 0.5 * (reach + EDGE_BLUR_WIDTHS * blur)).ravel()] = False
     x, y, margin = disks[:, X], disks[:, Y], disks[:, RADIUS] + reach
     alone &= (x > margin) & (y > margin) & (x < columns - 1 - margin) & (y < rows - 1 - margin)
-    chosen = np.flatnonzero(alone)
-    chosen = evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], FEWEST_VALUES)
+    chosen = np.flatnonzero(alone & (disks[:, RADIUS] > SMALLEST_BLUR_WIDTHS * blur))
+    chosen = evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], MOST_CONTACTS)
     # a plateau that is cut off by the sensor looks like another edge
     return chosen[~touches(problem.saturated, 1, disks, disks[:, RADIUS])[chosen]]
 
