@@ -40,16 +40,27 @@ from contactimg.imaging.pixels.blocks import block_means, to_pixels
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.pixels.masks import Flags, Values, mean_of_seen, nearest_pixels
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, ROUGH_RATIO, SOME, finite_values, robust_std
+from contactimg.imaging.pixels.robust import (
+    AGREEMENT_SIGMA,
+    CLIP_SIGMA,
+    ROUGH_RATIO,
+    SOME,
+    finite_values,
+    robust_std,
+)
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
-from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION
+from contactimg.imaging.profile.limits import (
+    FEWEST,
+    FIT_BLUR_WIDTHS,
+    LEAST_FRACTION,
+    LEAST_VISIBLE,
+    SAME_PLACE_RADII,
+)
 from contactimg.timings import stage
 
 SQUARE_PX = 4
 """Side of the squares on which frames are compared, and radius around a place that no frame shows from which
 it is filled. Chosen: as wide as the blurred rim of a contact."""
-FEWEST_SEEN = 0.25
-"""Fraction of a square that a frame must show to be compared there; a smaller part is taken as it is."""
 LIGHT_PX = 64
 """Standard deviation of the Gaussian over which slow differences of the light are followed, twice the side
 of the square over which the brightness of the anchor is averaged. Chosen: much wider than a contact, narrower
@@ -58,19 +69,11 @@ OUTLIER_FRACTION = 0.003
 """Fraction of its squares in which a reference may differ from the others. Chosen: three times what dust and
 chance make; a contact of 30 px on a megapixel makes as many."""
 UNSEEN_VIEWS = 0.1
-"""Views that a place is worth which none shows. Chosen: texture of 2 % behind a blur of 1.4 px, filled in
-from around, then counts ten times the noise of a pixel."""
-FEWEST_INDEPENDENT = 0.08
-"""Views that a rim is worth where none shows it without a rim of its own. Theory: what the prior gives."""
+"""Views that a place is worth which none shows, or none without a rim of its own. Chosen: texture of 2 %
+behind a blur of 1.4 px, filled in from around, then counts ten times the noise of a pixel; the prior of a
+radius gives 0.08."""
 RIM_POINTS = 24
 """Points of a rim at which the number of views is looked up. Chosen: one each 2 px on the usual contacts."""
-REACH = 3.5
-"""Blur widths on either side of a rim in which its template is not 0 (theory: 2e-3 of its height there)."""
-PRIOR_STDS = 2.0
-"""Standard uncertainties of a radius within which the correction is expected."""
-SAME_CONTACT_RADII = 0.5
-"""Contacts of two frames are the same if their centres differ by less than this part of the larger radius.
-By hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +130,7 @@ class Contacts:
             Where the view is used.
         """
         x, y, radius, _ = self.disks.T
-        half = np.ceil(radius + REACH * self.blur).astype(np.int64)
+        half = np.ceil(radius + FIT_BLUR_WIDTHS * self.blur).astype(np.int64)
         side = 2 * half + 1
         contact = np.repeat(np.arange(len(x)), side**2)
         number = np.arange(len(contact)) - np.repeat(np.cumsum(side**2) - side**2, side**2)
@@ -135,7 +138,7 @@ class Contacts:
         py = (np.rint(y).astype(np.int64) - half)[contact] + number // side[contact]
         r, a, s = np.hypot(px - x[contact], py - y[contact]), radius[contact], self.blur
         inside = (px >= 0) & (py >= 0) & (px < used.shape[1]) & (py < used.shape[0])
-        near = (np.abs(r - a) < REACH * s) & inside
+        near = (np.abs(r - a) < FIT_BLUR_WIDTHS * s) & inside
         near[near] = used[py[near], px[near]]
         contact, px, py, r, a = (part[near] for part in (contact, px, py, r, a))
         slope = a / s**2 * np.exp(-((r - a) ** 2) / (2 * s**2)) * special.i0e(r * a / s**2)
@@ -175,7 +178,7 @@ class View:
 
     def squares(self) -> Values:
         """Means over squares of `SQUARE_PX`; NaN where the frame shows too little of a square."""
-        enough = block_means(self.seen.astype(np.float32), side=SQUARE_PX) >= FEWEST_SEEN
+        enough = block_means(self.seen.astype(np.float32), side=SQUARE_PX) >= LEAST_VISIBLE
         return np.where(enough, block_means(self.image, self.seen, side=SQUARE_PX), np.float32(np.nan))
 
 
@@ -335,7 +338,7 @@ class Agreement:
         here = np.zeros([SQUARE_PX * size for size in self.used.shape[1:]], np.uint8)
         for x, y, radius in np.rint(contacts.disks[:, :3]).astype(int).tolist():
             cv2.circle(here, (x, y), radius + int(EDGE_REACH_PX), 1, cv2.FILLED)
-        return np.asarray(block_means(here, side=SQUARE_PX) > FEWEST_SEEN)
+        return np.asarray(block_means(here, side=SQUARE_PX) > LEAST_VISIBLE)
 
 
 def compare_views(squares: Sequence[Values], *, sign: int) -> Agreement:
@@ -476,7 +479,7 @@ class RimSums:
     products : ndarray, shape (n,)
         Of the templates with the view, minus the brightness of the anchor.
     prior : ndarray, shape (n,)
-        Inverse variance of each correction beforehand, px^-2.
+        Inverse variance of each correction beforehand, px^-2: as far as two measures of a radius agree.
     """
 
     templates: sparse.csc_array
@@ -488,7 +491,7 @@ class RimSums:
         """The sums of a view with these contacts on the anchor."""
         templates = contacts.templates(brightness, view.seen > 0)
         products = templates.T @ (view.image - brightness).ravel().astype(np.float64)
-        return cls(templates, products, 1.0 / np.maximum(PRIOR_STDS * contacts.disks[:, 3], 1e-3) ** 2)
+        return cls(templates, products, 1.0 / np.maximum(AGREEMENT_SIGMA * contacts.disks[:, 3], 1e-3) ** 2)
 
 
 def correct_radii(
@@ -552,16 +555,16 @@ def excess_variance(
     Where rims of all views cover the pixels, little more than the prior is known of the radius:
 
     >>> excess_variance(at(5), np.array([0.2]), [at(5)] * 5).round(1).tolist()
-    [12.5]
+    [10.0]
     """
     radius, same = contacts.disks[:, 2], np.zeros(len(contacts.disks))
     for other in others:
         if len(other.disks) and len(radius):
             distance, nearest = cKDTree(other.disks[:, :2]).query(contacts.disks[:, :2])
             found = other.disks[nearest, 2]
-            near = distance < SAME_CONTACT_RADII * np.maximum(found, radius)
+            near = distance < SAME_PLACE_RADII * np.maximum(found, radius)
             same += near * np.exp(-((found - radius) ** 2) / (4 * contacts.blur**2))
-    return 1.0 / np.maximum(views_at_rim - same, FEWEST_INDEPENDENT)
+    return 1.0 / np.maximum(views_at_rim - same, UNSEEN_VIEWS)
 
 
 def _inverse(alignment: Alignment) -> Alignment:

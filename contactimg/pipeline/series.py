@@ -11,7 +11,8 @@ import pandas as pd
 from contactimg import files
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
-from contactimg.imaging.fit.pooling import FEWEST_SCORES, pool_edges, pool_optics
+from contactimg.imaging.fit.pooling import pool_edges, pool_optics
+from contactimg.imaging.profile.limits import FEWEST
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
@@ -204,7 +205,7 @@ def _lent_optics(
     if pooled is None:
         return None, {}
     edges = {k: optics.edge for k in sorted(parts) if (optics := parts[k].own_optics) is not None}
-    seen = {k: edge for k, edge in edges.items() if edge is not None and edge.count >= FEWEST_SCORES}
+    seen = {k: edge for k, edge in edges.items() if edge is not None and edge.count >= FEWEST}
     pool = {k: seen[k] for k in evenly_spread(list(seen), MOST_VIEWS)}
     edge_of_others = {k: pool_edges([edge for other, edge in pool.items() if other != k]) for k in pool}
     common = replace(pooled, edge=pool_edges(list(pool.values())))

@@ -13,6 +13,7 @@ from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual, find_peaks, least_peak
 from contactimg.imaging.fit.covers import (
+    IMPERFECT_RIM,
     LONG_RATIO,
     SETTLED_GROWTH_RATIO,
     Replacement,
@@ -52,8 +53,6 @@ MOST_DISKS = 100_000
 """Disks of a frame at most; five times the largest crowd that was measured."""
 GROWTH_RATIO = 1.3
 """Largest fitted radius over that of the candidate, besides one blur width. By hand."""
-LEAST_RIM_PEAK = 0.12
-"""Height of a residual peak near a rim that becomes a disk, of the contrast. By hand: for imperfect rims."""
 OVER_SURROUNDINGS = 0.8
 """Least height of a peak over the mean residual around it, of its least height over zero. By hand: light that
 no polynomial describes leaves ridges, on which 0.5 takes specks for contacts; 1 loses faint contacts."""
@@ -155,7 +154,7 @@ class Assembly:
     def add_wide_residuals(self) -> None:
         """Add candidates from what the disks leave of the image: contacts that others hid or outshone."""
         problem, fit = self.problem, self.fit
-        least = LEAST_RIM_PEAK * problem.contrast
+        least = IMPERFECT_RIM * problem.contrast
         # half of a square lies in any wide disk, and little of it in others
         light, model = (block_means(part, side=4) for part in (problem.image, fit.model))
         if float(np.max((light - model)[model < 0.5 * problem.contrast], initial=0.0)) < 0.5 * least:
@@ -187,7 +186,7 @@ class Assembly:
             of_lowest = _disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)
             self.smallest = float(of_lowest[0, RADIUS])
         at_rim = _near_rims(peaks, fit.disks, REACH_BLUR_WIDTHS * fit.blur)
-        peaks = peaks[peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0))]
+        peaks = peaks[peaks[:, 2] > np.maximum(lowest, np.where(at_rim, IMPERFECT_RIM * contrast, 0.0))]
         mean, scatter = _residuals_around(problem.image, fit.model, peaks, fit.blur).T
         stands_out = peaks[:, 2] - mean > OVER_SURROUNDINGS * lowest
         # behind the filter white noise is smaller by this; rests of compression are less so

@@ -1,7 +1,8 @@
 """What the pixels about each disk show, all others subtracted: plateau, surroundings, counted area.
 
 One compiled pass over the windows of all disks. A pixel at the distance r from the centre of a disk of
-radius a behind a blur s lies at ``u = (r - a)/s``.
+radius a behind a blur s lies at ``u = (r - a)/s``. The surroundings are the pixels between `EDGE_BLUR_WIDTHS`
+and `INNER_BLUR_WIDTHS`.
 """
 
 from dataclasses import dataclass
@@ -12,11 +13,10 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
+from contactimg.imaging.kernels.rim_pixels import FAST
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, STEPS_PER_BLUR_WIDTH
 from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, FAINT_FRACTION, NEAR_BLUR_WIDTHS
-
-RING_BLUR_WIDTHS = (3.0, 6.0)  # outside the rim: the surroundings
 
 COLUMNS = (
     "core_n", "core_mean", "ring_n", "ring_mean", "rim_n", "rim_chi", "light",
@@ -144,10 +144,10 @@ def _look(image, model, valid, disks, s, variance, noise, half, heights, out):
         k = min(int(line), heights.shape[0] - 2)
         for j in range(len(profile)):
             profile[j] = heights[k, j] + np.float32(line - k) * (heights[k + 1, j] - heights[k, j])
-        reach = a + RING_BLUR_WIDTHS[1] * s
+        reach = a + INNER_BLUR_WIDTHS * s
         radii = (
             np.float32(a), np.float32(a - NEAR_BLUR_WIDTHS * s), np.float32(a - EDGE_BLUR_WIDTHS * s),
-            np.float32(a + EDGE_BLUR_WIDTHS * s), np.float32(a + RING_BLUR_WIDTHS[0] * s),
+            np.float32(a + EDGE_BLUR_WIDTHS * s),
         )  # fmt: skip
         scale = np.float32(STEPS_PER_BLUR_WIDTH / s)
         start = np.float32((INNER_BLUR_WIDTHS - a / s) * STEPS_PER_BLUR_WIDTH)
@@ -187,14 +187,14 @@ def _append(pixels, n, line, modelled, x, y):
         down[j], border[j] = np.float32(y), np.float32(0.0)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _add_pixels(pixels, n, radii, scale, start, light, profile, q):
     """Add pixels to the sums of a disk.
 
     There is no branch in the loops, so that all but the one that reads the profile compile to vector
     instructions.
     """
-    a, core, low, high, ring = radii
+    a, core, low, high = radii
     height, level, faint, half, plain, growth, rim, unit, steepness = light
     line, modelled, x, y = pixels[0, :n], pixels[1, :n], pixels[2, :n], pixels[3, :n]
     border, place, own = pixels[4, :n], pixels[5, :n], pixels[6, :n]
@@ -223,7 +223,7 @@ def _add_pixels(pixels, n, radii, scale, start, light, profile, q):
         core_chi += deep * chi
         rim_n += edge
         rim_chi += edge * chi
-        around = one if r > ring and others < faint else zero
+        around = one - near if others < faint else zero
         ring_n += around
         ring_sum += around * value
         counted = near if others < half else zero
@@ -256,7 +256,7 @@ def measure_rise(image, disks, s):
     rise = np.empty(len(disks))
     for i in range(len(disks)):
         x, y, a = disks[i, 0], disks[i, 1], disks[i, 2]
-        inner, low, high = max(a - 0.5 * s, 0.7), a + RING_BLUR_WIDTHS[0] * s, a + RING_BLUR_WIDTHS[1] * s
+        inner, low, high = max(a - 0.5 * s, 0.7), a + EDGE_BLUR_WIDTHS * s, a + INNER_BLUR_WIDTHS * s
         sums = np.zeros(4)
         for row in range(max(int(np.ceil(y - high)), 0), min(int(y + high), rows - 1) + 1):
             for column in range(max(int(np.ceil(x - high)), 0), min(int(x + high), columns - 1) + 1):

@@ -44,7 +44,9 @@ from contactimg.imaging.fit.shapes import (
 )
 from contactimg.imaging.kernels.pairs import count_touching, label_groups
 from contactimg.imaging.pixels.masks import nearest_pixels
+from contactimg.imaging.pixels.robust import CLIP_SIGMA
 from contactimg.imaging.profile.limits import (
+    FAINT_FRACTION,
     FIT_BLUR_WIDTHS,
     ITERATIONS,
     LEAST_NOISE_FRACTION,
@@ -59,8 +61,6 @@ CONTROL = FitControl(free_blur=False, robust=False, iterations=ITERATIONS)
 SETTLED_GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.1, 0.3
 """Largest fitted radius of a disk that is about right over the radius before, and an additional margin. By
 hand."""
-CHI_SQUARE_SLACK_SIGMA = 3.0
-"""Excess chi-square that counts as none. False-alarm rate: 1e-3 for a normal deviate."""
 COARSE_BLUR_WIDTHS = 2.0
 """Standard deviation of the additional blur of a coarser look at a group. By hand."""
 DISK_PRICE = 40.0
@@ -71,18 +71,14 @@ JOINED_ELLIPTICITY, MOST_JOINED = 0.3, 4
 """Ellipticity from which the fit of one ellipse to touching disks starts, and disks that it may replace. By
 hand: three disks in a row are an ellipse of 3 : 1."""
 IMPERFECT_RIM = 0.12
-"""Root mean square residual about the rim of a round disk, of the contrast, below which it is not cut up. By
-hand: three disks in a triangle leave 0.17, an outline rough by 2 % of the radius 0.05."""
+"""Residual that an imperfect rim may leave, of the contrast: the root mean square about a round disk, which
+is then not cut up, and the height of a peak near a rim, which then becomes no disk. By hand: three disks in a
+triangle leave 0.17, an outline rough by 2 % of the radius 0.05."""
 LARGEST_GROUP = 20
 """Disks of the largest group for which covers are tried. By hand, for time."""
-LEAST_GAIN = 1.0
-"""Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
-uncertainty of one parameter."""
 LONG_RATIO = 1.12
 """Ratio of the axes from which two disks are tried in the place of an ellipse. By hand: two disks that are
 told apart make 1.24."""
-LIT_FRACTION = 0.02
-"""Height from which pixels belong to a group, of the contrast. By hand."""
 MOST_WINDOW_SHARE = 1.5
 """Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By
 hand: a crowd of which half is covered takes 0.7."""
@@ -266,7 +262,7 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     they must remove to stay. Where they describe nothing, one contact of any shape may take their place. The
     second array says which of the fewer disks are proposed, and which stood beside them before.
     """
-    lit = window.model(disks) > LIT_FRACTION * window.problem.contrast
+    lit = window.model(disks) > FAINT_FRACTION * window.problem.contrast
     misfit = float(window.misfit(disks)[lit].mean()) / usual if lit.any() else 0.0
     if misfit < USUAL_CHI_SQUARE:
         return None
@@ -342,7 +338,7 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
             continue
         # only the pixels that the ellipse lights count: neighbours may still be described badly
         model = render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
-        near = model > LIT_FRACTION * problem.contrast
+        near = model > FAINT_FRACTION * problem.contrast
         misfit = window.misfit_of(model)[near].sum()
         covers = (disks for disks, _ in _larger_covers(window, fit.disks[[row]] - window.offset, 2))
         better = (two for two in covers if len(two) == 2 and window.misfit(two)[near].sum() < misfit)
@@ -413,7 +409,7 @@ def _groups_with(bad: NDArray[np.bool_], disks: NDArray, gap: float) -> Iterator
 def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np.float64]:
     """A better cover than the present disks, or the same array if there is none."""
     expected = usual * window.pixels
-    slack = CHI_SQUARE_SLACK_SIGMA * usual * np.sqrt(2.0 * window.pixels)
+    slack = CLIP_SIGMA * usual * np.sqrt(2.0 * window.pixels)
     first = chi_square = window.chi_square(disks)
     allowed = expected + EXCESS_LEFT_FRACTION * (first - expected) + slack
     best = disks
@@ -433,7 +429,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
         gain = chi_square - least
         if gain > 0.0:
             best, chi_square = cheapest
-        same = len(best) == count and gain < LEAST_GAIN
+        same = len(best) == count and gain <= 0.0
         # rounds that gain as much as this one are not enough
         hopeless = chi_square - (before - chi_square) * (ROUNDS - 1 - number) > allowed
         if not again and (same or hopeless):

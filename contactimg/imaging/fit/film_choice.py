@@ -37,16 +37,10 @@ Values = NDArray[np.float64]
 ODDS = 4.0
 """Odds of a film, or of none, before the pixels are looked at. Chosen: where they tell nothing, a wrong
 choice is off by at most 1/sqrt(0.2) = 2.2 of the uncertainties that it brings."""
-DECIDED_DOUBT = 0.02
-"""Probability of the other case below which the rims have decided. Chosen: it adds a tenth of the
-difference."""
-LEAST_DOUBT = 1e-4
-"""Probability that what was set by hand is a mistake, at least. Chosen: rims that exclude it are heard, and
-it adds a hundredth of the difference."""
+DECIDED_DOUBT = 1.0 / TAKEN_ODDS
+"""Probability of the other case below which the rims have decided: it adds a tenth of the difference."""
 CONTRAST_FACTOR = 2.0
 """A film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
-LARGEST_LOG_ODDS = 50.0
-"""Logarithm of the odds by rims at most. Accuracy: beyond, probabilities are rounded."""
 MODEL_ERROR = 3e-4
 """Error of the height of an edge, of the contrast, that all rims share. By hand: pixels that are not points
 make 1e-4 at a blur of 1.4 px, and no lens has a Gaussian point spread function."""
@@ -92,10 +86,8 @@ class FilmVerdict:
     def remark(self) -> str:
         """A sentence about the film; empty where none was found and nothing is left open, or by hand only."""
         rims = f"{self.rims} rims show {self.light:.2g} +- {self.std:.2g} of its light"
-        other, size = (
-            "without it" if self.taken else "with it",
-            "larger" if self.area_change > 0 else "smaller",
-        )
+        other = "without it" if self.taken else "with it"
+        size = "larger" if self.area_change > 0 else "smaller"
         area = f"{other} the area would be {100 * abs(self.area_change):.2g} % {size}"
         if self.contradicted:
             return f'[effects] film = "{self.asked}", but the rims say the opposite ({rims}): {area}'
@@ -150,11 +142,9 @@ def weigh_film(
     rims = search.settle(search.start(replace(search.plain, film=rim)), ("film",))
     if families:  # from what the film explains by itself
         rims = search.settle(rims, (*families, "film"))
-    covariance, moving = (
-        rims.step.covariance,
-        (rims.step.chosen < SHARED) | (rims.step.chosen == SHARED + LIGHT),
-    )
-    chosen = rims.step.chosen[moving]
+    covariance, chosen = rims.step.covariance, rims.step.chosen
+    moving = (chosen < SHARED) | (chosen == SHARED + LIGHT)
+    chosen = chosen[moving]
     response = rim_scores(search.at(search.joint.contrast), disks, rims.edge.with_light(0.0), chosen).response
     # contrast and blur follow the light along the covariance
     follow = covariance[moving, -1] / max(covariance[-1, -1], 1e-300)
@@ -174,9 +164,10 @@ def _judge(
     asked, data, likely = setting.asked, 0.0, film_makes_contrast(setting.rim, ratio)
     # before the pixels are looked at
     expected = asked == "on" or (asked == "auto" and likely)
-    prior_doubt = 1.0 / (1.0 + ODDS) if asked == "auto" else max(setting.doubt, LEAST_DOUBT)
+    # rims that exclude what was set by hand are heard
+    prior_doubt = 1.0 / (1.0 + ODDS) if asked == "auto" else max(setting.doubt, NEGLIGIBLE_FRACTION)
     if rims >= FEWEST:
-        data = float(np.clip((light - 0.5) / std**2, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS))
+        data = (light - 0.5) / std**2
     odds = data + float(special.logit(1.0 - prior_doubt)) * (1.0 if expected else -1.0)
     other_cause = asked == "auto" and not likely
     taken = data > np.log(TAKEN_ODDS) if other_cause else odds > 0 if asked == "auto" else asked == "on"

@@ -35,6 +35,7 @@ from contactimg.imaging.fit.shared_scores import (
     rim_scores,
     with_plain_edges,
 )
+from contactimg.imaging.pixels.robust import SOME
 from contactimg.imaging.profile.edge_shape import (
     DOME,
     FAMILIES,
@@ -55,9 +56,6 @@ from contactimg.timings import stage
 Values = NDArray[np.float64]
 Refine = Callable[[FitProblem, FittedDisks, OpticsPrior], JointFit]
 
-FEW_CONTACTS = 60  # that are looked at first; for time
-FEWEST_SCORES = 5
-"""Isolated contacts below which their scores say nothing. Chosen: with fewer, one odd contact decides."""
 INDISTINCT = ({"softness", "response"}, {"softness", "rim"}, {"softness", "point spread"})
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
 light outside like a soft rim, and soft rims of contacts that are equally large like a point spread function.
@@ -257,7 +255,7 @@ class EdgeSearch:
         Each rim has a radius, a contrast and a background of its own.
         """
         chosen, every = parameters_of(families), start.disks
-        rims = replace(start, disks=evenly(every, FEW_CONTACTS))  # until they have settled, for time
+        rims = replace(start, disks=evenly(every, SOME))  # until they have settled, for time
         last, share = np.zeros(len(chosen)), 1.0
         most = np.log(min(self.problem.largest_contrast, self.problem.shown_contrast))
         for _ in range(ITERATIONS):
@@ -275,14 +273,11 @@ class EdgeSearch:
             # a parameter at its limit does not move any more
             delta[1:] = (edge.shared - rims.edge.shared)[chosen[1:]]
             last, own = delta, scores.own_step + scores.response[:, :, chosen] @ delta
-            disks = rims.disks.copy()
-            radius, contrast = disks[:, RADIUS], disks[:, CONTRAST]
-            disks[:, RADIUS] = np.clip(radius + own[:, 1], 0.6 * radius, 1.5 * radius)
-            disks[:, CONTRAST] = np.clip(contrast + own[:, 0], 0.5 * contrast, 2.0 * contrast)
+            disks = _moved(rims.disks, own)
             rims = Rims(disks, rims.contrast * float(np.exp(delta[0])), edge, step)
             far = float(np.max(np.abs(own[:, 1]) / scores.own_std[:, 1]))
             if delta @ np.linalg.solve(step.covariance, delta) < SETTLED_SIGMA**2 and far < 0.5:
-                if len(every) <= FEW_CONTACTS:
+                if len(every) <= SOME:
                     return rims
                 rims, every = replace(rims, disks=every), every[:0]
         return replace(rims, settled=False)
@@ -331,8 +326,8 @@ class EdgeSearch:
             edge = replace(self.plain, blur=blur, shape=lent.shape)
             plain = self._fit_with(plain, self.start(edge), lent.families)
         rims, count = self.start(plain.learned.edge, plain.joint), len(self.isolated)
-        scores, rims = self.scores(replace(rims, disks=evenly(rims.disks, FEW_CONTACTS)))
-        if len(rims.disks) < FEWEST_SCORES:
+        scores, rims = self.scores(replace(rims, disks=evenly(rims.disks, SOME)))
+        if len(rims.disks) < FEWEST:
             return self._finish(plain, *self._unseen(plain))
         if not plain.learned.families:
             # others fit any edge with another contrast
@@ -377,7 +372,7 @@ class EdgeSearch:
         Their information is the expected one, their scores are 0; where other frames lend their edge, these
         alone count.
         """
-        disks, edge = evenly(current.joint.fit.disks, FEW_CONTACTS), current.learned.edge
+        disks, edge = evenly(current.joint.fit.disks, SOME), current.learned.edge
         rims = replace(self.start(edge, current.joint), disks=disks)
         scores = rim_scores(self.at(rims.contrast), disks, edge, least_factor=self.joint.least_factor)
         share = 0.0 if current.learned.families else 1.0
@@ -385,13 +380,11 @@ class EdgeSearch:
 
     def _fit_with(self, current: EdgeFit, rims: Rims, families: tuple[str, ...]) -> EdgeFit:
         """Fit the disks with the edge of the rims."""
-        joint, disks, edge = current.joint, current.joint.fit.disks.copy(), rims.edge
-        chosen, radius, contrast = parameters_of(families), disks[:, RADIUS], disks[:, CONTRAST]
+        joint, edge, chosen = current.joint, rims.edge, parameters_of(families)
         change = (edge.shared - current.learned.edge.shared)[chosen]
         change[0] = np.log(rims.contrast / joint.contrast)
-        own = rim_scores(self.at(joint.contrast), disks, edge, chosen).response[:, :, chosen] @ change
-        disks[:, RADIUS] = np.clip(radius + own[:, 1], 0.5 * radius, 2.0 * radius)
-        disks[:, CONTRAST] = np.clip(contrast + own[:, 0], 0.5 * contrast, 2.0 * contrast)
+        scores = rim_scores(self.at(joint.contrast), joint.fit.disks, edge, chosen)
+        disks = _moved(joint.fit.disks, scores.response[:, :, chosen] @ change)
         exact = self.optics_prior.with_exact_blur(edge.blur)
         for _ in range(ROUNDS):
             problem = replace(self.problem, image=with_plain_edges(self.problem.image, disks, edge))
@@ -417,7 +410,7 @@ class EdgeSearch:
         std = np.zeros(SHARED + len(PRIOR_STD))
         std[step.chosen] = np.sqrt(np.diag(step.covariance))
         undecided = np.zeros(len(joint.fit.disks))
-        if len(rims.disks) >= FEWEST_SCORES:
+        if len(rims.disks) >= FEWEST:
             options = options or self.options(scores, rims, learned.families)
             undecided = _undecided(joint.fit.disks[:, RADIUS], rims.disks[:, RADIUS], scores, options)
         knowledge = self._knowledge(learned, scores, of)
@@ -466,6 +459,13 @@ class EdgeSearch:
             own_covariance=_of_optics(alone, edge),
             radius_shifts=np.column_stack([shifts[:, 0], common]),
         )
+
+
+def _moved(disks: Values, own: Values) -> Values:
+    """Disks after a step of contrast and radius, each at most by a factor of two."""
+    moved, at = disks.copy(), [CONTRAST, RADIUS]
+    moved[:, at] = np.clip(disks[:, at] + own[:, :2], 0.5 * disks[:, at], 2.0 * disks[:, at])
+    return moved
 
 
 def _undecided(radius: Values, seen: Values, scores: SharedScores, options: dict[str, Option]) -> Values:

@@ -39,25 +39,19 @@ from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.pixels.noise import Noise, NoiseCorrelation, estimate_noise, measure_correlation
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting, film_table
-from contactimg.imaging.profile.limits import FEW, FEWEST, ITERATIONS, LEAST_NOISE_FRACTION
+from contactimg.imaging.profile.limits import FEW, FEWEST, ITERATIONS, LEAST_NOISE_FRACTION, ROUGH_STD
 from contactimg.imaging.profile.optics import Halo, KnownEdge
 from contactimg.timings import stage
 
 BINNED_BLUR_PX = 1.6
 """Smallest blur in binned pixels: frames with one twice as wide are binned. Accuracy: that of the profile
 table."""
-DARKEST_RATIO = -0.95
-"""Contrast over background level of the darkest contact. Theory: nothing is darker than black, -1."""
 LEAST_LEVEL_FRACTION = 0.1
 """Smallest background level assumed when a contact's gain is computed, of the contrast. By hand."""
 FEW_STEPS = 3
 """Newton steps of contrast and blur where not all candidates are fitted. By hand, for time."""
-ELLIPSES_THAT_MATTER = 0.1
-"""Share of ellipses among the contacts above which contrast and blur are settled on them again. By hand."""
 ELLIPSE_ROUNDS = 2
 """Rounds of ellipses and shared optics: each leaves about a tenth of the error of the first. By hand."""
-FULL_CONTRAST_RATIO = 0.9
-"""Brightest light over the largest possible contrast from which spots show their contrast. By hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +160,7 @@ class _Frame:
         given, self.linear = foreground.prior_optics.blur_px, linear
         self.free_blur = free = not np.isfinite(given)
         blur = estimate_blur(image, contrast) if free else float(np.hypot(given, PIXEL_VARIANCE**0.5))
-        full = contrast > FULL_CONTRAST_RATIO * foreground.largest_contrast
+        full = contrast > (1.0 - ROUGH_STD) * foreground.largest_contrast
         if free and full and not foreground.contrast.resolved:
             blur = min(blur, widest_spot_blur(image, contrast))  # no blur has made these spots fainter
         binning = int(np.clip(blur // BINNED_BLUR_PX, 1, min(image.shape)))
@@ -213,7 +207,7 @@ class _Frame:
         return FrameFit(
             problem, joint.fit, dropped, found.smallest, found.limited, halo, joint, edited,
             ellipses=found.ellipses if len(joint.fit.disks) == len(found.fit.disks) else NO_ELLIPSES,
-            ratio=max(self.foreground.sign * joint.contrast / self.level, DARKEST_RATIO),
+            ratio=max(self.foreground.sign * joint.contrast / self.level, -1.0),  # darkest is black
         )  # fmt: skip
 
     def refine(
@@ -253,11 +247,9 @@ class _Frame:
         many = len(radius) >= FEW and not noise.rim
         common = min(float(np.median(chi_square)), 1.0) if many else 1.0
         factor = inflation * np.maximum(chi_square, common)
-        fit, least_factor = (
-            replace(joint.fit, std=joint.fit.std * np.sqrt(factor)[:, None]),
-            np.median(factor),
-        )
-        return replace(joint, fit=fit, correlation=correlation, least_factor=max(float(least_factor), 1.0))
+        fit = replace(joint.fit, std=joint.fit.std * np.sqrt(factor)[:, None])
+        least = max(float(np.median(factor)), 1.0)
+        return replace(joint, fit=fit, correlation=correlation, least_factor=least)
 
     def with_ellipses(self, plain: FrameFit, *, everywhere: bool) -> FrameFit:
         """The fit with ellipses where no disk describes a contact."""
@@ -277,24 +269,17 @@ class _Frame:
             problem, disks = made_round(original, shown, found)
             joint = self.refine(problem, replace(shown, disks=disks), self.prior)
             best = replace(best, problem=problem, fit=joint.fit, joint=joint, ellipses=found)
-            if len(rows) < ELLIPSES_THAT_MATTER * len(disks):
-                break
         return best
 
     def with_edge(self, plain: FrameFit) -> FrameFit:
         """The fit with the edge that describes the contacts best: plain, learned, or that of a film."""
         if plain.joint is None:
             return plain
-        refine, given = (
-            partial(self.refine, correlation=plain.joint.correlation),
-            self.foreground.prior_optics,
-        )
-        search = EdgeSearch(
-            plain.problem, plain.joint, self.prior, plain.ratio, refine, given, linear=self.linear
-        )
-        learned = weighed = None
-        if self.film is None or self.film.asked != "on":
-            learned = search.learn()
+        refine = partial(self.refine, correlation=plain.joint.correlation)
+        given, linear = self.foreground.prior_optics, self.linear
+        search = EdgeSearch(plain.problem, plain.joint, self.prior, plain.ratio, refine, given, linear)
+        weighed = None
+        learned = None if self.film is not None and self.film.asked == "on" else search.learn()
         if self.film is not None:
             weighed = weigh_film(search, self.film, learned.learned.families if learned else ())
             if weighed is not None and weighed.verdict.taken:

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from contactimg.imaging.fit.learned_edge import FEWEST_SCORES
 from contactimg.imaging.pixels.robust import MAD_TO_STD, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.edge_shape import FAMILIES, LARGEST
-from contactimg.imaging.profile.limits import ROUGH_STD
+from contactimg.imaging.profile.limits import FEWEST, ROUGH_STD
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 
 
@@ -73,7 +72,7 @@ def pool_edges(frames: Sequence[EdgeKnowledge]) -> EdgeKnowledge | None:
     EdgeKnowledge or None
         With variances that include the scatter between frames; None if no frame shows enough contacts.
     """
-    donors = [frame for frame in frames if frame.count >= FEWEST_SCORES]
+    donors = [frame for frame in frames if frame.count >= FEWEST]
     if not donors:
         return None
     best = max(donors, key=lambda frame: frame.count)

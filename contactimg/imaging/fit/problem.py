@@ -12,19 +12,15 @@ from contactimg.imaging.pixels.blocks import BLOCK, side_of
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.noise import Noise
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
-from contactimg.imaging.profile.limits import ROUGH_STD
+from contactimg.imaging.profile.limits import ROUGH_STD, SAME_PLACE_RADII
 
 X, Y, RADIUS, CONTRAST = range(4)
 """Columns of the parameters of a disk: x, y, radius (px), contrast (grey levels)."""
 
-
 ODD_STD_FRACTION = 0.3
-"""The same of a contact that shows a contrast of its own. By hand: its pixels decide."""
+"""Width of the prior of a contact that shows a contrast of its own, over that. By hand: its pixels decide."""
 WIDE_RADIUS_BLUR_WIDTHS = 2.5
 """Wider contacts show their contrast. Theory: 1 - exp(-2.5^2/2) = 96 % of it at the centre."""
-SAME_PLACE_RADII = 0.6
-"""Distance between a disk and a contact with a contrast of its own, in radii, up to which they are the
-same."""
 
 
 @dataclass(frozen=True, eq=False)

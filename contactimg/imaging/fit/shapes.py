@@ -25,17 +25,13 @@ from contactimg.imaging.profile.limits import (
     LEAST_FRACTION,
     POOR_CHI_SQUARE,
     REACH_BLUR_WIDTHS,
+    SETTLED_SIGMA,
     TWO_SIGNIFICANT,
 )
 
 E1, E2, LIGHT = 3, 4, 5
 """Columns of the ellipticity and the contrast among the parameters of an ellipse, after x, y and radius."""
 
-LOSS_TOLERANCE = 0.03
-"""Decrease of chi-square that a step brings, or promises, for a fit to end. Accuracy: an error of 0.17
-standard uncertainties."""
-LARGEST_DAMPING = 1e4
-"""At which a fit ends: no step decreases chi-square. Accuracy."""
 WIDEST_ELLIPTICITY = 1.2
 """Largest component of the ellipticity: ratio 11 along it. By hand: keeps a fit from needles."""
 LEAST_ELONGATION = 1.03
@@ -155,7 +151,7 @@ def fit_ellipse(
         )
         loss = sums[0] + ((p[LIGHT] - contrast) / spread) ** 2
         if not loss >= least:  # the first, or a better one; NaN ends as parameters that are not finite
-            small, best, least, damping = least - loss < LOSS_TOLERANCE, p, loss, 0.1 * damping
+            small, best, least, damping = least - loss < SETTLED_SIGMA**2, p, loss, 0.1 * damping
             normal, by_blur, gradient, fitted = products[:6, :6], products[:6, 6], right, sums[1:]
             normal[LIGHT, LIGHT] += spread**-2.0
             gradient[LIGHT] += (contrast - p[LIGHT]) / spread**2
@@ -165,7 +161,7 @@ def fit_ellipse(
             damping = max(10.0 * damping, 1e-3)
         step = np.linalg.solve(normal + np.diag(damping * np.diag(normal) + 1e-12), gradient)
         p = np.clip(best + np.clip(step, -limit, limit), low, high)
-        if damping > LARGEST_DAMPING or (damping < 0.1 and step @ gradient < LOSS_TOLERANCE):
+        if damping < 0.1 and step @ gradient < SETTLED_SIGMA**2:
             break
     # a regularisation treats all parameters alike
     sizes = np.array([blur, blur, blur, 0.1, 0.1, contrast])

@@ -34,6 +34,7 @@ from contactimg.imaging.fit.disks import (
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.shared_scores import SharedScores
 from contactimg.imaging.fit.unseen_contrast import (
+    KURTOSIS_STD,
     LARGEST_CONTRAST_RATIO,
     PLATEAU_STD_FRACTION,
     profile_contrast,
@@ -44,7 +45,7 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import (
     FEWEST,
     ITERATIONS,
-    LONGEST_BLUR_STEP,
+    LONGEST_STEP,
     NEAR_BLUR_WIDTHS,
     NEGLIGIBLE_FRACTION,
     POOR_CHI_SQUARE,
@@ -58,8 +59,6 @@ from contactimg.imaging.profile.limits import (
 )
 from contactimg.imaging.profile.optics import SharedOptics
 
-LONGEST_CONTRAST_STEP = 0.4
-"""Longest step of ln contrast. By hand."""
 LINEAR_STEP = 0.003
 """Relative step below which disks are extrapolated linearly. Accuracy: the error is its square."""
 BLUR_GUESS_FRACTION = 0.5
@@ -67,10 +66,6 @@ BLUR_GUESS_FRACTION = 0.5
 SPREAD_FRACTION = 0.03
 """Spread of the contrasts where too few contacts are wide, and least departure of an odd contrast. By hand:
 less moves the radius of a small contact by 1.5 %."""
-KURTOSIS_STD = 0.03
-"""Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
-be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
-ten times that."""
 LEAST_PRIOR_STD = np.array([0.05, 0.4])
 """Uncertainty of ln C, and of the blur relative to it, from which prior knowledge is a guess that small
 contacts need not be drawn to. By hand: a guess has 0.5 of the blur, a pooled series 0.1 and less."""
@@ -230,9 +225,8 @@ def settle_optics(
         if not lost:
             problem, fit = replace(problem, prior=joint.prior), joint.fit
     if joint is None or (not few and (lost or _is_unseen(problem, fit, optics_prior))):
-        problem, fit, covariance, shift = profile_contrast(
-            problem, fit, inflation=float(np.median(inflation)), kurtosis_std=KURTOSIS_STD
-        )
+        typical = float(np.median(inflation))
+        problem, fit, covariance, shift = profile_contrast(problem, fit, inflation=typical)
         prior, shifts = problem.prior, np.column_stack([shift, np.zeros(len(shift))])
         alone = np.array([np.log(prior.mean), fit.blur])
         return JointFit(fit, prior.mean, prior.std, covariance, covariance, shifts, prior, alone)
@@ -258,17 +252,14 @@ def _newton(
         here, by_itself = np.array([np.log(contrast), fit.blur]), gradient
         covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
         step = covariance @ (gradient + optics_prior.score(contrast, fit.blur))
-        low, high = (
-            np.array([-np.inf, NARROWEST_BLUR_PX - fit.blur]),
-            np.array([np.log(most / contrast), np.inf]),
-        )
+        low, high = [-np.inf, NARROWEST_BLUR_PX - fit.blur], [np.log(most / contrast), np.inf]
         for k in (0, 1):  # where one ends at its bound, the other follows
             step = step + (np.clip(step[k], low[k], high[k]) - step[k]) * covariance[:, k] / covariance[k, k]
         step = np.clip(step, low, high)
         if not remaining or not _is_worth_a_fit(step, fit, scores, covariance):
             break
         step *= 0.5 if step @ last_step < 0 else 1.0
-        longest = np.array([LONGEST_CONTRAST_STEP, LONGEST_BLUR_STEP * fit.blur])
+        longest = LONGEST_STEP * np.array([1.0, fit.blur])
         last_step = step = np.clip(step, -longest, longest)
         contrast, blur = contrast * float(np.exp(step[0])), fit.blur + float(step[1])
         prior = prior.at(contrast)

@@ -153,10 +153,9 @@ def isolated_disks(problem: FitProblem, disks: Values, *, blur: float) -> NDArra
 
 
 def evenly(chosen: NDArray, most: int) -> NDArray:
-    """A number of contacts, at most ``most``, evenly spaced."""
-    if len(chosen) <= most:
-        return chosen
-    return chosen[np.linspace(0, len(chosen) - 1, most).round().astype(int)]
+    """At most ``most`` of some contacts, evenly spaced."""
+    count = min(len(chosen), most)
+    return chosen[np.linspace(0, len(chosen) - 1, count).round().astype(int)]
 
 
 def rim_residuals(problem: FitProblem, disks: Values, edge: Edge) -> Values:
@@ -200,10 +199,8 @@ def rim_scores(
     cross, score, information = np.zeros((n, OWN, size)), np.zeros((n, size)), np.zeros((n, size, size))
     cross[:, 0, 0], cross[:, :, by_edge] = -tight * contrast, products[:, :OWN, OWN:]
     score[:, 0], score[:, by_edge] = tight * contrast * excess, gradient[:, OWN:]
-    information[:, 0, 0], information[:, by_edge[:, None], by_edge] = (
-        tight * contrast**2,
-        products[:, OWN:, OWN:],
-    )
+    information[:, 0, 0] = tight * contrast**2
+    information[:, by_edge[:, None], by_edge] = products[:, OWN:, OWN:]
     return SharedScores.eliminated(normal, gradient[:, :OWN], cross, score, information, least_factor)
 
 

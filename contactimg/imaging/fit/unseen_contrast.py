@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, fit_disks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
-from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA, median
+from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, SIGNIFICANT_SIGMA, median
 from contactimg.imaging.profile.limits import NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE, ROUNDS
 
 Values = NDArray[np.float64]
@@ -25,11 +25,14 @@ PLATEAU_STD_FRACTION = 0.02
 """Uncertainty of the plateau of wide contacts if edges are not those assumed. By hand."""
 LARGEST_CONTRAST_RATIO = 10.0
 """Largest contrast over brightest light, without prior knowledge. By hand."""
+KURTOSIS_STD = 0.03
+"""Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
+be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
+ten times that."""
 COARSE_STEPS, FINE_STEPS = 7, 4
-"""Contrasts that are tried over the whole range, and then in each half step about the best. Accuracy."""
+"""Contrasts that are tried over the whole range, and then on both sides of the best, until the pixels do not
+exclude more than so many. Accuracy."""
 CENTRAL = (0.1587, 0.8413)  # shares of the probability at the ends of an interval of one standard deviation
-FEWEST_TRIED = 4  # contrasts that the pixels do not exclude, at least; accuracy
-SMOOTH_RISE = 4.0  # of chi-square between neighbours, below which no contrast between them is tried; accuracy
 CONTROL = FitControl(free_blur=True, iterations=15, tolerance=0.003)
 
 
@@ -43,7 +46,7 @@ class _Tried:
 
 
 def profile_contrast(
-    problem: FitProblem, fit: FittedDisks, *, inflation: float, kurtosis_std: float
+    problem: FitProblem, fit: FittedDisks, *, inflation: float
 ) -> tuple[FitProblem, FittedDisks, Values, Values]:
     """Find the most probable contrast of contacts that do not show it, and how well it is known.
 
@@ -55,8 +58,6 @@ def profile_contrast(
         Of this problem; at least one disk.
     inflation : float
         Factor of the variances for what the noise model leaves out.
-    kurtosis_std : float
-        Uncertainty of the excess kurtosis of the point spread function along one direction.
 
     Returns
     -------
@@ -76,19 +77,19 @@ def profile_contrast(
     low, high = np.log(height), np.log(min(largest, LARGEST_CONTRAST_RATIO * height))
     tries = _Tries(problem, fit, inflation)
     if high - low < PLATEAU_STD_FRACTION:
-        return _conclude(tries, [tries.at(high, fit)], (low, high), kurtosis_std)
+        return _conclude(tries, [tries.at(high, fit)], (low, high))
     found = tries.sweep(np.linspace(low + 0.1 * (high - low), high, COARSE_STEPS), fit)
     step = 0.9 * (high - low) / (COARSE_STEPS - 1)
     for _ in range(ROUNDS):
         best = min(found, key=lambda each: each.chi_square)
-        if sum(each.chi_square < best.chi_square + SMOOTH_RISE for each in found) > FEWEST_TRIED:
-            break  # it is smooth
+        if sum(each.chi_square < best.chi_square + AGREEMENT_SIGMA**2 for each in found) > FINE_STEPS:
+            break  # the probability is smooth
         places = best.log_contrast + step * np.linspace(-1.0, 1.0, FINE_STEPS + 1)
         known = np.array([each.log_contrast for each in found])
         new = [x for x in places if low < x <= high and np.abs(known - x).min() > 0.1 * step]
         found += tries.sweep(np.array(new), best.fit)
         step *= 2.0 / FINE_STEPS
-    return _conclude(tries, found, (low, high), kurtosis_std)
+    return _conclude(tries, found, (low, high))
 
 
 class _Tries:
@@ -154,7 +155,7 @@ class _Tries:
 
 
 def _conclude(
-    tries: _Tries, found: list[_Tried], limits: tuple[float, float], kurtosis_std: float
+    tries: _Tries, found: list[_Tried], limits: tuple[float, float]
 ) -> tuple[FitProblem, FittedDisks, Values, Values]:
     """The fit at the most probable contrast, and the uncertainties by the probability of all that were tried.
 
@@ -174,7 +175,7 @@ def _conclude(
     disk = 0.25 * radius**2
     kurtosis = (disk / (disk + blur**2)) ** 2  # of the median contact, without its sign
     decrease, difference = np.maximum(chi_square - chi_square[k], 0.0), (kurtosis - kurtosis[k]) ** 2
-    allowed = difference + decrease * kurtosis_std**2
+    allowed = difference + decrease * KURTOSIS_STD**2
     excess = np.divide(decrease * difference, allowed, out=np.zeros(len(x)), where=allowed > 0)
     ends = np.clip(np.concatenate([limits[:1], 0.5 * (x[1:] + x[:-1]), limits[1:]]), *limits)
     weight = np.exp(-0.5 * excess) * np.maximum(np.diff(ends), 1e-9)

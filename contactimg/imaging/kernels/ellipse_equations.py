@@ -19,20 +19,14 @@ from scipy.special import ndtr
 from contactimg.compiled import njit
 from contactimg.imaging.kernels.normal_equations import LARGEST_TERM
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
-from contactimg.imaging.profile.limits import FIT_BLUR_WIDTHS
+from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, FIT_BLUR_WIDTHS
 
-NODE_REACH_BLUR_WIDTHS = 4.2
-"""Distance beyond which nodes and rims do not count. Theory: the integral of the Gaussian is 1.3e-5 there."""
 NODE_SPACING_BLUR_WIDTHS = 1.2
 """Of the nodes along the outline. Theory: the sum of a periodic function, here a Gaussian, converges as
 ``exp(-2 pi^2/h^2)``, 3e-9 for spacings of one width; sums of products like these err by less than 1e-5."""
 FEWEST_NODES = 8
 """On half an outline. Accuracy."""
-REGROUPED = {
-    "contract",
-    "reassoc",
-    "arcp",
-}  # sums may be regrouped for speed; NaN and infinity stay what they are
+REGROUPED = {"contract", "reassoc", "arcp"}  # sums may be regrouped for speed; NaN and infinity stay
 
 TABLE_END, TABLE_STEPS = 5.0, 64
 """Of the tables of the Gaussian and of its integral: where they end and steps for each blur width. Accuracy:
@@ -55,8 +49,8 @@ def blurred_ellipse(x, y, nx, ny, a, b, s, nodes, out):
     end_x, end_y = -a * a * ny / along, b * b * nx / along
     place, depth = nx * y - ny * x, nx * x + ny * y
     end, wide = nx * end_x + ny * end_y, a * b / along
-    low = max((place - NODE_REACH_BLUR_WIDTHS * s) / along, -1.0)
-    high = min((place + NODE_REACH_BLUR_WIDTHS * s) / along, 1.0)
+    low = max((place - CLEAR_BLUR_WIDTHS * s) / along, -1.0)
+    high = min((place + CLEAR_BLUR_WIDTHS * s) / along, 1.0)
     if not low < high:
         return
     count = nodes.shape[1]
@@ -94,7 +88,7 @@ def blurred_ellipse(x, y, nx, ny, a, b, s, nodes, out):
 @njit(cache=True, forceinline=True)
 def _bell(position):
     """The normal density and its integral."""
-    if not -NODE_REACH_BLUR_WIDTHS < position < NODE_REACH_BLUR_WIDTHS:
+    if not -CLEAR_BLUR_WIDTHS < position < CLEAR_BLUR_WIDTHS:
         return 0.0, 0.0 if position < 0.0 else 1.0
     at = int((position + TABLE_END) * TABLE_STEPS + 0.5)
     node = at * (1.0 / TABLE_STEPS) - TABLE_END
@@ -128,7 +122,7 @@ def profile_at(dx, dy, ellipse, s, nodes, terms, out):
     slope = math.sqrt(along_x * along_x + along_y * along_y)
     distance = (q - 1.0) * q / (slope * s) if slope > 0.0 else -b / s
     out[:] = 0.0
-    if abs(distance) > 1.1 * NODE_REACH_BLUR_WIDTHS:
+    if abs(distance) > 1.1 * CLEAR_BLUR_WIDTHS:
         out[5] = 1.0 if distance < 0.0 else 0.0
         return distance
     normal_x, normal_y = (along_x / slope, along_y / slope) if slope > 0.0 else (0.0, 1.0)

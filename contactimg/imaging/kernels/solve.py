@@ -8,7 +8,6 @@ from contactimg.imaging.kernels.pairs import list_neighbours
 
 LARGEST_INFLATION = 25.0  # of a variance by free neighbours; by hand: beyond, the two are not resolved
 MOST_SWEEPS = 40  # of the Gauss-Seidel iteration, which stops at 1e-4 px; accuracy
-DIVERGENCE_RATIO = 100.0  # change over that of the first sweep at which the sweeps diverge; by hand
 
 
 @njit(cache=True)
@@ -48,25 +47,23 @@ def solve_coupled(
     """
     start, link = list_neighbours(len(gradient), pairs)
     coupled = np.flatnonzero(moving & (start[:-1] < start[1:]))
-    return bool(_sweep(coupled, inverse, gradient, start, link, blocks, steps))
+    settled = _sweep(coupled, inverse, gradient, start, link, blocks, steps)
+    return bool(settled and np.isfinite(steps).all())
 
 
 @njit(cache=True)
 def _sweep(coupled, inverse, gradient, start, link, blocks, steps):
-    """Sweep through the disks until no step changes any more; whether the changes stay bounded."""
-    limit = np.inf
+    """Sweep through the disks until no step changes any more; whether the changes do not grow."""
+    first = np.inf
     for sweep in range(MOST_SWEEPS):
         largest = 0.0
         for i in coupled:
             change = _solve_one(i, inverse, gradient, start[i], start[i + 1], link, blocks, steps)
             largest = max(largest, change)
-        if sweep == 0:
-            limit = DIVERGENCE_RATIO * largest
-        if not largest <= limit:
-            return False
-        if largest < 1e-4:
+        first = largest if sweep == 0 else first
+        if not largest >= 1e-4:
             break
-    return True
+    return largest <= first
 
 
 @njit(cache=True)

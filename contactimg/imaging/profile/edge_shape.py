@@ -29,7 +29,12 @@ from contactimg.imaging.profile.blurred_disk import (
     look_up,
 )
 from contactimg.imaging.profile.film_rim import FilmRim, film_table
-from contactimg.imaging.profile.limits import LEAST_FRACTION, LONGEST_BLUR_STEP, SHOWN_BLUR_WIDTHS
+from contactimg.imaging.profile.limits import (
+    CLEAR_BLUR_WIDTHS,
+    LEAST_FRACTION,
+    LONGEST_STEP,
+    SHOWN_BLUR_WIDTHS,
+)
 
 Values = NDArray[np.float64]
 
@@ -78,14 +83,11 @@ WIDTH_RATIOS = (0.5, 0.7, 1.4, 2.0, 2.9)
 sum of Gaussians hardly resolves."""
 RIM_RADII = 0.1  # width of a rim outside. Chosen: with its height, what a blur leaves of other widths
 NARROWEST_BLUR_RATIO = 0.4  # of a blur that varies over the field, to its mean; accuracy: keeps it positive
-DIFFERENCE = 1e-3  # of the blur, or of the prior of a parameter: step of derivatives; accuracy
-LONGEST_SHAPE_STEP = 0.5  # of the largest magnitude of a parameter; accuracy
 
 INNER_NODES = 6
 """Equal steps from the centre of a disk to its rim. Accuracy: the plateau of a contact is smooth."""
 STEPS_PER_BLUR = 4  # nodes of derivatives about the rim; accuracy: affects the efficiency alone
 FINE_STEPS_PER_BLUR = 16  # nodes of profiles; theory: linear interpolation errs by (1/16)^2/8 * 0.24 = 1e-4
-PLATEAU_BLUR_WIDTHS = 4.5  # distance inside the rim where the plateau begins; theory: 3e-6 are missing there
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +120,12 @@ class Nodes:
 
         Examples
         --------
-        >>> Nodes.about(np.array([[50.0, 50.0, 21.0]]), (100, 100), 2.0).distance[0, :9]
+        >>> Nodes.about(np.array([[50.0, 50.0, 20.0]]), (100, 100), 2.0).distance[0, :9]
         array([ 0. ,  2. ,  4. ,  6. ,  8. , 10. , 12. , 12.5, 13. ])
         """
         x, y = (2.0 * disks[:, k] / max(shape[1 - k] - 1.0, 1.0) - 1.0 for k in (0, 1))
-        inner, step = np.maximum(disks[:, 2] - PLATEAU_BLUR_WIDTHS * blur, 0.0), blur / per_blur
-        beyond = step * np.arange(round((PLATEAU_BLUR_WIDTHS + reach) * per_blur) + 1)
+        inner, step = np.maximum(disks[:, 2] - CLEAR_BLUR_WIDTHS * blur, 0.0), blur / per_blur
+        beyond = step * np.arange(round((CLEAR_BLUR_WIDTHS + reach) * per_blur) + 1)
         inside = inner[:, None] * (np.arange(INNER_NODES) / INNER_NODES)
         return cls(
             disks[:, [2]], np.stack([x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3], axis=-1),
@@ -175,10 +177,10 @@ class Edge:
 
     def moved(self, chosen: NDArray[np.int64], delta: Values) -> "Edge":
         """The edge after a step of some shared quantities, within limits."""
-        change, longest = np.zeros(SHARED + len(PARAMETERS)), LONGEST_BLUR_STEP * self.blur
+        change, longest = np.zeros(SHARED + len(PARAMETERS)), LONGEST_STEP * self.blur
         change[chosen] = delta
         blur = max(self.blur + float(np.clip(change[1], -longest, longest)), PIXEL_VARIANCE**0.5)
-        steps = np.clip(change[SHARED:], -LONGEST_SHAPE_STEP * LARGEST, LONGEST_SHAPE_STEP * LARGEST)
+        steps = np.clip(change[SHARED:], -LONGEST_STEP * LARGEST, LONGEST_STEP * LARGEST)
         return replace(self, blur=blur, shape=np.clip(self.shape + steps, -LARGEST, LARGEST))
 
     @property
@@ -191,7 +193,7 @@ class Edge:
     def profile(self, nodes: Nodes) -> Values:
         """Brightness of contacts over their contrast, shape (n, k)."""
         shape, a, r = self.shape, nodes.radius, nodes.distance
-        relative = np.maximum(1.0 + nodes.field @ shape[FIELD], NARROWEST_BLUR_RATIO)[:, None]
+        relative = 1.0 + (nodes.field @ shape[FIELD])[:, None]
         variance = (self.blur * relative) ** 2 + shape[SOFTNESS] * a**2
         s = np.sqrt(np.maximum(variance, (NARROWEST_BLUR_RATIO * self.blur) ** 2))
         plain = light = blurred_disks(r, a, s)
@@ -217,9 +219,9 @@ class Edge:
 
     def derivatives(self, nodes: Nodes, profile: Values, chosen: NDArray[np.int64]) -> Values:
         """Derivatives of the profile by the radius and some of the shared quantities, shape (n, 1 + m, k)."""
-        out, step = np.empty((len(profile), 1 + len(chosen), profile.shape[1])), DIFFERENCE * self.blur
+        out, step = np.empty((len(profile), 1 + len(chosen), profile.shape[1])), LEAST_FRACTION * self.blur
         out[:, 0] = (self.profile(replace(nodes, radius=nodes.radius + step)) - profile) / step
-        steps = DIFFERENCE * np.array([1.0, self.blur, *np.minimum(PRIOR_STD, 1.0)])
+        steps = LEAST_FRACTION * np.array([1.0, self.blur, *np.minimum(PRIOR_STD, 1.0)])
         for column, k in enumerate(chosen, 1):
             changed = self.shared
             changed[k] += steps[k]

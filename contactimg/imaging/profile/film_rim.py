@@ -28,7 +28,6 @@ from contactimg.optics.film import Light, excess_table, thick_transmission, tran
 BLUR_RATIO = 1.15
 """Of the blurs of neighbouring tables. Accuracy: the parabola errs by 6e-4 of the contrast beside spheres of
 100 um at 2 and 3 um a pixel, by 7e-3 at 1 um, where the rim is as wide as twenty blurs."""
-ROUNDED_LOG = 1e-5  # step of the logarithm of the blur; accuracy: tables are kept for the same blur
 RADII = 80  # rows of the table; accuracy, see the note of `rim_table`
 FEWEST_RINGS, RINGS_PER_BLUR_WIDTH, PLACES_IN_RING = 48, 16, 10
 """Rings of which a rim is a sum, and distances over which the excess of each is averaged. Accuracy: with 150
@@ -184,13 +183,13 @@ def film_table(rim: FilmRim, blur: float) -> EdgeTable:
     >>> bool(np.abs(quick.values[:, :columns, 0] - exact.values[:, :columns, 0]).max() < 1e-3)
     True
     """
-    return _between(rim, round(float(np.log(blur)) / ROUNDED_LOG))
+    return _between(rim, round(float(np.log(blur)), 5))  # tables are kept for the same blur
 
 
 @lru_cache(maxsize=24)
-def _between(rim: FilmRim, rounded: int) -> EdgeTable:
+def _between(rim: FilmRim, log_blur: float) -> EdgeTable:
     """The parabola through the three next tables."""
-    place = rounded * ROUNDED_LOG / np.log(BLUR_RATIO)
+    place = log_blur / np.log(BLUR_RATIO)
     middle = round(place)
     x = place - middle
     weights = (0.5 * x * (x - 1.0), 1.0 - x * x, 0.5 * x * (x + 1.0))

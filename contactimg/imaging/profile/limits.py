@@ -41,8 +41,9 @@ ITERATIONS = 12
 ROUNDS = 5
 """Rounds at most in which what a fit assumes and its result are settled in turn. Accuracy: each leaves about
 a fifth of the error."""
-LONGEST_BLUR_STEP = 0.25
-"""Longest step of the blur, relative to it. Accuracy: keeps Newton steps finite."""
+LONGEST_STEP = 0.25
+"""Longest step of the blur, relative to it, of ln contrast, and of another parameter of the edge, relative to
+its largest magnitude. Accuracy: keeps Newton steps finite."""
 
 ROUGH_STD = 0.1
 """Relative standard uncertainty of what is known roughly. By hand."""
@@ -69,4 +70,6 @@ NOISY_RATIO = 12.0
 """Contrast over noise below which noise notches outlines, and an image is smoothed before it is outlined.
 Theory: twice six sigma."""
 LEAST_VISIBLE = 0.2
-"""Least share of a rim that is taken as seen. By hand."""
+"""Least share of a rim, or of a square, that is taken as seen. By hand."""
+SAME_PLACE_RADII = 0.5
+"""Distance between two disks, in radii, up to which they are the same contact. By hand."""

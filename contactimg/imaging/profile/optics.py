@@ -101,12 +101,8 @@ class SharedOptics:
 
     def scaled(self, factor: float) -> "SharedOptics":
         """The optics with contrasts multiplied by ``factor``."""
-        return replace(
-            self,
-            contrast=self.contrast * factor,
-            contrast_std=self.contrast_std * factor,
-            spread=self.spread * factor,
-        )
+        names = ("contrast", "contrast_std", "spread")
+        return replace(self, **{name: factor * getattr(self, name) for name in names})
 
     def without_contrast(self) -> "SharedOptics":
         """The optics without what is known of the contrast."""

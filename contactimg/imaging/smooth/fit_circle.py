@@ -35,9 +35,6 @@ WIDEST_FILM_PX = 80.0
 the widest. Chosen by hand."""
 SCAN_OCTAVES = (-2.0, 4.0, 19)
 """Openings that are tried: first and last power of two times the natural opening, and how many."""
-PARAMETER_COST = 2.0
-"""Decrease of chi-square that a further parameter must bring. Theory: Akaike,
-doi:10.1109/TAC.1974.1100705."""
 WIDEST_BLUR_PX = 20.0
 """Upper limit of the blur, and of the width by which a halo exceeds it, in the fit."""
 HALO_START, HALO_LEAST, HALO_MOST = (0.02, 5.0), (0.0, 2.0), (0.5, WIDEST_BLUR_PX)
@@ -327,8 +324,8 @@ def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> Opening:
         lambda k: cost(scale * 2.0**k), bounds=bracket, method="bounded", options={"xatol": 0.02}
     )
     simple_cost, simple = min((cost(opening), opening) for opening in (0.0, np.inf))
-    # a further parameter must reduce chi-square by more than its cost
-    free_cost, free = float(refined.fun) + PARAMETER_COST, scale * 2.0 ** float(refined.x)
+    # a further parameter must reduce chi-square by 2: Akaike, doi:10.1109/TAC.1974.1100705
+    free_cost, free = float(refined.fun) + 2.0, scale * 2.0 ** float(refined.x)
     (least, value), (more, rival) = sorted([(simple_cost, simple), (free_cost, free)])
     odds = float(np.exp(-0.5 * (more - least)))
     return Opening(value, rival, odds / (1 + odds))

@@ -8,9 +8,9 @@ from scipy.stats import norm
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.fit.shapes import fit_ellipse, render_ellipse
-from contactimg.imaging.kernels import ellipse_equations
 from contactimg.imaging.kernels.ellipse_equations import _bell, sample_ellipse
 from contactimg.imaging.pixels.noise import Noise
+from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
 
 BLUR, EXACT = 1.43, np.diag([1e-8, 1e-8])
 
@@ -55,7 +55,7 @@ def test_derivatives_are_those_of_the_profile():
 def test_density_and_integral_of_the_table_are_those_of_the_normal_distribution():
     # 64 steps a width, h <= 1/128: a series of three terms errs by less than h^4 phi <= 1.5e-9, of the
     # density by h^4 u^4/24 phi, less than 4e-8
-    reach = ellipse_equations.NODE_REACH_BLUR_WIDTHS - 1e-3
+    reach = CLEAR_BLUR_WIDTHS - 1e-3
     at = np.linspace(-reach, reach, 1501)
     density, whole = np.array([_bell(each) for each in at]).T
     assert np.abs(density - norm.pdf(at)).max() < 4e-8

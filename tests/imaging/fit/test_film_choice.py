@@ -99,7 +99,7 @@ def test_a_statement_that_the_rims_cannot_check_is_taken_and_its_doubt_stated(pi
     # at least sqrt(0.2) of the difference, and little else
     assert std > 0.44 * abs(verdict.area_change)
     assert not right or std < 0.55 * abs(verdict.area_change)
-    assert ("the rims cannot tell" in result.message) is (verdict.doubt > 0.02)
+    assert ("the rims cannot tell" in result.message) is (verdict.doubt > 0.01)
 
 
 @pytest.mark.parametrize("film", [True, False])
