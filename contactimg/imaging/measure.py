@@ -24,7 +24,7 @@ from contactimg.imaging.background.subtract import remove_background
 from contactimg.imaging.count.method import choose_threshold, measure_by_count
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
-from contactimg.imaging.evidence.rules import OWN_RISE, PLACE, Columns, Judged, judge_contacts, own_rise
+from contactimg.imaging.evidence.rules import PLACE, Judged, find_dust, judge_contacts
 from contactimg.imaging.evidence.status import LIGHT_CHANGE, judge_frame
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
@@ -308,14 +308,14 @@ def _tabulate(judged: Judged, threshold: float = float("nan")) -> ImageMeasureme
     )
 
 
-def _foreign(foreground: Foreground) -> Columns:
+def _foreign(foreground: Foreground) -> dict[str, NDArray]:
     """The foreign objects; those that the frame itself does not show are dust in the reference."""
     foreign = foreground.foreign.rejected
-    rise = own_rise(foreground, np.column_stack([foreign[name] for name in PLACE]), DEFAULT_BLUR_PX)
-    return foreign | {"reason": np.where(rise < OWN_RISE, Reason.REFERENCE_DUST.value, foreign["reason"])}
+    dust = find_dust(foreground, np.column_stack([foreign[name] for name in PLACE]), DEFAULT_BLUR_PX)
+    return foreign | {"reason": np.where(dust, Reason.REFERENCE_DUST.value, foreign["reason"])}
 
 
-def _contacts_table(contacts: Columns, own: SharedOptics) -> pd.DataFrame:
+def _contacts_table(contacts: dict[str, NDArray], own: SharedOptics) -> pd.DataFrame:
     """The contacts, numbered from 1, flagged if their frame does not show its contrast."""
     radius, std, n = contacts["radius_px"], contacts["radius_std_px"], len(contacts["x_px"])
     columns = {
@@ -336,7 +336,7 @@ def _contacts_table(contacts: Columns, own: SharedOptics) -> pd.DataFrame:
     return table
 
 
-def _without_shift(contacts: Columns, known: KnownEdge) -> Columns:
+def _without_shift(contacts: dict[str, NDArray], known: KnownEdge) -> dict[str, NDArray]:
     """The contacts with the shift that a reference contact has told taken off their radii."""
     moved = {
         name: np.maximum(contacts[name] - known.shift_px, 0.1 * contacts[name])

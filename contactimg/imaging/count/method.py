@@ -30,7 +30,7 @@ from contactimg.imaging.detect.candidates import Contrast
 from contactimg.imaging.detect.components import half_axes, sides_cut
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX, estimate_blur
-from contactimg.imaging.evidence.rules import OWN_RISE, PLACE, Columns, Judged, own_rise
+from contactimg.imaging.evidence.rules import PLACE, Columns, Judged, find_dust
 from contactimg.imaging.fit.unseen_contrast import LARGEST_CONTRAST_RATIO, PLATEAU_STD_FRACTION
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
@@ -95,8 +95,7 @@ def measure_by_count(
     full = touches(pair.saturated, 1, places, radius)
     for flag, shown in ((Flag.POOR_FIT, long), (Flag.EDGE, cut), (Flag.SATURATED, full)):
         contacts["flags"] = contacts["flags"] | np.where(shown, int(flag), 0)
-    dust = own_rise(foreground, places, blur) < OWN_RISE
-    dust &= flags & int(Flag.MANUAL) == 0
+    dust = find_dust(foreground, places, blur) & (flags & int(Flag.MANUAL) == 0)
     gone = {name: contacts[name][dust] for name in PLACE}
     gone["reason"] = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
     rejected = {name: np.concatenate([part[name] for part in (rejected, gone, by_hand)]) for name in gone}

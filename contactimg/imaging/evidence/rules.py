@@ -72,12 +72,6 @@ LEAST_RISE = 0.25
 hand."""
 RIM_FALL = 0.35
 """Least fall across the rim of a wide contact, of its contrast. Theory: 0.95 of a blurred edge; by hand."""
-OWN_RISE = 0.5
-"""Part of its rise that a contact must show in the frame without its reference. By hand: half-way between the
-frame alone and the reference alone."""
-DIP_SHARE = 0.25
-"""Dip of the reference over the rise of the difference from which both are measured. By hand: half of what
-dust shows."""
 CROSS = (0, 1, -1, 0, 0), (0, 0, 0, 1, -1)
 """Columns and rows of the pixels about a place that are read."""
 LONGEST = 3.5
@@ -160,7 +154,7 @@ RULES: list[Rule] = [
         Reason.NOISE,
         lambda e: e["light"] < np.where(e["misfit"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
     ),
-    (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
+    (Reason.REFERENCE_DUST, lambda e: e["dust"]),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
     (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
     (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
@@ -380,7 +374,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "signal": signal,
         "light": radius / (2.0 * std * np.sqrt(np.clip(known, 1e-6, 1.0))),
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring)) / height,
-        "own_rise": own_rise(foreground, places, blur),
+        "dust": find_dust(foreground, places, blur),
         "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau) / height,
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
@@ -408,29 +402,24 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     }
 
 
-def own_rise(foreground: Foreground, places: NDArray[np.float64], blur: float) -> NDArray[np.float64]:
-    """Rise in the frame alone over that in frame and reference together; 1 without a reference or dust.
+def find_dust(foreground: Foreground, places: NDArray[np.float64], blur: float) -> NDArray[np.bool_]:
+    """Places (x, y, radius, px) that the reference makes by a dip more than the frame by its own rise.
 
-    Dust that darkened the reference and has gone looks like a bright contact in the difference. ``places``
-    holds x, y, radius (px).
+    Dust that darkened the reference and has gone looks like a bright contact in the difference.
     """
-    pair, share = foreground.frame_pair, np.ones(len(places))
+    pair, dust = foreground.frame_pair, np.zeros(len(places), np.bool_)
     if pair.reference is None or not len(places) or not foreground.dust:
-        return share
+        return dust
     # most contacts lie where the reference shows nothing: a few pixels of it tell
-    distance = places[:, 2] + 4.0 * blur
-    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, distance)
-    rise = _rise_of_pixels(foreground.image, places, distance)
-    rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > AGREEMENT_SIGMA * foreground.noise))
-    if not len(rows):
-        return share
-    own, other = (
-        foreground.sign * measure_rise(np.asarray(image, np.float32), places[rows], blur)
-        for image in (pair.frame, pair.reference)
-    )
-    both = own - other
-    share[rows] = np.divide(own, both, out=np.ones(len(rows)), where=both > 1e-9)
-    return share
+    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, places[:, 2] + CLEAR_BLUR_WIDTHS * blur)
+    rows = np.flatnonzero(dip > AGREEMENT_SIGMA * foreground.noise)
+    if len(rows):
+        own, other = (
+            foreground.sign * measure_rise(np.asarray(image, np.float32), places[rows], blur)
+            for image in (pair.frame, pair.reference)
+        )
+        dust[rows] = (own > other) & (own < -other)
+    return dust
 
 
 def _rise_of_pixels(image: NDArray, places: NDArray, distance: NDArray) -> NDArray[np.float64]:
