@@ -42,6 +42,7 @@ from contactimg.imaging.pixels.blocks import (
     rounding_of_blocks,
     to_pixels,
 )
+from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
 from contactimg.imaging.pixels.noise import estimate_noise
 from contactimg.imaging.pixels.robust import finite_values, median, robust_std
@@ -55,7 +56,6 @@ FLAT_SHARE = 0.2  # share of the blocks: so large a flat region is the backgroun
 # Squares in one side of the tiles over which the light between small contacts is followed beyond the
 # polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them.
 TILE_SQUARES = 32
-ROUGHEST_STEP_FRACTION = 5e-3  # of the level, between blocks that are rounded: one grey level of 200
 # Of the longer side of the image: the envelope goes below narrower contacts. By hand.
 WINDOW_FRACTION = 1.0 / 6.0
 
@@ -211,7 +211,7 @@ def scatter_of_blocks(blocks: NDArray, rounding: float) -> float:
     finite = finite_values(blocks)
     level = median(np.abs(finite)) if len(finite) else 0.0
     scatter = neighbour_scatter(blocks)
-    least = ROUGHEST_STEP_FRACTION if scatter < LEAST_FRACTION * level else LEAST_FRACTION
+    least = 1.0 / SPAN_LEVELS if scatter < LEAST_FRACTION * level else LEAST_FRACTION
     return max(scatter, least * level, rounding, 1e-9)
 
 

@@ -22,6 +22,7 @@ from contactimg.imaging.background.alignment import (
 )
 from contactimg.imaging.background.illumination import ITERATIONS, Illumination
 from contactimg.imaging.pixels.blocks import side_of, strips
+from contactimg.imaging.pixels.frame_pair import ROUNDING_STD
 from contactimg.imaging.pixels.masks import Flags, Mask, Values, mean_of_seen
 from contactimg.imaging.pixels.robust import (
     CLIP_SIGMA,
@@ -54,7 +55,6 @@ AS_GOOD_FRACTION = 0.7
 # Side of a binned pixel, in which all lengths named ``_BINS`` are; the Gauss-Newton iteration is not followed
 # beyond one.
 BIN_PX = 4
-COARSE_STD_PX = 1.0  # of a shift that was found in bins. By hand: rendered frames
 LARGEST_SHIFT_FRACTION = 0.25  # of the size of the image: larger shifts are not searched
 # Half the side of the window whose mean the detail is relative to, wider than texture and dirt; and how far
 # the shift of a tile may lie from that of the whole image. By hand.
@@ -312,7 +312,7 @@ def search_alignment(
         peak = _find_peak(np.pad(detail, [(bins, bins) for bins in reach]), excess)
     if peak is None:
         return None, textured
-    shift = Alignment(BIN_PX * peak.real, BIN_PX * peak.imag, COARSE_STD_PX)
+    shift = Alignment(BIN_PX * peak.real, BIN_PX * peak.imag, BIN_PX * ROUNDING_STD)
     return _align_tiles(excess, detail, peak) or shift, textured
 
 
@@ -375,7 +375,7 @@ def _align_tiles(excess: Values, detail: Values, shift: complex) -> Alignment | 
     # in the frame: shift = position - position/factor
     factor = complex(1.0 / (1.0 - solution[1]))
     moved = BIN_PX * complex(solution[0]) * factor
-    return Alignment(moved.real, moved.imag, COARSE_STD_PX, float(np.angle(factor)), abs(factor))
+    return Alignment(moved.real, moved.imag, BIN_PX * ROUNDING_STD, float(np.angle(factor)), abs(factor))
 
 
 def _parabola_vertex(left: float, middle: float, right: float) -> float:

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from contactimg.imaging.detect.components import label_components, window_of
 from contactimg.imaging.detect.inscribed_disks import fill, find_holes
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
+from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.pixels.blocks import SignedImage, to_pixels
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.profile.limits import SQUARE_PX
+from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, SQUARE_PX
 from contactimg.tables import Reason
 
 LENGTH_HALF_WIDTHS, LENGTH_MARGIN_PX = 6.0, 3.0
@@ -45,12 +46,12 @@ LINE_WIDTH_PX = 9
 SHORTEST_LINE, SMALLEST_LINE = 14.0, 15
 """Diagonal (squares) of a region, and area (squares) of a thin part, from which it may be a line: slivers of
 rims are smaller. By hand."""
-LINE_LENGTH, PIECE_LENGTH = 11.0, 5.5
-"""Length of a thin part over its half width from which it is a line, and part of one where there are lines.
-By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of 15 px make 12. Theory:
-11 for seven contacts in a row."""
-MARGIN = 3
-"""Squares around an object that are masked with it: its blurred rim. By hand: four blur widths of 1.5 px."""
+LINE_LENGTH = 11.0
+"""Length of a thin part over its half width from which it is a line; half of it is enough for a part of one
+where there are lines. By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of
+15 px make 12. Theory: 11 for seven contacts in a row."""
+MARGIN = round(CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX / SQUARE_PX)
+"""Squares around an object that are masked with it: its blurred rim."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +123,7 @@ def _find(
     lines = _lines(np.where(mask > 0, np.float32(0.0), image), (squares > level) & ~bar, level)
     slender = np.where(lines.area > SQUARE_PX**2 * SMALLEST_LINE, lines.length / lines.half_width, 0.0)
     # contacts cut a line into pieces
-    line = np.flatnonzero(slender > (PIECE_LENGTH if (slender > LINE_LENGTH).any() else LINE_LENGTH))
+    line = np.flatnonzero(slender > LINE_LENGTH * (0.5 if (slender > LINE_LENGTH).any() else 1.0))
     smooth = np.asarray(cv2.blur(image, (3, 3)), np.float32) if len(line) else image
     line = line[[_stays_thin(smooth, lines.labels == k) for k in line]]
     if not len(long) + len(line):

@@ -36,7 +36,7 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching, label_groups
 from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels, touches
-from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA
+from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
@@ -63,8 +63,6 @@ LOW_SIGNAL_SIGMA = 10.0
 SPECK_BLUR_WIDTHS = 0.75
 """Radius over blur below which faint contacts are specks. Theory: they show a quarter of their contrast. By
 hand: pieces of rings and reflections are narrower, contacts of half the brightness of the others wider."""
-LEAST_LIGHT_SIGMA, LEAST_POOR_LIGHT_SIGMA = 2.0, 5.0
-"""Light below which a disk is left out, and below which one that fits badly is. By hand."""
 LEAST_VISIBLE = 0.1
 """Share of a disk inside the image below which it is not measured. By hand."""
 LEAST_RISE = 0.25
@@ -152,7 +150,7 @@ RULES: list[Rule] = [
     (Reason.OUT_OF_SIGHT, lambda e: e["visible"] < LEAST_VISIBLE),
     (
         Reason.NOISE,
-        lambda e: e["light"] < np.where(e["misfit"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
+        lambda e: e["light"] < np.where(e["misfit"], SIGNIFICANT_SIGMA, AGREEMENT_SIGMA),
     ),
     (Reason.REFERENCE_DUST, lambda e: e["dust"]),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
@@ -268,7 +266,7 @@ def _join_parts(
     inside, noise = own >= 0, reason == Reason.NOISE
     alike, every = (np.bincount(own[inside & rows], minlength=len(regions)) for rows in (noise, inside))
     light = regions["flux"] / np.sqrt(np.maximum(regions["area"], 1.0))
-    bright = (alike > 1) & (alike == every) & (light > LEAST_POOR_LIGHT_SIGMA * foreground.noise)
+    bright = (alike > 1) & (alike == every) & (light > SIGNIFICANT_SIGMA * foreground.noise)
     reason[inside & noise & np.append(bright, False)[own]] = ""
     by_hand = reason == Reason.BY_HAND
     found = np.flatnonzero((reason == "") | by_hand)
@@ -581,7 +579,7 @@ def _fall_of_rims(
     blur = min(max(blur, SHARPEST_BLUR_PX), WIDEST_BLUR_PX)
     fall = measure_fall(image, valid, disks, blur)
     for row in np.flatnonzero(fall < RIM_FALL * plateau):
-        x, y, reach = disks[row, 0], disks[row, 1], OUTLINE_REACH * disks[row, 2] + 4.0 * blur
+        x, y, reach = disks[row, 0], disks[row, 1], OUTLINE_REACH * disks[row, 2] + CLEAR_BLUR_WIDTHS * blur
         box = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 1, 0)) for at in (y, x))
         window = cv2.GaussianBlur(image[box], (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
         labels = cv2.connectedComponents((window > 0.5 * plateau[row]).astype(np.uint8))[1]

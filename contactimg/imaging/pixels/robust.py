@@ -19,9 +19,10 @@ CLIP_SIGMA = 4.0
 normal noise)."""
 SIGNIFICANT_SIGMA = 5.0
 """Standard errors beyond which a mean or a covariance is not there by chance. False-alarm rate 6e-7 (theory).
-Also where the mean over a square stands out of the noise."""
+Also where the mean over a square, or the light of a contact, stands out of the noise."""
 AGREEMENT_SIGMA = 2.0
-"""Standard errors up to which two measures of the same thing agree."""
+"""Standard errors up to which two measures of the same thing agree, and robust standard deviations up to
+which a value agrees with what is fitted to it and others."""
 ROUGH_RATIO = 1.5
 """Scatter over the usual one from which it is another one. By hand: compression and sharpening ring beside
 contacts; a frame that differs from the others; light that is not followed makes 1.3, flicker 2.0."""
