@@ -24,7 +24,7 @@ from contactimg.imaging.background.subtract import remove_background
 from contactimg.imaging.count.method import choose_threshold, measure_by_count
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
-from contactimg.imaging.evidence.rules import OUTLINE_REACH, PLACE, Judged, find_dust, judge_contacts
+from contactimg.imaging.evidence.rules import PLACE, Judged, find_dust, judge_contacts
 from contactimg.imaging.evidence.status import LIGHT_CHANGE, judge_frame
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
@@ -34,7 +34,7 @@ from contactimg.imaging.pixels.frame_pair import FramePair, keep_freed_memory
 from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.sensor_defects import divide_by_mosaic, mosaic_gains, repair_defects
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
-from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, RESOLVED
+from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, LONGEST_RADII, RESOLVED
 from contactimg.imaging.profile.optics import KnownEdge, SharedOptics
 from contactimg.tables import CONTACTS, Flag, Reason
 
@@ -130,7 +130,7 @@ class ImageMeasurement:
             from skimage.measure import find_contours  # noqa: PLC0415 - slow to import, seldom needed
         for row in rows.tolist():
             x, y, a = places[row]
-            reach = OUTLINE_REACH * a + EDGE_BLUR_WIDTHS * DEFAULT_BLUR_PX
+            reach = LONGEST_RADII * a + EDGE_BLUR_WIDTHS * DEFAULT_BLUR_PX
             left, top = max(int(x - reach), 0), max(int(y - reach), 0)
             window = image[top : max(int(y + reach) + 2, 0), left : max(int(x + reach) + 2, 0)]
             if min(window.shape, default=0) < 2:

@@ -38,7 +38,12 @@ from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching
 from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels, touches
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
+from contactimg.imaging.profile.limits import (
+    CLEAR_BLUR_WIDTHS,
+    LONGEST_RADII,
+    NEAR_BLUR_WIDTHS,
+    POOR_CHI_SQUARE,
+)
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.tables import Flag, Reason
 from contactimg.tables.outlines import Outline
@@ -48,9 +53,6 @@ DIRECTIONS, LEAST_SEEN = 32, 4
 that must be seen. By hand."""
 PERCENTILE = 70.0
 """Percentile of these falls that is taken. By hand: up to 30 % of the rim may touch neighbours."""
-OUTLINE_REACH = 1.6
-"""Half the side of the window in which the outline of a region is looked at, over the radius of its disk.
-Theory: 1.41 for an ellipse of 2 : 1."""
 SHARPEST_BLUR_PX, WIDEST_BLUR_PX = 1.0, 8.0
 """Limits of the blur used here: pixels are not interpolated, and no optics is as blurred as uneven light."""
 Columns = dict[str, NDArray]
@@ -579,7 +581,7 @@ def _fall_of_rims(
     blur = min(max(blur, SHARPEST_BLUR_PX), WIDEST_BLUR_PX)
     fall = measure_fall(image, valid, disks, blur)
     for row in np.flatnonzero(fall < RIM_FALL * plateau):
-        x, y, reach = disks[row, 0], disks[row, 1], OUTLINE_REACH * disks[row, 2] + CLEAR_BLUR_WIDTHS * blur
+        x, y, reach = disks[row, 0], disks[row, 1], LONGEST_RADII * disks[row, 2] + CLEAR_BLUR_WIDTHS * blur
         box = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 1, 0)) for at in (y, x))
         window = cv2.GaussianBlur(image[box], (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
         labels = cv2.connectedComponents((window > 0.5 * plateau[row]).astype(np.uint8))[1]
