@@ -27,6 +27,7 @@ from contactimg.imaging.pixels.robust import (
     MANY,
     QUARTILE_TO_STD,
     ROUGH_RATIO,
+    SOME,
     finite_values,
     quantile,
     robust_std,
@@ -42,13 +43,12 @@ ALL_ROWS = slice(None)
 
 # Scatter of the blocks over what noise and texture explain above which they may hold contacts. By hand.
 CROWD_SCATTER = 1.1
-# The same of the squares in a block from which on it contains the rim of a contact. By hand.
+# The same of squares, in a block or all over, from which on rims of contacts make it. By hand.
 RIM_SCATTER = 3.0
 # Share of the blocks without a rim in them, below which squares take their place; half as many do without a
 # reference, where flat regions of blocks show the background. By hand: dots of 4 px every 18 px leave 0.29 of
 # the blocks alone, 500 contacts of 1.5-30 px on 1600 x 1200 pixels leave 0.7, real pins in a lattice 0.61.
 QUIET_SHARE = 0.7
-FEWEST_BLOCKS = 60  # of a flat region. By hand: a contact that fills so many has a radius of 35 px
 MOST_REGIONS = 8  # flat regions that are followed, the largest; a bound of the work
 # Share of the blocks above which flat ones that are no background are too many for contacts, and of the
 # highest bin of a histogram below which a peak is no level. By hand: contacts up to 24 px make 0.02.
@@ -192,7 +192,8 @@ def flat_regions(blocks: Values, scatter: float) -> tuple[NDArray[np.int32], lis
     flat = find_flat_blocks(blocks, scatter).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(flat, connectivity=4)
     area = stats[:, cv2.CC_STAT_AREA]
-    largest = [int(k) for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= FEWEST_BLOCKS]
+    # a contact that fills so many blocks has a radius of 35 px
+    largest = [int(k) for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= SOME]
     return np.asarray(labels, np.int32), largest
 
 

@@ -29,9 +29,6 @@ hand."""
 BAR_DISTANCE_RATIO = 0.42
 """Mean over largest distance from the rim above which a region is a bar. Theory: 1/3 for disks and squares,
 1/2 for bars."""
-BAR_AREA_DISKS = 4.0
-"""Least area of a long region in disks of its half width; the shape of shorter ones tells nothing. By
-hand."""
 THIN_HALF_WIDTH_PX = 1.6
 """Half width below which distances in whole pixels are too coarse for that ratio. Chosen by hand."""
 LEVEL_FRACTION = 0.3
@@ -43,9 +40,9 @@ Theory: 2.5 for a disk, 3.2 for two that touch."""
 LINE_WIDTH_PX = 9
 """Width below which a part of a region is thin, at `LEVEL_FRACTION`. By hand: a line of 4 px behind a blur of
 1.5 px."""
-SHORTEST_LINE, SMALLEST_LINE = 14.0, 15
-"""Diagonal (squares) of a region, and area (squares) of a thin part, from which it may be a line: slivers of
-rims are smaller. By hand."""
+SMALLEST_LINE = 15
+"""Squares in the diagonal of a region, and in a thin part, from which it may be a line: slivers of rims are
+smaller. By hand."""
 LINE_LENGTH = 11.0
 """Length of a thin part over its half width from which it is a line; half of it is enough for a part of one
 where there are lines. By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of
@@ -92,7 +89,7 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     components = label_components(squares, level)
     width = components["right"] - components["left"] + 1.0
     diagonal = width**2 + (components["bottom"] - components["top"] + 1.0) ** 2  # squared
-    sprawling = components[diagonal > np.maximum(SPRAWL * components["area"], SHORTEST_LINE**2)]
+    sprawling = components[diagonal > np.maximum(SPRAWL * components["area"], SMALLEST_LINE**2)]
     total, windows = float(components["area"].sum()), [window_of(one, 2 * MARGIN)[0] for one in sprawling]
     # clusters of contacts sprawl as well: most frames need no more than a look at each of them
     if sum(squares[box].size for box in windows) < squares.size:
@@ -244,8 +241,7 @@ def label_regions(mask: NDArray[np.bool_]) -> LabelledRegions:
     half = np.maximum(widest - 0.5, 0.5)
     extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     bar = (mean - 0.5 > BAR_DISTANCE_RATIO * half) | (half < THIN_HALF_WIDTH_PX)
-    long = bar & (area > BAR_AREA_DISKS * np.pi * half**2)
-    long &= extent > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX)
+    long = bar & (extent > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX))
     x, y = np.asarray(centroids, float)[1:].T
     labels = np.asarray(labels, np.int32) - np.int32(1)
     return LabelledRegions(labels, area[1:], long[1:], half[1:], (0.5 * area / half)[1:], x, y)

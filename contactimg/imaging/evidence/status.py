@@ -27,7 +27,8 @@ from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, FEWEST, RESOLVE
 from contactimg.tables import Flag, Reason, Status
 
 SPOILED_SHARE = 0.2
-"""Share of contacts with a flag that spoils a frame. By hand."""
+"""Share of contacts with a flag, or of the free background on which the light was not followed, that spoils a
+frame. By hand."""
 DOUBTED_SHARE = 0.05
 """Share of the candidates that prove to be no contacts, or of the bright pixels that belong to none, above
 which others may be false or missing. By hand."""
@@ -50,8 +51,6 @@ surfaces of glass reflect makes 0.002, of four or coated mirrors up to 0.2."""
 WAVES = 0.06
 """The same within 32 px: fringes, or a texture. By hand: a texture of 2 % of the light, without a reference,
 makes 0.02 at a contrast of 0.6."""
-LEAST_FOLLOWED = 0.85
-"""Share of the free background on which the light was followed, at least. By hand."""
 FEWEST_LEVELS = 4.0
 """Steps of the grey levels between background and contacts below which an edge is that of whole pixels. By
 hand."""
@@ -157,7 +156,7 @@ def _background(seen: Judged) -> Iterator[tuple[str, str]]:
                 "by a fifth of the contrast and more: does the reference show contacts, or another place?"
             )
             yield Status.WRONG_REFERENCE, text
-        if left.found_share < LEAST_FOLLOWED:
+        if left.found_share < 1.0 - SPOILED_SHARE:
             text = (
                 f"the light was followed on {100 * left.found_share:.0f} % only of the background that "
                 "contacts leave free: it changed in a way that was not followed"

@@ -21,8 +21,8 @@ ROUGH_RATIO = 1.5
 """Scatter over the usual one from which it is another one. By hand: compression and sharpening ring beside
 contacts; a frame that differs from the others; light that is not followed makes 1.3, flicker 2.0."""
 LIGHT_SIGMA = 8.0
-"""Least summed light of a component or a faint region, in standard deviations of the noise. Noise alone stays
-below 6."""
+"""Least summed light of a component or a faint region, in standard deviations of the noise, and height of a
+block or a peak of a correlation over the scatter of the others. Noise and texture alone stay below 6."""
 
 TAIL_SHARE, TAIL_TO_STD = 0.01, 2.576
 """Share of the values below the centre that make the tail, and its place in standard deviations (theory)."""
