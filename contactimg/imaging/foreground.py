@@ -14,6 +14,7 @@ from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.pixels.masks import mean_of_seen
 from contactimg.imaging.pixels.noise import estimate_noise
+from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.optics import SharedOptics
 
 HOLE_REACH_PX, LEAST_WEIGHT = 2, 0.3
@@ -74,7 +75,7 @@ class Foreground:
     @cached_property
     def bright(self) -> NDArray[np.bool_]:
         """Which pixels of every `BRIGHT_STEP`-th row and column stand out as contacts do."""
-        level = max(0.5 * self.contrast.plateau, 5.0 * self.noise)
+        level = max(0.5 * self.contrast.plateau, SIGNIFICANT_SIGMA * self.noise)
         return np.asarray(self.image[::BRIGHT_STEP, ::BRIGHT_STEP] > level)
 
     @property

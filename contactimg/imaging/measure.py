@@ -24,7 +24,7 @@ from contactimg.imaging.background.subtract import remove_background
 from contactimg.imaging.count.method import choose_threshold, measure_by_count
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
-from contactimg.imaging.evidence.rules import OWN_RISE, PLACE, Columns, Judged, judge_contacts, own_rise
+from contactimg.imaging.evidence.rules import PLACE, Judged, find_dust, judge_contacts
 from contactimg.imaging.evidence.status import LIGHT_CHANGE, judge_frame
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
@@ -34,7 +34,7 @@ from contactimg.imaging.pixels.frame_pair import FramePair, keep_freed_memory
 from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.sensor_defects import divide_by_mosaic, mosaic_gains, repair_defects
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
-from contactimg.imaging.profile.limits import RESOLVED
+from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, LONGEST_RADII, RESOLVED
 from contactimg.imaging.profile.optics import KnownEdge, SharedOptics
 from contactimg.tables import CONTACTS, Flag, Reason
 
@@ -50,9 +50,8 @@ CORRECTIONS = ("position_drift", "dust", "film")
 LINEARITY = 0.01
 """Error of a camera's response at mid-level, of the contrast, where nothing is known of it. By hand: usual
 for CCD cameras."""
-OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
-"""Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes
-shorter."""
+SHORTEST_OUTLINE = 8
+"""Points of the shortest outline that is drawn. By hand: noise makes shorter."""
 NUMBERS = [name for name in CONTACTS.columns if name.endswith(("_px", "_px2", "_rad"))]
 """Columns of the contacts of a frame that are numbers; the others are label, shape and flags."""
 
@@ -131,7 +130,7 @@ class ImageMeasurement:
             from skimage.measure import find_contours  # noqa: PLC0415 - slow to import, seldom needed
         for row in rows.tolist():
             x, y, a = places[row]
-            reach = 1.6 * a + OUTLINE_MARGIN_PX
+            reach = LONGEST_RADII * a + EDGE_BLUR_WIDTHS * DEFAULT_BLUR_PX
             left, top = max(int(x - reach), 0), max(int(y - reach), 0)
             window = image[top : max(int(y + reach) + 2, 0), left : max(int(x + reach) + 2, 0)]
             if min(window.shape, default=0) < 2:
@@ -308,14 +307,14 @@ def _tabulate(judged: Judged, threshold: float = float("nan")) -> ImageMeasureme
     )
 
 
-def _foreign(foreground: Foreground) -> Columns:
+def _foreign(foreground: Foreground) -> dict[str, NDArray]:
     """The foreign objects; those that the frame itself does not show are dust in the reference."""
     foreign = foreground.foreign.rejected
-    rise = own_rise(foreground, np.column_stack([foreign[name] for name in PLACE]), DEFAULT_BLUR_PX)
-    return foreign | {"reason": np.where(rise < OWN_RISE, Reason.REFERENCE_DUST.value, foreign["reason"])}
+    dust = find_dust(foreground, np.column_stack([foreign[name] for name in PLACE]), DEFAULT_BLUR_PX)
+    return foreign | {"reason": np.where(dust, Reason.REFERENCE_DUST.value, foreign["reason"])}
 
 
-def _contacts_table(contacts: Columns, own: SharedOptics) -> pd.DataFrame:
+def _contacts_table(contacts: dict[str, NDArray], own: SharedOptics) -> pd.DataFrame:
     """The contacts, numbered from 1, flagged if their frame does not show its contrast."""
     radius, std, n = contacts["radius_px"], contacts["radius_std_px"], len(contacts["x_px"])
     columns = {
@@ -336,7 +335,7 @@ def _contacts_table(contacts: Columns, own: SharedOptics) -> pd.DataFrame:
     return table
 
 
-def _without_shift(contacts: Columns, known: KnownEdge) -> Columns:
+def _without_shift(contacts: dict[str, NDArray], known: KnownEdge) -> dict[str, NDArray]:
     """The contacts with the shift that a reference contact has told taken off their radii."""
     moved = {
         name: np.maximum(contacts[name] - known.shift_px, 0.1 * contacts[name])

@@ -358,7 +358,7 @@ def test_a_drift_that_is_off_is_not_looked_for(monkeypatch):
 
 def test_dust_that_is_off_is_not_looked_for(monkeypatch):
     looked, dust = [], []
-    find_foreign, own_rise = foreground.find_foreign, rules.own_rise
+    find_foreign, find_dust = foreground.find_foreign, rules.find_dust
 
     def finding(*args, **options):
         looked.append(1)
@@ -366,10 +366,10 @@ def test_dust_that_is_off_is_not_looked_for(monkeypatch):
 
     def comparing(one, *rest):
         dust.append(one.dust)
-        return own_rise(one, *rest)
+        return find_dust(one, *rest)
 
     monkeypatch.setattr(foreground, "find_foreign", finding)
-    monkeypatch.setattr(rules, "own_rise", comparing)
+    monkeypatch.setattr(rules, "find_dust", comparing)
     moved_and_dusty({}, drift=0.0)
     assert looked  # for what is no contact
     assert set(dust) == {True}  # and for what the reference shows

@@ -19,7 +19,7 @@ from contactimg.imaging.background.alignment import (
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, Illumination, cubic
 from contactimg.imaging.pixels.blocks import block_means, is_background, strips, to_pixels
 from contactimg.imaging.pixels.masks import Mask, Values, mean_of_seen
-from contactimg.imaging.pixels.robust import SOME, median, robust_std
+from contactimg.imaging.pixels.robust import CLIP_SIGMA, SOME, median, robust_std
 
 NARROW_PX, MIDDLE_PX, WIDE_PX = 0.7, 2.0, 6.0
 """Standard deviations of the Gaussians that separate the bands: less than, as, and more than a usual blur.
@@ -32,10 +32,10 @@ STRIPS, STRIP_ROWS, SPACING_PX = 4, 16, 4
 """Strips of the image that the gains are measured in, their rows, and the distance at which pixels are
 independent behind `SMOOTHING_PX`, which is also what the borders of a strip spoil. Accuracy: some thousand
 samples."""
-DIRT_SIGMA, FULL_DIRT_SIGMA = 4.0, 6.0
-"""Robust standard deviations of a band from which its detail is partly, and from which it is wholly taken as
-dirt; pixels of the frame that differ by the latter do not count for the gains. Chosen by hand on rendered
-frames; sensitivity not measured."""
+FULL_DIRT_SIGMA = 6.0
+"""Robust standard deviations of a band from which its detail is wholly taken as dirt, as it is partly from
+`CLIP_SIGMA` on; pixels of the frame that differ by so much do not count for the gains. By hand: rendered
+frames."""
 
 
 def divide_by_reference(
@@ -150,7 +150,7 @@ def _weight_bands(out, narrow, middle, wide, numbers):
     """Sum the weighted bands of a row; return the number of pixels where a band shows dirt."""
     finer, coarser, finer_dirt, coarser_dirt = numbers[:4]
     less_fine, less_coarse = np.float32(1.0) - finer, np.float32(1.0) - coarser
-    finer_dirt, coarser_dirt = np.float32(DIRT_SIGMA) * finer_dirt, np.float32(DIRT_SIGMA) * coarser_dirt
+    finer_dirt, coarser_dirt = np.float32(CLIP_SIGMA) * finer_dirt, np.float32(CLIP_SIGMA) * coarser_dirt
     one, zero = np.float32(1.0), np.float32(0.0)
     dirty = zero
     for x in range(len(out)):
@@ -167,13 +167,13 @@ def _restore_dirt(out, y, reference, taps_x, taps_y, bands, numbers):
     for x in range(columns):
         fine, coarse = bands[0, 0, x] - bands[1, 0, x], bands[1, 0, x] - bands[2, 0, x]
         worst = max(abs(fine) / numbers[2], abs(coarse) / numbers[3])
-        if worst > DIRT_SIGMA:
+        if worst > CLIP_SIGMA:
             moved = 0.0
             for j in range(-reach, reach + 1):
                 row = reference[min(max(y + j, 0), rows - 1)]
                 for i in range(-reach, reach + 1):
                     moved += taps_y[j + reach] * taps_x[i + reach] * row[min(max(x + i, 0), columns - 1)]
-            share = min((worst - DIRT_SIGMA) / (FULL_DIRT_SIGMA - DIRT_SIGMA), 1.0)
+            share = min((worst - CLIP_SIGMA) / (FULL_DIRT_SIGMA - CLIP_SIGMA), 1.0)
             out[x] += share * (moved - out[x])
 
 
@@ -233,7 +233,7 @@ def _measure_gains(
     excess = excess - np.float32(median(excess))
     scatters = np.array([robust_std(part, centre=0.0) for part in detail])
     usable = np.abs(excess) < FULL_DIRT_SIGMA * robust_std(excess, centre=0.0)
-    usable &= np.all(np.abs(detail) < DIRT_SIGMA * scatters[:, None], axis=0)
+    usable &= np.all(np.abs(detail) < CLIP_SIGMA * scatters[:, None], axis=0)
     fine, excess = np.stack(bands)[:, usable], excess[usable]
     normal = (fine @ fine.T).astype(float)
     if not np.all(np.diag(normal) > 1e-12 * len(excess)):

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.find_illumination import (
-    FEWEST_BLOCKS,
     NOTABLE_SHARE,
     find_flat_blocks,
     fit_region,
@@ -30,14 +29,13 @@ from contactimg.imaging.background.illumination import (
 from contactimg.imaging.pixels.blocks import BLOCK, to_pixels
 from contactimg.imaging.pixels.masks import Flags, Values, mean_of_seen
 from contactimg.imaging.pixels.noise import estimate_noise
-from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
+from contactimg.imaging.pixels.robust import LIGHT_SIGMA, SIGNIFICANT_SIGMA, SOME
 from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION
 
 Regions = NDArray[np.int32]
 
 # Blocks in a region that stand out of it as contacts do: contacts on it. By hand: one may be dirt.
 FEWEST_BEYOND = 2
-CONTACT_SIGMA = 7.0  # how far they stand out, scatters of a block. By hand: texture makes 6
 BRIGHTEST_RATIO = 2.2  # of a contact over another one beside it, more than which a region is none. By hand
 MESH_BLOCKS = 2.0  # standard deviation of the Gaussian that smooths the mesh, blocks: about 4 blocks wide
 # Root mean square of what is left, in scatters of a block, that is worth a correction. By hand.
@@ -62,7 +60,7 @@ def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = Tru
     blocks = difference.blocks
     used = background & np.isfinite(blocks)
     flat = blocks[used]
-    if flat.size < FEWEST_BLOCKS:
+    if flat.size < SOME:
         return difference
     scatter = min(neighbour_scatter(blocks), one_sided_scatter(flat[:: max(flat.size // 4000, 1)]))
     scatter = max(scatter, difference.rounding, LEAST_FRACTION * max(difference.level, 1.0))
@@ -103,7 +101,7 @@ def _find_background_regions(blocks: Values, scatter: float, known: Flags) -> Re
     for k in largest:
         inside = labels == k
         level = float(np.median(blocks[inside]))
-        contact = level + CONTACT_SIGMA * scatter
+        contact = level + LIGHT_SIGMA * scatter
         if np.mean(known[inside]) > 0.5 or level < 0.0 or _has_contacts(blocks, inside, contact, level):
             same = [n for n, other in enumerate(levels, start=1) if abs(level - other) < scatter]
             number[k] = same[0] if same else len(levels) + 1

@@ -27,6 +27,7 @@ from contactimg.imaging.pixels.robust import (
     MANY,
     QUARTILE_TO_STD,
     ROUGH_RATIO,
+    SOME,
     finite_values,
     quantile,
     robust_std,
@@ -42,18 +43,16 @@ ALL_ROWS = slice(None)
 
 # Scatter of the blocks over what noise and texture explain above which they may hold contacts. By hand.
 CROWD_SCATTER = 1.1
-# The same of the squares in a block from which on it contains the rim of a contact. By hand.
+# The same of squares, in a block or all over, from which on rims of contacts make it. By hand.
 RIM_SCATTER = 3.0
 # Share of the blocks without a rim in them, below which squares take their place; half as many do without a
 # reference, where flat regions of blocks show the background. By hand: dots of 4 px every 18 px leave 0.29 of
 # the blocks alone, 500 contacts of 1.5-30 px on 1600 x 1200 pixels leave 0.7, real pins in a lattice 0.61.
 QUIET_SHARE = 0.7
-FEWEST_BLOCKS = 60  # of a flat region. By hand: a contact that fills so many has a radius of 35 px
 MOST_REGIONS = 8  # flat regions that are followed, the largest; a bound of the work
-# Share of the blocks above which flat ones that are no background are too many for contacts. By hand:
-# contacts up to 24 px make 0.02.
+# Share of the blocks above which flat ones that are no background are too many for contacts, and of the
+# highest bin of a histogram below which a peak is no level. By hand: contacts up to 24 px make 0.02.
 NOTABLE_SHARE = 0.05
-POPULATED_FRACTION = 0.05  # of the highest bin of a histogram: lower peaks are no level; and of the squares
 
 
 def find_illumination(
@@ -115,7 +114,7 @@ def scatter_of_extreme(squares: NDArray, background_is: BackgroundLevel) -> floa
     known = finite_values(covered)
     if not known.size:
         return 0.0
-    like = covered <= np.float32(quantile(known, POPULATED_FRACTION))
+    like = covered <= np.float32(quantile(known, NOTABLE_SHARE))
     differences = np.diff(squares, axis=1)[like]
     return robust_std(differences, centre=0.0) / np.sqrt(2) if len(differences) else 0.0
 
@@ -157,7 +156,7 @@ def find_background_level(
     counts = np.bincount(np.minimum(places, bins - 1), minlength=bins)
     smooth = np.convolve(counts, [1, 4, 6, 4, 1], mode="same") / 16.0
     left, right = np.r_[0.0, smooth[:-1]], np.r_[smooth[1:], 0.0]
-    populated = smooth >= max(POPULATED_FRACTION * smooth.max(), 1e-9)
+    populated = smooth >= max(NOTABLE_SHARE * smooth.max(), 1e-9)
     peaks = np.flatnonzero((smooth > left) & (smooth >= right) & populated)
     centres = (edges[:-1] + edges[1:]) / 2
     choice = {
@@ -193,7 +192,8 @@ def flat_regions(blocks: Values, scatter: float) -> tuple[NDArray[np.int32], lis
     flat = find_flat_blocks(blocks, scatter).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(flat, connectivity=4)
     area = stats[:, cv2.CC_STAT_AREA]
-    largest = [int(k) for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= FEWEST_BLOCKS]
+    # a contact that fills so many blocks has a radius of 35 px
+    largest = [int(k) for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= SOME]
     return np.asarray(labels, np.int32), largest
 
 

@@ -15,8 +15,8 @@ from contactimg.compiled import njit
 from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Flags, Mask, Values
-from contactimg.imaging.pixels.robust import CLIP_SIGMA, MAD_TO_STD, robust_std
-from contactimg.imaging.profile.limits import LEAST_FRACTION
+from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, MAD_TO_STD, robust_std
+from contactimg.imaging.profile.limits import FEW, LEAST_FRACTION
 from contactimg.timings import stage
 
 Places = NDArray[np.int64] | slice
@@ -27,14 +27,10 @@ TERMS = [(i, j) for j in range(POLYNOMIAL_ORDER + 1) for i in range(POLYNOMIAL_O
 ORDERS = np.sum(TERMS, axis=1)
 # Robust standard deviations from the polynomial within which blocks are background, and neighbours flat.
 BACKGROUND_CLIP_SIGMA = 3.5
-# Robust standard deviations from the polynomial within which blocks are fitted: those at the rims of contacts
-# would bias it to one side. By hand.
-FIT_CLIP_SIGMA = 2.0
 ITERATIONS = 6  # of a fit of the light or of the place, at most: a bound of the work
 # Blocks of 8 px that the fit uses, of smaller blocks those that cover the same area. Accuracy: 2 % of their
 # scatter.
 FIT_BLOCKS = 3000
-BLOCKS_PER_COEFFICIENT = 10  # blocks that a polynomial order needs for each of its coefficients. By hand
 DARKEST_FRACTION = 0.1  # of the level of a background: where it is darker, it is not divided by. By hand
 # Weight of a region at the border. By hand: four dark corners of 500 px^2 against 25 contacts of 3 px.
 AT_BORDER = 0.3
@@ -119,7 +115,8 @@ def fit_illumination(
     normal, right, summed = np.zeros((len(TERMS), len(TERMS))), np.zeros(len(TERMS)), np.zeros_like(keep)
     least = max(LEAST_FRACTION * abs(level), least_scatter, 1e-9)
     for _ in range(ITERATIONS):
-        keep, previous = np.abs(deviation) < FIT_CLIP_SIGMA * scatter, keep
+        # blocks at the rims of contacts would bias it to one side
+        keep, previous = np.abs(deviation) < AGREEMENT_SIGMA * scatter, keep
         if not keep.any():
             break
         # the sums over the blocks of the step before, and those that have come or gone
@@ -183,8 +180,8 @@ def jittered_grid(shape: tuple[int, int], every: int) -> tuple[NDArray[np.int64]
 
 
 def _solve(normal: NDArray, right: NDArray, count: int) -> NDArray[np.float64]:
-    """Regularised least squares with the terms that ``count`` blocks determine."""
-    used = (ORDERS == 0) | (count >= BLOCKS_PER_COEFFICIENT * (ORDERS + 1) * (ORDERS + 2) / 2)
+    """Regularised least squares with the terms that ``count`` blocks determine: by `FEW` each."""
+    used = (ORDERS == 0) | (count >= FEW * (ORDERS + 1) * (ORDERS + 2) / 2)
     penalty = np.where(ORDERS[used] > 0, LEAST_FRACTION * count, 0.0)
     coefficients = np.zeros(len(TERMS))
     coefficients[used] = np.linalg.solve(normal[np.ix_(used, used)] + np.diag(penalty), right[used])

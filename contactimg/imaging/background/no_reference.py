@@ -16,6 +16,7 @@ from contactimg.imaging.background.even_out import even_out
 from contactimg.imaging.background.find_illumination import (
     NOTABLE_SHARE,
     QUIET_SHARE,
+    RIM_SCATTER,
     find_background_level,
     find_rims,
     fit_region,
@@ -42,6 +43,7 @@ from contactimg.imaging.pixels.blocks import (
     rounding_of_blocks,
     to_pixels,
 )
+from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
 from contactimg.imaging.pixels.noise import estimate_noise
 from contactimg.imaging.pixels.robust import finite_values, median, robust_std
@@ -50,12 +52,10 @@ from contactimg.imaging.profile.limits import LEAST_FRACTION, SQUARE_PX
 # Share of the blocks without a rim in them below which the others say nothing of the scatter. By hand: disks
 # of 4 px every 20 px leave 0.5, real pins in a lattice 0.6.
 FEW_QUIET = 0.55
-RIMS_EVERYWHERE = 2.5  # scatter of most squares over that of the darkest from which rims make it. By hand
 FLAT_SHARE = 0.2  # share of the blocks: so large a flat region is the background. By hand
 # Squares in one side of the tiles over which the light between small contacts is followed beyond the
 # polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them.
 TILE_SQUARES = 32
-ROUGHEST_STEP_FRACTION = 5e-3  # of the level, between blocks that are rounded: one grey level of 200
 # Of the longer side of the image: the envelope goes below narrower contacts. By hand.
 WINDOW_FRACTION = 1.0 / 6.0
 
@@ -211,7 +211,7 @@ def scatter_of_blocks(blocks: NDArray, rounding: float) -> float:
     finite = finite_values(blocks)
     level = median(np.abs(finite)) if len(finite) else 0.0
     scatter = neighbour_scatter(blocks)
-    least = ROUGHEST_STEP_FRACTION if scatter < LEAST_FRACTION * level else LEAST_FRACTION
+    least = 1.0 / SPAN_LEVELS if scatter < LEAST_FRACTION * level else LEAST_FRACTION
     return max(scatter, least * level, rounding, 1e-9)
 
 
@@ -224,7 +224,7 @@ def _scatter_of_squares(squares: NDArray, frame: NDArray, rounding: float) -> fl
     if find_clipped(frame) is not None:
         return usual
     flattest = max(min(scatter_of_extreme(squares, side) for side in ("lowest", "highest")), rounding)
-    return flattest if neighbour_scatter(squares) > RIMS_EVERYWHERE * flattest > 0.0 else usual
+    return flattest if neighbour_scatter(squares) > RIM_SCATTER * flattest > 0.0 else usual
 
 
 def _divide_by_illumination(

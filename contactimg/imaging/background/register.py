@@ -20,17 +20,20 @@ from contactimg.imaging.background.alignment import (
     filter_rows_and_columns,
     shift_kernel,
 )
-from contactimg.imaging.background.illumination import ITERATIONS, Illumination
+from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.pixels.blocks import side_of, strips
+from contactimg.imaging.pixels.frame_pair import ROUNDING_STD
 from contactimg.imaging.pixels.masks import Flags, Mask, Values, mean_of_seen
 from contactimg.imaging.pixels.robust import (
     CLIP_SIGMA,
     FEWEST_VALUES,
+    LIGHT_SIGMA,
     SIGNIFICANT_SIGMA,
     median,
     quantile,
     robust_std,
 )
+from contactimg.imaging.profile.limits import ITERATIONS
 from contactimg.timings import stage
 
 # Pixels for each independent value after the smoothing. Theory: the noise-equivalent area of a Gaussian.
@@ -45,16 +48,12 @@ LARGEST_STD_PX = 0.25  # an alignment that is more uncertain is taken as unknown
 # Step after which the next one does not matter, being ten times smaller; and least shift of the corners that
 # counts as a rotation. Accuracy.
 NEGLIGIBLE_PX = 0.02
-# Residuals beyond so many median absolute deviations are left out. By hand: with fewer the noise shortens the
-# steps, with more what is no texture lengthens them, and a third step is needed.
-CLIP_MAD = 4.0
 # Fraction of the best from which on another is as good: if a second peak is as high the shift is
 # undetermined, if the median correlation of the tiles is they agree all over the image. By hand.
 AS_GOOD_FRACTION = 0.7
 # Side of a binned pixel, in which all lengths named ``_BINS`` are; the Gauss-Newton iteration is not followed
 # beyond one.
 BIN_PX = 4
-COARSE_STD_PX = 1.0  # of a shift that was found in bins. By hand: rendered frames
 LARGEST_SHIFT_FRACTION = 0.25  # of the size of the image: larger shifts are not searched
 # Half the side of the window whose mean the detail is relative to, wider than texture and dirt; and how far
 # the shift of a tile may lie from that of the whole image. By hand.
@@ -63,9 +62,6 @@ WHOLE_WINDOW = 0.75  # share of it that is seen, of that of the widest, at least
 # What stands out and is wider is a contact and left out, what is narrower may be dirt; and about the half
 # width of what belongs to a peak. By hand.
 CONTACT_BINS = 5
-# Height of a peak in robust standard deviations of the correlation map. Of 10^4 normal deviates none exceeds
-# 5.
-PEAK_SIGMA = 7.0
 # Tiles that show a rotation, and grains of dirt that will do instead of texture: a similarity has as many
 # numbers.
 FEWEST_PLACES = 4
@@ -143,7 +139,7 @@ def _gauss_newton(
             moved = filter_rows_and_columns(reference, shift_kernel(x), shift_kernel(y))
         residuals = (frame[3::7, 3::5] - moved[3::7, 3::5])[mask[3::7, 3::5] > 0]
         middle = median(residuals) if len(residuals) else 0.0
-        clip = CLIP_MAD * median(np.abs(residuals - np.float32(middle))) if len(residuals) else 1.0
+        clip = CLIP_SIGMA * robust_std(residuals, middle) if len(residuals) else 1.0
         limits = np.float32(middle), np.float32(max(clip, 1e-6))
         _tile_sums(frame, moved, mask, *limits, np.r_[tops, len(rows)], edges, sums)
         total = sums.sum(axis=(0, 1))
@@ -312,7 +308,7 @@ def search_alignment(
         peak = _find_peak(np.pad(detail, [(bins, bins) for bins in reach]), excess)
     if peak is None:
         return None, textured
-    shift = Alignment(BIN_PX * peak.real, BIN_PX * peak.imag, COARSE_STD_PX)
+    shift = Alignment(BIN_PX * peak.real, BIN_PX * peak.imag, BIN_PX * ROUNDING_STD)
     return _align_tiles(excess, detail, peak) or shift, textured
 
 
@@ -339,7 +335,7 @@ def _find_peak(window: Values, part: Values) -> complex | None:
     cv2.circle(others, (column, row), CONTACT_BINS, -np.inf, cv2.FILLED)
     unique, (rows, columns) = float(others.max()) < AS_GOOD_FRACTION * height, correlation.shape
     inside = 0 < row < rows - 1 and 0 < column < columns - 1
-    if not (inside and unique and height > PEAK_SIGMA * robust_std(correlation) > 0.0):
+    if not (inside and unique and height > LIGHT_SIGMA * robust_std(correlation) > 0.0):
         return None
     # the part moves over the detail of the reference, so the shift has the opposite sign
     x = columns // 2 - column - _parabola_vertex(*correlation[row, column - 1 : column + 2].tolist())
@@ -375,7 +371,7 @@ def _align_tiles(excess: Values, detail: Values, shift: complex) -> Alignment | 
     # in the frame: shift = position - position/factor
     factor = complex(1.0 / (1.0 - solution[1]))
     moved = BIN_PX * complex(solution[0]) * factor
-    return Alignment(moved.real, moved.imag, COARSE_STD_PX, float(np.angle(factor)), abs(factor))
+    return Alignment(moved.real, moved.imag, BIN_PX * ROUNDING_STD, float(np.angle(factor)), abs(factor))
 
 
 def _parabola_vertex(left: float, middle: float, right: float) -> float:

@@ -26,7 +26,6 @@ from contactimg.imaging.background.find_illumination import (
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
     DARKEST_FRACTION,
-    ITERATIONS,
     DifferenceImage,
     Illumination,
     find_sign,
@@ -37,6 +36,7 @@ from contactimg.imaging.pixels.blocks import BLOCK, block_means, find_clipped, r
 from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
 from contactimg.imaging.pixels.robust import finite_values, median, quantile
+from contactimg.imaging.profile.limits import ROUNDS
 from contactimg.timings import stage
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
@@ -286,7 +286,7 @@ def _approach(
     placed: _PlacedReference, residual: Alignment, *, all_rows: bool
 ) -> tuple[_PlacedReference, Alignment]:
     """Move the reference until less than a pixel is left, as long as the uncertainty falls."""
-    for _ in range(ITERATIONS):
+    for _ in range(ROUNDS):
         if not residual.known or (residual.is_shift and residual.largest_px < SUBPIXEL_PX):
             break
         candidate = placed.moved_by(residual)

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from contactimg.errors import InputError
 from contactimg.imaging.count.by_hand import edit_counts
 from contactimg.imaging.count.rim_errors import (
-    FEWEST_WIDE,
     Crossing,
     blur_of_heights,
     count_at_own,
@@ -26,18 +25,18 @@ from contactimg.imaging.count.rim_errors import (
     rim_errors,
 )
 from contactimg.imaging.count.split_touching import split_components
-from contactimg.imaging.detect.candidates import Contrast
+from contactimg.imaging.detect.candidates import SPECK_PX2, Contrast
 from contactimg.imaging.detect.components import half_axes, sides_cut
 from contactimg.imaging.detect.hand_edits import HandEdit
-from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX, estimate_blur
-from contactimg.imaging.evidence.rules import OWN_RISE, PLACE, Columns, Judged, own_rise
+from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX, LEAST_VARIANCE_PX2, estimate_blur
+from contactimg.imaging.evidence.rules import PLACE, Columns, Judged, find_dust
 from contactimg.imaging.fit.unseen_contrast import LARGEST_CONTRAST_RATIO, PLATEAU_STD_FRACTION
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
 from contactimg.imaging.pixels.masks import touches
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.limits import NOISY_RATIO, SHOWN_BLUR_WIDTHS, SMALL_AREA_PX2
+from contactimg.imaging.profile.limits import FEWEST, NOISY_RATIO, SHOWN_BLUR_WIDTHS, SMALL_AREA_PX2
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
@@ -46,11 +45,8 @@ DEFAULT_FRACTION = 0.5
 """Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""
 OTSU_RANGE = (0.05, 0.95)
 """Range of the automatic threshold: outside it noise makes contacts or takes them away."""
-SHARPEST_SLOPE_PX = 0.45
-"""Blur below which rims lie between pixels and their slopes show nothing. By hand: slopes give 0.59 px or
-more."""
-SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
-"""Largest area of a speck, and distance from it at which the level around it is read. By hand."""
+SPECK_MARGIN_PX = 3
+"""Distance from a speck at which the level around it is read. By hand."""
 LONGEST_PART = 1.4
 """Ratio of the axes of a part of a split component above which no disks describe the component. By hand: of
 a hundred parts of contacts that touch, one to four are longer."""
@@ -95,8 +91,7 @@ def measure_by_count(
     full = touches(pair.saturated, 1, places, radius)
     for flag, shown in ((Flag.POOR_FIT, long), (Flag.EDGE, cut), (Flag.SATURATED, full)):
         contacts["flags"] = contacts["flags"] | np.where(shown, int(flag), 0)
-    dust = own_rise(foreground, places, blur) < OWN_RISE
-    dust &= flags & int(Flag.MANUAL) == 0
+    dust = find_dust(foreground, places, blur) & (flags & int(Flag.MANUAL) == 0)
     gone = {name: contacts[name][dust] for name in PLACE}
     gone["reason"] = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
     rejected = {name: np.concatenate([part[name] for part in (rejected, gone, by_hand)]) for name in gone}
@@ -148,7 +143,7 @@ def _with_unseen_contrast(
     shown = foreground.shown
     if not len(radius_px):
         return crossing, shown.std
-    widest = float(np.sort(radius_px)[-FEWEST_WIDE:].min()) / crossing.blur_px
+    widest = float(np.sort(radius_px)[-FEWEST:].min()) / crossing.blur_px
     room = foreground.largest_contrast / max(shown.plateau, 1e-9)
     if widest > SHOWN_BLUR_WIDTHS and shown.resolved:
         # the centre of a disk of radius a behind a blur s lacks exp(-a^2/(2 s^2)) of its contrast
@@ -171,7 +166,7 @@ def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> floa
     if np.isfinite(prior):
         return float(np.hypot(prior, PIXEL_VARIANCE**0.5))
     by_light = blur_of_heights(contacts["radius_px"], contacts["height"] / plateau, fraction)
-    return by_light if by_light < SHARPEST_SLOPE_PX else estimate_blur(foreground.image, plateau)
+    return by_light if by_light < LEAST_VARIANCE_PX2**0.5 else estimate_blur(foreground.image, plateau)
 
 
 @stage("counting")
@@ -242,7 +237,7 @@ def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> N
     0 for components larger than a speck.
     """
     out = np.zeros(len(components))
-    specks = np.flatnonzero(components["area"] <= SPECK_AREA_PX2)
+    specks = np.flatnonzero(components["area"] <= SPECK_PX2)
     part, (rows, columns) = components[specks], image.shape
     x = np.stack([part["left"] - SPECK_MARGIN_PX, part["peak_x"], part["right"] + SPECK_MARGIN_PX])
     y = np.stack([part["top"] - SPECK_MARGIN_PX, part["peak_y"], part["bottom"] + SPECK_MARGIN_PX])

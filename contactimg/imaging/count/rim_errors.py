@@ -15,25 +15,23 @@ from numpy.typing import NDArray
 from scipy.special import ive, ndtr, ndtri
 
 from contactimg.imaging.detect.candidates import ODD_RATIO
+from contactimg.imaging.detect.inscribed_disks import SMALLEST_INSCRIBED
 from contactimg.imaging.fit.contact_pixels import measure_rise
 from contactimg.imaging.pixels.masks import nearest_pixels
-from contactimg.imaging.pixels.robust import robust_std
+from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, SOME, robust_std
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.limits import REACH_BLUR_WIDTHS, SHOWN_BLUR_WIDTHS
+from contactimg.imaging.profile.limits import FEWEST, REACH_BLUR_WIDTHS, SHOWN_BLUR_WIDTHS
 from contactimg.imaging.profile.optics import combine_errors
 from contactimg.imaging.profile.threshold_radius import disk_radius
 
 Values = NDArray[np.float64]
 
-FEWEST_WIDE, ENOUGH_WIDE = 5, 40
-"""Such contacts that show how contrasts scatter; so many tell their median to a fifth of their scatter."""
-UNEVEN_HEIGHT, UNEVEN_SIGMA = 0.05, 3.0
-"""Fall of the height towards the rims, of the contrast, and its standard errors beside that, above which
-contacts are not uniform. By hand: half height then moves by a twentieth of the blur."""
+UNEVEN_HEIGHT = 0.05
+"""Fall of the height towards the rims, of the contrast, above which contacts are not uniform. By hand: half
+height then moves by a twentieth of the blur."""
 INNER_RING, RIM_MARGIN = 0.5, 2.5
 """Ring inside the rims in which their height is read: from this share of the radius to so many blur widths
 from the rim. Theory: 1 % of the edge is missing there."""
-LEAST_RADIUS_PX = 2.0  # of contacts that show the blur of their rims; chosen: smaller ones are mostly rim
 LEAST_SLOPE_RATIO = 0.1
 """Least slope at a crossing over that of a straight rim: keeps uncertainties finite where a contact hardly
 reaches the threshold. Chosen."""
@@ -109,7 +107,7 @@ def rim_errors(
     slope = contrast * np.maximum(slope, LEAST_SLOPE_RATIO * straight)
     # the relative scatter of the contrasts of wide contacts, from their mean heights
     wide, scatter = (radius_px > REACH_BLUR_WIDTHS * s) & np.isfinite(height), 0.0
-    if np.count_nonzero(wide) >= FEWEST_WIDE:
+    if np.count_nonzero(wide) >= FEWEST:
         full = 1.0 - 2.0 * s / radius_px[wide] * _missing(f)
         scatter = robust_std(height[wide] / (contrast * full))
     spread = f * contrast * scatter / slope
@@ -163,9 +161,9 @@ def height_at_rims(image: NDArray[np.float32], contacts: dict[str, NDArray], cro
     """
     radius, s = contacts["radius_px"], crossing.blur_px
     wide = np.flatnonzero((radius > REACH_BLUR_WIDTHS * s) & np.isfinite(contacts["height"]))
-    if len(wide) < FEWEST_WIDE:
+    if len(wide) < FEWEST:
         return 1.0
-    wide = wide[:: max(len(wide) // ENOUGH_WIDE, 1)]
+    wide = wide[:: max(len(wide) // SOME, 1)]
     falls = np.empty(len(wide))
     for k, row in enumerate(wide):
         a = float(radius[row])
@@ -176,10 +174,10 @@ def height_at_rims(image: NDArray[np.float32], contacts: dict[str, NDArray], cro
         squares = ((INNER_RING * a) ** 2 + (a - RIM_MARGIN * s) ** 2) / 2.0, (inner - 0.5 * step) ** 2 / 2.0
         falls[k] = rise * (a**2 - squares[0]) / (squares[0] - squares[1]) / crossing.contrast
     known = np.isfinite(falls)
-    if np.count_nonzero(known) < FEWEST_WIDE:
+    if np.count_nonzero(known) < FEWEST:
         return 1.0
     fall = float(np.median(falls[known]))
-    chance = UNEVEN_SIGMA * robust_std(falls[known]) / np.sqrt(np.count_nonzero(known))
+    chance = AGREEMENT_SIGMA * robust_std(falls[known]) / np.sqrt(np.count_nonzero(known))
     return float(np.clip(1.0 - fall, 0.6, 1.4)) if abs(fall) > UNEVEN_HEIGHT + chance else 1.0
 
 
@@ -199,7 +197,7 @@ def blur_of_heights(radius_px: Values, height: Values, fraction: float) -> float
     float
         Median over the contacts of two pixels and more; infinite if there are none.
     """
-    known = (radius_px > LEAST_RADIUS_PX) & np.isfinite(height)
+    known = (radius_px > SMALLEST_INSCRIBED) & np.isfinite(height)
     if not known.any():
         return float("inf")
     dim = 0.5 * radius_px[known] * (1.0 - height[known]) / _missing(fraction)

@@ -1,9 +1,9 @@
 """Split components that consist of several contacts.
 
-A component with a larger second moment than a disk of its area is a candidate. An ellipse, or nearly one and
-convex, is one contact, also with holes in it. Disks are inscribed in others; those that overlap no more than
-contacts do share its pixels. Each pixel goes to the disk with the least power, i.e. in which it lies deepest.
-No pixel is lost, so the areas add up.
+A component that is not round is a candidate. An ellipse, or nearly one and convex, is one contact, also with
+holes in it. Disks are inscribed in others; those that overlap no more than contacts do share its pixels. Each
+pixel goes to the disk with the least power, i.e. in which it lies deepest. No pixel is lost, so the areas add
+up.
 
 A watershed of the distance transform (`skimage.segmentation.watershed`) is no better: on three rendered
 frames with 120 touching pairs it loses 7 pairs and adds 5 false contacts with its best markers (local maxima
@@ -22,15 +22,8 @@ from contactimg.imaging.detect.components import (
     sides_cut,
     window_of,
 )
-from contactimg.imaging.detect.inscribed_disks import disks_in_mask
+from contactimg.imaging.detect.inscribed_disks import SMALLEST_PAIR_PX2, disks_in_mask, is_round
 from contactimg.imaging.kernels.pairs import hidden
-
-ELONGATION = 1.015
-"""Second moment of a component over that of a disk of its area above which it may be several contacts.
-Theory: 1.5 for two equal disks that touch, 1.03 for a disk beside one of a fifth of its radius. The rims of
-single contacts in noise stay below."""
-LEAST_AREA_PX2 = 25
-"""Least area of such a component: two disks of the smallest radius that is inscribed, 2 px (2 pi 2^2)."""
 
 
 def split_components(
@@ -61,10 +54,8 @@ def split_components(
     ([249, 249], [True, True])
     """
     components, runs = label_runs(image, level)
-    area = np.maximum(components["area"], 1)
-    # n pixels in a disk have the second moment n^2/(2 pi), of which n/6 is that of the pixels themselves
-    shape = 2.0 * np.pi * (components["moment"] + area / 6.0) / area**2 - 2.0 * np.pi / 6.0 / area
-    candidates = np.flatnonzero((shape > ELONGATION) & (area >= LEAST_AREA_PX2))
+    several = components["area"] >= SMALLEST_PAIR_PX2
+    candidates = np.flatnonzero(several & ~is_round(components, image.shape))
     counts, found = np.ones(len(components), np.int64), [np.empty(0, components.dtype)]
     for number in candidates.tolist():
         cut, (box, _) = sides_cut(components[number], image.shape), window_of(components[number], 1)

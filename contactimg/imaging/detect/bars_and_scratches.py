@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from contactimg.imaging.detect.components import label_components, window_of
 from contactimg.imaging.detect.inscribed_disks import fill, find_holes
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
+from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.pixels.blocks import SignedImage, to_pixels
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.profile.limits import SQUARE_PX
+from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, SQUARE_PX
 from contactimg.tables import Reason
 
 LENGTH_HALF_WIDTHS, LENGTH_MARGIN_PX = 6.0, 3.0
@@ -28,9 +29,6 @@ hand."""
 BAR_DISTANCE_RATIO = 0.42
 """Mean over largest distance from the rim above which a region is a bar. Theory: 1/3 for disks and squares,
 1/2 for bars."""
-BAR_AREA_DISKS = 4.0
-"""Least area of a long region in disks of its half width; the shape of shorter ones tells nothing. By
-hand."""
 THIN_HALF_WIDTH_PX = 1.6
 """Half width below which distances in whole pixels are too coarse for that ratio. Chosen by hand."""
 LEVEL_FRACTION = 0.3
@@ -42,15 +40,15 @@ Theory: 2.5 for a disk, 3.2 for two that touch."""
 LINE_WIDTH_PX = 9
 """Width below which a part of a region is thin, at `LEVEL_FRACTION`. By hand: a line of 4 px behind a blur of
 1.5 px."""
-SHORTEST_LINE, SMALLEST_LINE = 14.0, 15
-"""Diagonal (squares) of a region, and area (squares) of a thin part, from which it may be a line: slivers of
-rims are smaller. By hand."""
-LINE_LENGTH, PIECE_LENGTH = 11.0, 5.5
-"""Length of a thin part over its half width from which it is a line, and part of one where there are lines.
-By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of 15 px make 12. Theory:
-11 for seven contacts in a row."""
-MARGIN = 3
-"""Squares around an object that are masked with it: its blurred rim. By hand: four blur widths of 1.5 px."""
+SMALLEST_LINE = 15
+"""Squares in the diagonal of a region, and in a thin part, from which it may be a line: slivers of rims are
+smaller. By hand."""
+LINE_LENGTH = 11.0
+"""Length of a thin part over its half width from which it is a line; half of it is enough for a part of one
+where there are lines. By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of
+15 px make 12. Theory: 11 for seven contacts in a row."""
+MARGIN = round(CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX / SQUARE_PX)
+"""Squares around an object that are masked with it: its blurred rim."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +89,7 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     components = label_components(squares, level)
     width = components["right"] - components["left"] + 1.0
     diagonal = width**2 + (components["bottom"] - components["top"] + 1.0) ** 2  # squared
-    sprawling = components[diagonal > np.maximum(SPRAWL * components["area"], SHORTEST_LINE**2)]
+    sprawling = components[diagonal > np.maximum(SPRAWL * components["area"], SMALLEST_LINE**2)]
     total, windows = float(components["area"].sum()), [window_of(one, 2 * MARGIN)[0] for one in sprawling]
     # clusters of contacts sprawl as well: most frames need no more than a look at each of them
     if sum(squares[box].size for box in windows) < squares.size:
@@ -122,7 +120,7 @@ def _find(
     lines = _lines(np.where(mask > 0, np.float32(0.0), image), (squares > level) & ~bar, level)
     slender = np.where(lines.area > SQUARE_PX**2 * SMALLEST_LINE, lines.length / lines.half_width, 0.0)
     # contacts cut a line into pieces
-    line = np.flatnonzero(slender > (PIECE_LENGTH if (slender > LINE_LENGTH).any() else LINE_LENGTH))
+    line = np.flatnonzero(slender > LINE_LENGTH * (0.5 if (slender > LINE_LENGTH).any() else 1.0))
     smooth = np.asarray(cv2.blur(image, (3, 3)), np.float32) if len(line) else image
     line = line[[_stays_thin(smooth, lines.labels == k) for k in line]]
     if not len(long) + len(line):
@@ -243,8 +241,7 @@ def label_regions(mask: NDArray[np.bool_]) -> LabelledRegions:
     half = np.maximum(widest - 0.5, 0.5)
     extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     bar = (mean - 0.5 > BAR_DISTANCE_RATIO * half) | (half < THIN_HALF_WIDTH_PX)
-    long = bar & (area > BAR_AREA_DISKS * np.pi * half**2)
-    long &= extent > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX)
+    long = bar & (extent > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX))
     x, y = np.asarray(centroids, float)[1:].T
     labels = np.asarray(labels, np.int32) - np.int32(1)
     return LabelledRegions(labels, area[1:], long[1:], half[1:], (0.5 * area / half)[1:], x, y)

@@ -25,10 +25,10 @@ from contactimg.imaging.pixels.blocks import SignedImage
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA, SIGNIFICANT_SIGMA, quantile
 from contactimg.imaging.profile.limits import FEW, NOISY_RATIO, SMALL_AREA_PX2
 
-CLEAR_RATIO, BRIGHT_RATIO = 1.5, 3.0
-"""Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and
-above which coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by hand,
-twice the former."""
+CLEAR_RATIO = 1.5
+"""Plateau, over the level from which it stands out of the noise, above which it is no peak of noise; above
+twice as much coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by
+hand."""
 LOWER_RATIO, LOWER_MARGIN_PX = 0.6, 4
 """Level, over half of the common contrast, at which a region is outlined again before it is split, and how
 far it may then reach beyond its first outline. By hand."""
@@ -133,7 +133,7 @@ def measure_contrast(image: SignedImage) -> Contrast:
         if not spots.plateau:
             peak = quantile(plateau, 0.95)
             spots = Contrast(peak, resolved=False, std=peak * np.log(10.0) / np.sqrt(12.0))
-        if float(plateau.max()) > BRIGHT_RATIO * floor:
+        if float(plateau.max()) > 2.0 * CLEAR_RATIO * floor:
             break  # coarser squares only dilute it
     return spots
 

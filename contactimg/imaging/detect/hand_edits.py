@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.profile.limits import LONGEST_RADII
+
 REACH_PX = 2.0
 """A contact is meant by a point in it, or within this distance of its centre. Chosen: a hand on a mouse."""
 ACTIONS = ("exclude", "add", "split", "merge")
 """What can be done to contacts by hand."""
-MOMENT_RADII = 1.3
-"""Radius over that of the disk within which the long axis of its light is sought. Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _change(
 
 def _halves(x: float, y: float, radius: float, image: NDArray[np.float32]) -> NDArray[np.float64]:
     """Centres of the two halves of a disk along the long axis of its light."""
-    reach = MOMENT_RADII * radius
+    reach = LONGEST_RADII * radius
     rows = np.arange(max(int(y - reach), 0), min(int(y + reach) + 2, image.shape[0]))
     columns = np.arange(max(int(x - reach), 0), min(int(x + reach) + 2, image.shape[1]))
     light = np.maximum(image[np.ix_(rows, columns)].astype(float), 0.0)

@@ -15,12 +15,13 @@ from contactimg.compiled import njit
 from contactimg.imaging.detect.components import mask_of_component, sides_cut, window_of
 
 SMALLEST_INSCRIBED = 2.0
-"""Least radius of a disk inscribed in a region, px: below, noise at the rim makes as large ones. By hand."""
+"""Least radius of a disk inscribed in a region, px: below, noise at the rim makes as large ones, and a
+contact is mostly rim. By hand."""
+SMALLEST_PAIR_PX2 = 2.0 * np.pi * SMALLEST_INSCRIBED**2
+"""Area of two such disks, below which a region has no shape (theory)."""
 ROUND_MOMENT_EXCESS = 0.01
 """A region is round if its second moment exceeds that of a disk by less than this plus ``1/area`` (the part
-of the pixels themselves), ..."""
-ROUND_WIDTH_EXCESS_PX = 1.7
-"""... and its sides exceed the diameter by less than this. Both chosen by hand; sensitivity not measured."""
+of the pixels themselves). By hand; theory: 0.03 for a disk beside one of a fifth of its radius."""
 LARGEST_HOLE_SHARE = 0.02
 """Area of a hole over that of the largest disk inscribed beside it up to which it is filled. By hand:
 mottling. Theory: 0.05 for the gap between three equal disks that touch."""
@@ -28,32 +29,28 @@ ONE_SHAPE_LACK = 0.03
 """Share of its area that a region lacks against the ellipse of its second moments, below which it is one
 contact. Theory: 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of its radius, 0 for any
 ellipse."""
-CONVEX_SHARE, CONVEX_LACK = 0.955, 0.2
-"""Share of its convex hull from which a region is convex, and lack of such a region that is one contact.
-Theory: 0.94 for two equal disks that overlap by a fifth of their radius; a square lacks 0.045, a
-triangle 0.17. By hand: pixels
-and noise make 0.97."""
+CONVEX_SHARE = 0.955
+"""Share of its convex hull from which a region is convex. Theory: 0.94 for two equal disks that overlap by a
+fifth of their radius; by hand: pixels and noise make 0.97. A convex region lacks no more than a triangle,
+0.17."""
 LEAST_CONVEX = 0.92
 """Share of its convex hull of a region that no disks describe, from which it is one contact. By hand: pixels
 make 0.94 of a triangle of 30 px."""
-LARGEST_WHOLE_HOLES, LEAST_WHOLE_PX2 = 0.5, 24
-"""Holes over the area of a region that may be one contact, and its least area (px^2). By hand: pixels make
-smaller regions look like anything."""
+LARGEST_WHOLE_HOLES = 0.5
+"""Holes over the area of a region that may be one contact. By hand."""
 PENETRATION = 0.7
 """Fraction of its radius inside a larger disk above which a disk is part of the larger one's rim. By hand."""
 
 
 def is_round(regions: NDArray[np.void], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Whether each region is one disk by its second moment and its sides, or too small to be anything else.
+    """Whether each region is one disk by its second moment, or too small to be anything else.
 
     A disk has the least second moment of all regions of its area: ``area^2/(2 pi)``. One that the border cuts
     is not round.
     """
     area = np.maximum(regions["area"], 1)
-    longest = np.maximum(regions["right"] - regions["left"], regions["bottom"] - regions["top"]) + 1
     excess = 2.0 * np.pi * regions["moment"] / area**2.0 - 1.0
     round_ones = excess < ROUND_MOMENT_EXCESS + 1.0 / area
-    round_ones &= longest < 2.0 * np.sqrt(area / np.pi) + ROUND_WIDTH_EXCESS_PX
     # around the centre of an inscribed disk there is a whole square of pixels
     small = area < (2.0 * SMALLEST_INSCRIBED - 1.0) ** 2
     return ~np.any(sides_cut(regions, shape), axis=0) & (round_ones | small)
@@ -104,13 +101,13 @@ def as_one_contact(
     """
     moments = cv2.moments(mask, binaryImage=True)
     area = moments["m00"]
-    if area <= LEAST_WHOLE_PX2:
+    if area < SMALLEST_PAIR_PX2:  # pixels make smaller regions look like anything
         return None
     spread = (moments["mu20"] / area + 1 / 12) * (moments["mu02"] / area + 1 / 12) - (
         moments["mu11"] / area
     ) ** 2
     lack = 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9)))
-    if lack > CONVEX_LACK or (lack > ONE_SHAPE_LACK and share_of_hull(mask, float(bare.sum())) < convex):
+    if lack > ONE_SHAPE_LACK and share_of_hull(mask, float(bare.sum())) < convex:
         return None
     return np.array([[moments["m10"] / area, moments["m01"] / area, np.sqrt(area / np.pi)]])
 

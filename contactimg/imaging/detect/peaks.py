@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.pixels.blocks import sample_background
-from contactimg.imaging.pixels.robust import median, reach_std
+from contactimg.imaging.pixels.robust import SOME, median, reach_std
 
 FALSE_ALARM_SIGMA = 6.0
 """Height of a matched-filter peak above the noise that counts as detection. Normal noise has
@@ -20,7 +20,7 @@ def least_peak(smooth: NDArray[np.float32], background: NDArray[np.bool_], round
     ``rounding`` is the part of it that the pixels of a block share (`rounding_of_blocks`).
     """
     sample = sample_background(smooth, background, (7, 11))
-    if len(sample) < 50:
+    if len(sample) < SOME:
         sample = smooth[::5, ::7].ravel()
     middle = median(sample)
     return middle + FALSE_ALARM_SIGMA * max(reach_std(sample, middle), rounding)

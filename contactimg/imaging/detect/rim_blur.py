@@ -6,11 +6,10 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_components
 from contactimg.imaging.pixels.robust import median, quantile
+from contactimg.imaging.profile.limits import FEW
 
 MOST_SLOPES = 8000
 """Pixels at half height that are read: their median is good to 1.4 % of the scatter."""
-LEAST_SLOPES = 20
-"""With fewer, the blur is the default. Chosen by hand."""
 DEFAULT_BLUR_PX = 1.5
 """Blur where the rims do not show it, px: typical of the paper's frames."""
 FLAT_RATIO = 0.4
@@ -36,7 +35,7 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
     """
     low, high = (np.float32(fraction * plateau) for fraction in HALF_HEIGHT_BAND)
     slopes = _slopes(image, low, high, MOST_SLOPES)
-    if len(slopes) < LEAST_SLOPES:
+    if len(slopes) < FEW:
         return DEFAULT_BLUR_PX
     # plateaus of fainter contacts have the level of half height as well, but no slope
     steep = slopes[slopes > FLAT_RATIO * quantile(slopes, 0.9)]

@@ -36,9 +36,14 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching, label_groups
 from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels, touches
-from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA
+from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, NEAR_BLUR_WIDTHS, POOR_CHI_SQUARE
+from contactimg.imaging.profile.limits import (
+    CLEAR_BLUR_WIDTHS,
+    LONGEST_RADII,
+    NEAR_BLUR_WIDTHS,
+    POOR_CHI_SQUARE,
+)
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.tables import Flag, Reason
 from contactimg.tables.outlines import Outline
@@ -48,9 +53,6 @@ DIRECTIONS, LEAST_SEEN = 32, 4
 that must be seen. By hand."""
 PERCENTILE = 70.0
 """Percentile of these falls that is taken. By hand: up to 30 % of the rim may touch neighbours."""
-OUTLINE_REACH = 1.6
-"""Half the side of the window in which the outline of a region is looked at, over the radius of its disk.
-Theory: 1.41 for an ellipse of 2 : 1."""
 SHARPEST_BLUR_PX, WIDEST_BLUR_PX = 1.0, 8.0
 """Limits of the blur used here: pixels are not interpolated, and no optics is as blurred as uneven light."""
 Columns = dict[str, NDArray]
@@ -63,8 +65,6 @@ LOW_SIGNAL_SIGMA = 10.0
 SPECK_BLUR_WIDTHS = 0.75
 """Radius over blur below which faint contacts are specks. Theory: they show a quarter of their contrast. By
 hand: pieces of rings and reflections are narrower, contacts of half the brightness of the others wider."""
-LEAST_LIGHT_SIGMA, LEAST_POOR_LIGHT_SIGMA = 2.0, 5.0
-"""Light below which a disk is left out, and below which one that fits badly is. By hand."""
 LEAST_VISIBLE = 0.1
 """Share of a disk inside the image below which it is not measured. By hand."""
 LEAST_RISE = 0.25
@@ -73,12 +73,6 @@ hand."""
 RIM_FALL = 0.5
 """Least fall across the rim of a wide contact, of its contrast. Theory: 0.95 of a blurred edge; by hand:
 a point spread function with heavy tails leaves 0.66, a fibre out of focus 0.35 to 0.45."""
-OWN_RISE = 0.5
-"""Part of its rise that a contact must show in the frame without its reference. By hand: half-way between the
-frame alone and the reference alone."""
-DIP_SHARE = 0.25
-"""Dip of the reference over the rise of the difference from which both are measured. By hand: half of what
-dust shows."""
 CROSS = (0, 1, -1, 0, 0), (0, 0, 0, 1, -1)
 """Columns and rows of the pixels about a place that are read."""
 LONGEST = 3.5
@@ -159,9 +153,9 @@ RULES: list[Rule] = [
     (Reason.OUT_OF_SIGHT, lambda e: e["visible"] < LEAST_VISIBLE),
     (
         Reason.NOISE,
-        lambda e: e["light"] < np.where(e["misfit"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
+        lambda e: e["light"] < np.where(e["misfit"], SIGNIFICANT_SIGMA, AGREEMENT_SIGMA),
     ),
-    (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
+    (Reason.REFERENCE_DUST, lambda e: e["dust"]),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
     (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
     (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
@@ -275,7 +269,7 @@ def _join_parts(
     inside, noise = own >= 0, reason == Reason.NOISE
     alike, every = (np.bincount(own[inside & rows], minlength=len(regions)) for rows in (noise, inside))
     light = regions["flux"] / np.sqrt(np.maximum(regions["area"], 1.0))
-    bright = (alike > 1) & (alike == every) & (light > LEAST_POOR_LIGHT_SIGMA * foreground.noise)
+    bright = (alike > 1) & (alike == every) & (light > SIGNIFICANT_SIGMA * foreground.noise)
     reason[inside & noise & np.append(bright, False)[own]] = ""
     by_hand = reason == Reason.BY_HAND
     found = np.flatnonzero((reason == "") | by_hand)
@@ -381,7 +375,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "signal": signal,
         "light": radius / (2.0 * std * np.sqrt(np.clip(known, 1e-6, 1.0))),
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring)) / height,
-        "own_rise": own_rise(foreground, places, blur),
+        "dust": find_dust(foreground, places, blur),
         "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau) / height,
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
@@ -409,29 +403,24 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     }
 
 
-def own_rise(foreground: Foreground, places: NDArray[np.float64], blur: float) -> NDArray[np.float64]:
-    """Rise in the frame alone over that in frame and reference together; 1 without a reference or dust.
+def find_dust(foreground: Foreground, places: NDArray[np.float64], blur: float) -> NDArray[np.bool_]:
+    """Places (x, y, radius, px) that the reference makes by a dip more than the frame by its own rise.
 
-    Dust that darkened the reference and has gone looks like a bright contact in the difference. ``places``
-    holds x, y, radius (px).
+    Dust that darkened the reference and has gone looks like a bright contact in the difference.
     """
-    pair, share = foreground.frame_pair, np.ones(len(places))
+    pair, dust = foreground.frame_pair, np.zeros(len(places), np.bool_)
     if pair.reference is None or not len(places) or not foreground.dust:
-        return share
+        return dust
     # most contacts lie where the reference shows nothing: a few pixels of it tell
-    distance = places[:, 2] + 4.0 * blur
-    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, distance)
-    rise = _rise_of_pixels(foreground.image, places, distance)
-    rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > AGREEMENT_SIGMA * foreground.noise))
-    if not len(rows):
-        return share
-    own, other = (
-        foreground.sign * measure_rise(np.asarray(image, np.float32), places[rows], blur)
-        for image in (pair.frame, pair.reference)
-    )
-    both = own - other
-    share[rows] = np.divide(own, both, out=np.ones(len(rows)), where=both > 1e-9)
-    return share
+    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, places[:, 2] + CLEAR_BLUR_WIDTHS * blur)
+    rows = np.flatnonzero(dip > AGREEMENT_SIGMA * foreground.noise)
+    if len(rows):
+        own, other = (
+            foreground.sign * measure_rise(np.asarray(image, np.float32), places[rows], blur)
+            for image in (pair.frame, pair.reference)
+        )
+        dust[rows] = (own > other) & (own < -other)
+    return dust
 
 
 def _rise_of_pixels(image: NDArray, places: NDArray, distance: NDArray) -> NDArray[np.float64]:
@@ -595,7 +584,7 @@ def _fall_of_rims(
     smooth = np.asarray(cv2.blur(image, (3, 3), borderType=cv2.BORDER_REPLICATE), np.float32)
     fall = measure_fall(smooth, valid, disks, blur)
     for row in np.flatnonzero(fall < RIM_FALL * plateau):
-        x, y, reach = disks[row, 0], disks[row, 1], OUTLINE_REACH * disks[row, 2] + 4.0 * blur
+        x, y, reach = disks[row, 0], disks[row, 1], LONGEST_RADII * disks[row, 2] + CLEAR_BLUR_WIDTHS * blur
         box = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 1, 0)) for at in (y, x))
         window = cv2.GaussianBlur(image[box], (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
         labels = cv2.connectedComponents((window > 0.5 * plateau[row]).astype(np.uint8))[1]

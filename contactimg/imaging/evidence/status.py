@@ -21,12 +21,14 @@ from contactimg.imaging.fit.learned_edge import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.kernels.pairs import EDGE_BLUR_WIDTHS
-from contactimg.imaging.pixels.blocks import SignedImage
+from contactimg.imaging.pixels.blocks import BLOCK, SignedImage
+from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, FEWEST, RESOLVED
 from contactimg.tables import Flag, Reason, Status
 
 SPOILED_SHARE = 0.2
-"""Share of contacts with a flag that spoils a frame. By hand."""
+"""Share of contacts with a flag, or of the free background on which the light was not followed, that spoils a
+frame. By hand."""
 DOUBTED_SHARE = 0.05
 """Share of the candidates that prove to be no contacts, or of the bright pixels that belong to none, above
 which others may be false or missing. By hand."""
@@ -34,7 +36,8 @@ LIGHT_CHANGE = 1.5
 """Ratio of the background to the reference, or its inverse, above which the light has changed. By hand."""
 HIDDEN_SHARE = 0.02
 """Share of the frame under hairs and scratches, or not covered or not lit by the reference, above which
-contacts may be missing. By hand: one of twenty contacts of a usual frame."""
+contacts may be missing. By hand: one of twenty contacts of a usual frame. Contacts must leave as much of it
+free for a statement on the background."""
 DARK_SHARE = 0.004
 """Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it
 make 0.013."""
@@ -45,20 +48,15 @@ moved makes 0.007-0.025, letters 0.02-0.09."""
 FAINT = 0.25
 """Brightness over that of the frame's contacts below which several spots are doubted. By hand: light that two
 surfaces of glass reflect makes 0.002, of four or coated mirrors up to 0.2."""
-LEAST_SIDE_PX = 8
-"""Rows and columns that a frame needs. Theory: a contact of one pixel and two blur widths on either side."""
 WAVES = 0.06
 """The same within 32 px: fringes, or a texture. By hand: a texture of 2 % of the light, without a reference,
 makes 0.02 at a contrast of 0.6."""
-LEAST_FOLLOWED, LEAST_FREE = 0.85, 0.02
-"""Share of the free background on which the light was followed, at least; share of the frame that contacts
-must leave free for a statement on it. By hand."""
 FEWEST_LEVELS = 4.0
 """Steps of the grey levels between background and contacts below which an edge is that of whole pixels. By
 hand."""
-COMMON_SIGMA, COMMON_AREA = 5.0, 0.01
-"""Standard errors, and share of the area, by which the counted pixels of all contacts together differ from
-what the model expects, above which the edge is not the one assumed. False-alarm rate 6e-7; by hand."""
+COMMON_AREA = 0.01
+"""Share of the area by which the counted pixels of all contacts together differ from what the model expects,
+above which the edge is not the one assumed. By hand."""
 
 
 def judge_frame(seen: Judged) -> tuple[str, str, bool]:
@@ -130,11 +128,8 @@ def _light(seen: Judged) -> Iterator[tuple[str, str]]:
             "were left out"
         )
         yield Status.UNRESOLVED, text
-    if min(rows, columns) < LEAST_SIDE_PX and seen.count:
-        text = (
-            f"the frame has {rows} x {columns} pixels: contacts and their background need {LEAST_SIDE_PX} "
-            "each way"
-        )
+    if min(rows, columns) < BLOCK and seen.count:
+        text = f"the frame has {rows} x {columns} pixels: contacts and their background need {BLOCK} each way"
         yield Status.LITTLE_BACKGROUND, text
     yield from _background(seen)
     yield from _grey_levels(foreground)
@@ -151,17 +146,17 @@ def _background(seen: Judged) -> Iterator[tuple[str, str]]:
         np.column_stack(places),
         reach_px=EDGE_BLUR_WIDTHS * blur, contrast=foreground.contrast.plateau,
     )  # fmt: skip
-    if seen.count and fit is None and left.free_share < LEAST_FREE:
+    if seen.count and fit is None and left.free_share < HIDDEN_SHARE:
         text = f"the light of contacts leaves {100 * left.free_share:.2g} % of the frame for the background"
         yield Status.LITTLE_BACKGROUND, text
-    elif left.free_share >= LEAST_FREE:
+    elif left.free_share >= HIDDEN_SHARE:
         if foreground.difference.ratio and left.dark_share > DARK_SHARE:
             text = (
                 f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, "
                 "by a fifth of the contrast and more: does the reference show contacts, or another place?"
             )
             yield Status.WRONG_REFERENCE, text
-        if left.found_share < LEAST_FOLLOWED:
+        if left.found_share < 1.0 - SPOILED_SHARE:
             text = (
                 f"the light was followed on {100 * left.found_share:.0f} % only of the background that "
                 "contacts leave free: it changed in a way that was not followed"
@@ -251,7 +246,7 @@ def _fitted(e: Columns) -> Iterator[tuple[str, str]]:
         yield Status.UNRESOLVED, text
     used, apart, std = excess_of_counts(e)
     share, z = apart / max(float(e["expected"][used].sum()), 1.0), apart / max(std, 1e-9)
-    if np.count_nonzero(used) >= FEWEST and abs(z) >= COMMON_SIGMA and abs(share) >= COMMON_AREA:
+    if np.count_nonzero(used) >= FEWEST and abs(z) >= SIGNIFICANT_SIGMA and abs(share) >= COMMON_AREA:
         text = (
             f"the pixels above half height make areas {100 * share:+.2g} % of those of the fit ({z:+.2g} "
             "standard errors): the edge of the contacts is not the one assumed"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.blocks import SOME_CLIPPED
 from contactimg.imaging.pixels.masks import Mask, exclude
-from contactimg.imaging.pixels.robust import median, quantile
+from contactimg.imaging.pixels.robust import MANY, median, quantile
 from contactimg.tables import Status
 
 LARGEST_KEPT_BYTES = 31 * 2**20
@@ -20,7 +20,6 @@ ROUNDING_STD = 12.0**-0.5
 """Standard deviation of the rounding error of whole numbers (theory)."""
 LARGEST_STEP_NOISE = 0.02  # of the range of levels without noise. By hand: of two levels it would hide dots
 FEW_LEVELS = 16  # that a frame shows at least; accuracy
-SAMPLED_ROWS = 200  # rows that the range is measured on
 MESSAGES: dict[str, str] = {
     Status.BLACK: "the frame is black: no light reached the sensor",
     Status.WHITE: "the frame is white: every pixel is at full scale",
@@ -182,7 +181,7 @@ def _unit(image: NDArray, frame: NDArray, reference: NDArray | None) -> float:
     """Grey levels for one internal level: 1 for 8 bits, else for a range of about `SPAN_LEVELS`."""
     if image.dtype == np.uint8:
         return 1.0
-    rows = slice(None, None, max(frame.shape[0] // SAMPLED_ROWS, 1))
+    rows = slice(None, None, max(frame.size // MANY, 1))
     levels = [quantile(frame[rows], share) for share in (0.001, 0.999)]
     levels += [] if reference is None else [median(reference[rows])]
     span = max(levels) - min(levels)

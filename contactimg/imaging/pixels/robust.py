@@ -1,4 +1,4 @@
-"""Order statistics of many values, and the significances that the measurement shares."""
+"""Order statistics of many values, and limits in standard deviations of them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,16 @@ CLIP_SIGMA = 4.0
 normal noise)."""
 SIGNIFICANT_SIGMA = 5.0
 """Standard errors beyond which a mean or a covariance is not there by chance. False-alarm rate 6e-7 (theory).
-Also where the mean over a square stands out of the noise."""
+Also where the mean over a square, or the light of a contact, stands out of the noise."""
 AGREEMENT_SIGMA = 2.0
-"""Standard errors up to which two measures of the same thing agree."""
+"""Standard errors up to which two measures of the same thing agree, and robust standard deviations up to
+which a value agrees with what is fitted to it and others."""
 ROUGH_RATIO = 1.5
 """Scatter over the usual one from which it is another one. By hand: compression and sharpening ring beside
 contacts; a frame that differs from the others; light that is not followed makes 1.3, flicker 2.0."""
 LIGHT_SIGMA = 8.0
-"""Least summed light of a component or a faint region, in standard deviations of the noise. Noise alone stays
-below 6."""
+"""Least summed light of a component or a faint region, in standard deviations of the noise, and height of a
+block or a peak of a correlation over the scatter of the others. Noise and texture alone stay below 6."""
 
 TAIL_SHARE, TAIL_TO_STD = 0.01, 2.576
 """Share of the values below the centre that make the tail, and its place in standard deviations (theory)."""

@@ -69,6 +69,9 @@ By hand: four pixels make a radius of 1.1 px; less is noise, or left to the filt
 NOISY_RATIO = 12.0
 """Contrast over noise below which noise notches outlines, and an image is smoothed before it is outlined.
 Theory: twice six sigma."""
+LONGEST_RADII = 1.6
+"""Half the length of what is looked at as one contact, over the radius of its disk. Theory: 1.41 for an
+ellipse of 2 : 1, and for two equal disks that touch."""
 LEAST_VISIBLE = 0.2
 """Least share of a rim, or of a square, that is taken as seen. By hand."""
 SAME_PLACE_RADII = 0.5
