@@ -50,6 +50,8 @@ LEAST_LEVEL_FRACTION = 0.1
 """Smallest background level assumed when a contact's gain is computed, of the contrast. By hand."""
 FEW_STEPS = 3
 """Newton steps of contrast and blur where not all candidates are fitted. By hand, for time."""
+ELLIPSES_THAT_MATTER = 0.1
+"""Share of ellipses among the contacts above which contrast and blur are settled on them again. By hand."""
 ELLIPSE_ROUNDS = 2
 """Rounds of ellipses and shared optics: each leaves about a tenth of the error of the first. By hand."""
 
@@ -269,6 +271,8 @@ class _Frame:
             problem, disks = made_round(original, shown, found)
             joint = self.refine(problem, replace(shown, disks=disks), self.prior)
             best = replace(best, problem=problem, fit=joint.fit, joint=joint, ellipses=found)
+            if len(rows) < ELLIPSES_THAT_MATTER * len(disks):
+                break
         return best
 
     def with_edge(self, plain: FrameFit) -> FrameFit:
