@@ -30,7 +30,7 @@ def display_unit(value: float, unit: str) -> tuple[float, str]:
 
 
 def numbers_of(record: Mapping[str, Any]) -> pd.DataFrame:
-    """The numbers of a calibration, of the content of its ``calibration.json``: one row each."""
+    """Make a table of a calibration: one row for each number in the content of its ``calibration.json``."""
     rows = [
         {"quantity": name, "value": entry["value"], "std": entry.get("std"), "unit": entry["unit"]}
         for name, entry in record.items()

@@ -196,7 +196,7 @@ def cubic(c0, c1, c2, c3, u):
 
 @njit(cache=True)
 def _evaluate(out, light, places, least):
-    """The polynomial at each pixel, at ``least`` so large."""
+    """Evaluate the polynomial at each pixel; ``least`` replaces lower values."""
     for y in range(len(out)):
         c0, c1, c2, c3 = light[y]
         row = out[y]

@@ -153,7 +153,7 @@ def isolated_disks(problem: FitProblem, disks: Values, *, blur: float) -> NDArra
 
 
 def evenly(chosen: NDArray, most: int) -> NDArray:
-    """At most ``most`` of some contacts, evenly spaced."""
+    """Choose at most so many of the contacts, evenly spread over them."""
     count = min(len(chosen), most)
     return chosen[np.linspace(0, len(chosen) - 1, count).round().astype(int)]
 

@@ -57,8 +57,8 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
 def find_margin(image: NDArray, valid: Mask, full_scale: float) -> Mask:
     """Pixels (1) of a margin of one level around a convex region, as of a figure on a page; None without one.
 
-    But for holes in it, the margin is at full scale, or at a grey level where the pixels of the region differ
-    as noise makes them, and reaches all four sides of the image.
+    The margin reaches all four sides of the image. Its pixels, apart from holes, are at full scale, or at one
+    grey level while noise makes those of the region differ.
     """
     corners = np.array([0, 0, -1, -1]), np.array([0, -1, 0, -1])
     seen = image[corners] if valid is None else image[corners][valid[corners] > 0]
