@@ -36,7 +36,7 @@ from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
 from contactimg.imaging.pixels.masks import touches
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.limits import FEWEST, NOISY_RATIO, SHOWN_BLUR_WIDTHS, SMALL_AREA_PX2
+from contactimg.imaging.profile.limits import FEWEST, SHOWN_BLUR_WIDTHS, SMALL_AREA_PX2
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
@@ -194,10 +194,7 @@ def count_contacts(
         Columns x_px, y_px, radius_px, flags, height (mean grey level, NaN for parts), and those of the
         shapes; and x_px, y_px, radius_px, reason.
     """
-    noisy = plateau < NOISY_RATIO * noise
-    components, split = split_components(
-        image, fraction * plateau, smoothing=DEFAULT_BLUR_PX if noisy else 0.0
-    )
+    components, split = split_components(image, fraction * plateau, noise=noise)
     light = components["flux"] - components["area"] * np.maximum(_level_around(image, components), 0.0)
     bad = light < LIGHT_SIGMA * noise * np.sqrt(components["area"])
     radius = np.sqrt(components["area"] / np.pi)

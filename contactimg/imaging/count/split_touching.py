@@ -23,11 +23,13 @@ from contactimg.imaging.detect.components import (
     window_of,
 )
 from contactimg.imaging.detect.inscribed_disks import SMALLEST_PAIR_PX2, disks_in_mask, is_round
+from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.kernels.pairs import hidden
+from contactimg.imaging.profile.limits import NOISY_RATIO
 
 
 def split_components(
-    image: NDArray[np.float32], level: float, *, smoothing: float = 0.0
+    image: NDArray[np.float32], level: float, *, noise: float = 0.0
 ) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
     """Components of the pixels above a level, split where they consist of several contacts.
 
@@ -35,8 +37,9 @@ def split_components(
     ----------
     image, level
         As for `contactimg.imaging.detect.components.label_components`.
-    smoothing : float, px
-        Width of a Gaussian that removes notches due to noise before disks are inscribed; 0 for none.
+    noise : float
+        Standard deviation of a pixel: it notches components that hardly exceed the level, which are smoothed
+        before disks are inscribed.
 
     Returns
     -------
@@ -55,6 +58,7 @@ def split_components(
     """
     components, runs = label_runs(image, level)
     several = components["area"] >= SMALLEST_PAIR_PX2
+    notched = components["flux"] < components["area"] * (level + 0.5 * NOISY_RATIO * noise)
     candidates = np.flatnonzero(several & ~is_round(components, image.shape))
     counts, found = np.ones(len(components), np.int64), [np.empty(0, components.dtype)]
     for number in candidates.tolist():
@@ -62,8 +66,9 @@ def split_components(
         window = image[box]
         members = mask_of_component(runs, number, (box[0].start, box[1].start), window.shape)
         alone = smooth = np.where(members > 0, window, np.float32(0.0))
-        if smoothing:
-            smooth = cv2.GaussianBlur(alone, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
+        if notched[number]:
+            own = np.where((members > 0) | (window <= level), window, np.float32(0.0))
+            smooth = cv2.GaussianBlur(own, (0, 0), DEFAULT_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
         disks, _ = disks_in_mask((smooth > level).astype(np.uint8), cut)
         disks = disks[~hidden(disks)]
         if len(disks) < 2:

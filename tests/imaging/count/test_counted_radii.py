@@ -131,6 +131,20 @@ def test_pixels_that_noise_takes_are_in_the_uncertainty(noise, rng):
     assert np.mean(np.abs(error) < 2.0 * std) > 0.8
 
 
+@pytest.mark.parametrize("seed", [0, 6])
+def test_noise_does_not_cut_up_a_faint_contact(seed):
+    optics, rng = Optics(shape=(300, 400), dust=0, texture=0.0), np.random.default_rng(seed)
+    truth = scatter(15, optics, rng, radii=(8, 20), pairs=0, touching=0)
+    light = np.where(np.arange(len(truth)) == 3, 0.6, 1.0)
+    cover = coverage(truth.x_px, truth.y_px, truth.radius_px, light, optics)
+    frame = 60.0 + 60.0 * cover + rng.normal(0.0, 5.0, cover.shape)
+    disks = measure_image(frame, method="threshold", full_scale=255.0).disks
+    assert len(disks) == len(truth)
+    (odd,) = (j for i, j in match(truth, disks, reach=5.0) if i == 3)
+    assert disks["flags"][odd] & int(Flag.BRIGHTNESS)
+    assert abs(disks["radius_px"][odd] - truth["radius_px"][3]) < 2.0 * disks["radius_std_px"][odd]
+
+
 @pytest.mark.parametrize("brightness", [0.55, 1.8])
 def test_one_contact_of_another_brightness_says_so(brightness, rng):
     optics = Optics(shape=(300, 400), dust=0, texture=0.0)
