@@ -221,7 +221,7 @@ def _on_flat_blocks(
     if not found.background.any():
         return found
     flat = find_flat_blocks(blocks, max(neighbour_scatter(blocks), neighbour_scatter(blocks.T), least, 1e-9))
-    if not flat.any():
+    if np.mean(flat & ~found.background) < NOTABLE_SHARE:  # no more blocks than before can agree with it
         return found
     light = fit_region(blocks, flat, shape, scatter=np.inf, least=least)
     limit = BACKGROUND_CLIP_SIGMA * min(found.scatter, light.scatter)

@@ -15,7 +15,7 @@ from contactimg.compiled import njit
 from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Flags, Mask, Values
-from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, MAD_TO_STD, robust_std
+from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, MAD_TO_STD, median, robust_std
 from contactimg.imaging.profile.limits import FEW, LEAST_FRACTION
 from contactimg.timings import stage
 
@@ -140,9 +140,8 @@ def fit_illumination(
 
 def one_sided_scatter(deviation: NDArray) -> float:
     """Robust standard deviation from the narrower side, above or below: on it no contacts stand."""
-    ordered = np.sort(deviation)
-    below, above = ordered[: np.searchsorted(ordered, 0.0)], ordered[np.searchsorted(ordered, 0.0, "right") :]
-    return MAD_TO_STD * min(abs(float(side[len(side) // 2])) if len(side) else 0.0 for side in (below, above))
+    sides = -deviation[deviation < 0.0], deviation[deviation > 0.0]
+    return MAD_TO_STD * min(median(side) if len(side) else 0.0 for side in sides)
 
 
 def _powers(x: NDArray) -> NDArray:

@@ -245,9 +245,11 @@ class _PlacedReference:
 
     def moved_by(self, residual: Alignment) -> "_PlacedReference":
         """The reference moved further; by whole pixels if the total is a pure shift."""
-        total = residual.after(self.alignment)
+        total, now = residual.after(self.alignment), self.alignment
         if total.is_shift:
             total = replace(total, x_px=float(round(total.x_px)), y_px=float(round(total.y_px)))
+            if now.is_shift and (total.x_px, total.y_px) == (now.x_px, now.y_px):
+                return self
         return _PlacedReference.of(self.images, total) or self
 
     def align(self, *, all_rows: bool) -> Alignment:

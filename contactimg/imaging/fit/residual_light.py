@@ -183,10 +183,11 @@ def _gaps(problem: FitProblem, fit: FittedDisks, side: int) -> NDArray[np.float3
     """
     image, model = (block_means(part, side=side) for part in (problem.image, fit.model))
     light = np.abs(model)
-    limit = 1.01 * quantile(light, GAP_SHARE)
+    dark = light == 0.0
+    limit = 1.01 * quantile(light, GAP_SHARE) if np.count_nonzero(dark) < GAP_SHARE * dark.size else 0.0
     if limit > LARGEST_GAP_FRACTION * float(np.max(fit.disks[:, CONTRAST], initial=1e-6)):
         return None
-    dark = light <= limit
+    dark |= light <= limit
     if problem.valid is not None:
         dark &= block_means(problem.valid, side=side) == 1.0
     return np.where(dark, image - model, np.float32(np.nan)) if dark.any() else None

@@ -38,11 +38,12 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
     rest = cv2.absdiff(image, middle)
     worst = rest.max(axis=1)
     every, largest = max(int(np.sqrt(image.size / SAMPLE)), 1), float(worst.max())
-    limit = DEFECT_SIGMA * noise_std(rest[::every, ::every].astype(np.float32))
+    some = rest[::every, ::every]
+    limit = DEFECT_SIGMA * noise_std(some.astype(np.int16 if some.dtype == np.uint8 else np.float32))
     limit = min(max(limit, LEAST_DEFECT * largest), largest)
-    some = np.flatnonzero(worst > rest.dtype.type(limit))
-    places, columns = np.nonzero(rest[some] > rest.dtype.type(limit))
-    rows = some[places]
+    off = np.flatnonzero(worst > rest.dtype.type(limit))
+    places, columns = np.nonzero(rest[off] > rest.dtype.type(limit))
+    rows = off[places]
     if valid is not None:
         seen = valid[rows, columns] > 0
         rows, columns = rows[seen], columns[seen]
