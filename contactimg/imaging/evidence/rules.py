@@ -85,9 +85,6 @@ By hand: mottled contacts that touch make up to 0.12, a packing of beads 0.09, i
 INLET_RATIO = 0.2
 """Half of the width of inlets that are closed, over the radius of the region. By hand: mottling and noise
 leave none wider, and two disks that touch gain 0.02 of their convex hull."""
-LARGEST_PART = 0.8
-"""Share of the largest of three disks and more in the area of a convex region, below which they are no
-contacts. Theory: 0.6 for a triangle and 0.79 for a square; three disks that touch are not convex."""
 UNSEEN_FILM_BLUR_WIDTHS = 0.25 / np.sqrt(3.0)
 """Standard uncertainty of the place of an edge beside which an air film may shine, over the blur. Theory: of
 a shift anywhere between 0 and 0.25; by hand: of 0.17 no rim tells anything, twice as much is seen as soft
@@ -278,8 +275,7 @@ def _join_parts(
         rows, region = found[own == k], regions[k]
         area = np.pi * a[rows] ** 2
         poor, undescribed = (area @ e[name][rows] > 0.5 * area.sum() for name in ("poor", "undescribed"))
-        three_or_more = len(rows) > 2 and area.max() < LARGEST_PART * region["area"]
-        if not (poor or three_or_more):
+        if not poor:
             continue
         box, _ = window_of(region)
         j, i = np.ogrid[box]
@@ -295,7 +291,7 @@ def _join_parts(
             cv2.morphologyEx(np.pad(filled, 2 * reach + 1), cv2.MORPH_CLOSE, ellipse), np.uint8
         )
         convex = share_of_hull(smooth, float(np.count_nonzero(smooth)))
-        least = LEAST_CONVEX if three_or_more or undescribed else CONVEX_SHARE
+        least = LEAST_CONVEX if undescribed or len(rows) > 2 else CONVEX_SHARE
         if convex > least or (undescribed and apart > MOST_APART):
             largest = rows[np.argmax(area)]
             _count_region(table, largest, rows, region, float(filled.sum()))

@@ -13,7 +13,6 @@ from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual, find_peaks, least_peak
 from contactimg.imaging.fit.covers import (
-    IMPERFECT_RIM,
     LONG_RATIO,
     SETTLED_GROWTH_RATIO,
     Replacement,
@@ -44,7 +43,12 @@ from contactimg.imaging.fit.shapes import (
 from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
 from contactimg.imaging.pixels.blocks import SignedImage, block_means
 from contactimg.imaging.pixels.robust import ROUGH_RATIO
-from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, POOR_CHI_SQUARE, REACH_BLUR_WIDTHS
+from contactimg.imaging.profile.limits import (
+    EDGE_BLUR_WIDTHS,
+    IMPERFECT_RIM,
+    POOR_CHI_SQUARE,
+    REACH_BLUR_WIDTHS,
+)
 from contactimg.timings import stage
 
 MOST_DISKS_PER_PX2 = 1.0 / 40.0

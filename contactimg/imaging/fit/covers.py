@@ -48,6 +48,7 @@ from contactimg.imaging.pixels.robust import CLIP_SIGMA
 from contactimg.imaging.profile.limits import (
     FAINT_FRACTION,
     FIT_BLUR_WIDTHS,
+    IMPERFECT_RIM,
     ITERATIONS,
     LEAST_NOISE_FRACTION,
     NEAR_BLUR_WIDTHS,
@@ -70,10 +71,6 @@ EXCESS_LEFT_FRACTION = 0.35
 JOINED_ELLIPTICITY, MOST_JOINED = 0.3, 4
 """Ellipticity from which the fit of one ellipse to touching disks starts, and disks that it may replace. By
 hand: three disks in a row are an ellipse of 3 : 1."""
-IMPERFECT_RIM = 0.12
-"""Residual that an imperfect rim may leave, of the contrast: the root mean square about a round disk, which
-is then not cut up, and the height of a peak near a rim, which then becomes no disk. By hand: three disks in a
-triangle leave 0.17, an outline rough by 2 % of the radius 0.05."""
 LARGEST_GROUP = 20
 """Disks of the largest group for which covers are tried. By hand, for time."""
 LONG_RATIO = 1.12
@@ -97,8 +94,9 @@ class GroupWindow:
     problem : FitProblem
         Of the window.
     blur : float, px
-    pixels : int
-        Number of them.
+    near : ndarray of bool
+        Pixels that chi-square is summed over: all, or those on and about a few disks that fit badly, which
+        wide neighbours would outweigh.
     offset : ndarray, shape (4,)
         Parameters of a disk in the image minus those in the window.
     corner : ndarray, shape (6,)
@@ -106,7 +104,7 @@ class GroupWindow:
     """
 
     def __init__(self, problem: FitProblem, blur: float):
-        self.problem, self.blur, self.pixels = problem, blur, problem.image.size
+        self.problem, self.blur, self.near = problem, blur, np.ones(problem.image.shape, np.bool_)
         self.corner = np.array([*problem.corner, 0.0, 0.0, 0.0, 0.0])
         self.offset = self.corner[:4]
         self._misfits: dict[bytes, NDArray[np.float32]] = {}
@@ -145,9 +143,14 @@ class GroupWindow:
         """Image of some disks."""
         return render_disks(disks, self.blur, self.problem.image.shape, profile=self.problem.profile)
 
+    @property
+    def pixels(self) -> int:
+        """Number of pixels that chi-square is summed over."""
+        return int(np.count_nonzero(self.near))
+
     def chi_square(self, disks: NDArray) -> float:
         """Sum of the squared residuals of some disks in units of their variance."""
-        return float(self.misfit(disks).sum())
+        return float(self.misfit(disks)[self.near].sum())
 
     def misfit(self, disks: NDArray) -> NDArray[np.float32]:
         """The terms of `chi_square`, pixel by pixel; each set of disks is computed once."""
@@ -168,10 +171,10 @@ class GroupWindow:
             squares[(problem.saturated == 1) & (residual < 0.0)] = 0.0
         return np.asarray(squares, np.float32)
 
-    def pixels_of(self, disk: NDArray) -> NDArray[np.bool_]:
-        """The pixels on and about a disk."""
-        x, y = self.from_centre(disk)
-        return np.asarray(np.hypot(x, y) < disk[RADIUS] + NEAR_BLUR_WIDTHS * self.blur)
+    def pixels_of(self, *disks: NDArray, widths: float = NEAR_BLUR_WIDTHS) -> NDArray[np.bool_]:
+        """The pixels on some disks, and so many blur widths about them."""
+        depth = [np.hypot(*self.from_centre(disk)) - disk[RADIUS] for disk in disks]
+        return np.asarray(np.min(depth, axis=0) < widths * self.blur)
 
     def from_centre(self, disk: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Columns and rows counted from the centre of a disk, to be broadcast."""
@@ -235,10 +238,12 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
         window = GroupWindow.about(coarse, fit, members)
         if window is None:
             continue
-        left -= PIXELS_OF_A_GROUP + window.pixels
+        left -= PIXELS_OF_A_GROUP + window.near.size
         if left < 0.0:
             break
         disks = fit.disks[members] - window.offset
+        if 2 * fit.pixels[members[bad[members]]].sum() < fit.pixels[members].sum():
+            window.near = window.pixels_of(*disks[bad[members]])
         better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
         if len(members) == 1 and len(better) == 2:
             found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
@@ -384,7 +389,7 @@ def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Rep
 def _misfit(window: GroupWindow, ellipse: FittedEllipse) -> float:
     """Chi-square of an ellipse in a window."""
     model = render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
-    return float(window.misfit_of(model).sum())
+    return float(window.misfit_of(model)[window.near].sum())
 
 
 def _no_finer_than_shapes(problem: FitProblem) -> FitProblem:
@@ -442,6 +447,7 @@ def _larger_covers(window: GroupWindow, disks: NDArray, most: int = 3) -> Iterat
     # a disk as small as the blur where the residual behind the blur is highest
     model = window.model(disks)
     smooth = filter_residual(window.problem.image, model, window.blur)
+    smooth[~window.pixels_of(*disks, widths=FIT_BLUR_WIDTHS)] = -np.inf
     row, column = np.unravel_index(np.argmax(smooth), smooth.shape)
     more = np.vstack([disks, np.array([column, row, window.blur, window.problem.contrast])])
     yield window.fit(more, np.full(len(more), np.inf))

@@ -36,9 +36,9 @@ from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.pixels.robust import MAD_TO_STD, QUARTILE_TO_STD, SIGNIFICANT_SIGMA, quantile
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE, EdgeTable, disk_table
 from contactimg.imaging.profile.limits import (
-    EDGE_BLUR_WIDTHS,
     FAINT_FRACTION,
     FEW,
+    IMPERFECT_RIM,
     SUSPICIOUS_CHI_SQUARE,
     USUAL_CHI_SQUARE,
 )
@@ -46,8 +46,6 @@ from contactimg.timings import stage
 
 FAINTEST_BESIDE = 0.4
 """Contrast over the expected one below which a disk beside another is part of it. By hand."""
-SPECK_RADIUS_PX = 0.5
-"""Radius below which a disk that touches another is dropped as part of its rim. By hand."""
 SHARPEST_BLUR_PX = 0.75
 """Blur, pixel included, below which a misfit at the rims is that of coarse pixels, not of the edge. By hand:
 the edge then rises within 1.5 px."""
@@ -57,6 +55,7 @@ RIM_SAMPLE_PIXELS = 250_000
 """Pixels of an image that are looked at. Accuracy: a thousand at rims give their scatter to 4 %."""
 QUANTILES_TO_STD = {0.25: QUARTILE_TO_STD, 0.5: MAD_TO_STD}
 """Standard deviation of normal deviates over quantiles of their size: ``1/Phi^-1(1/2 + share/2)``."""
+COUPLED_BLUR_WIDTHS = 2.75  # half the gap of disks that change each other. Theory: by 1e-4 where it is wider
 PAIR_MARGIN_PX = 2.0  # move of a rim (or 10 % of the blur) after which pairs are searched again; speed only
 BLUR_TOLERANCE = 2e-3  # relative step of the blur at which it is held fixed; accuracy
 ROUGH_BLUR_TOLERANCE = 1e-2  # the same of a rough fit that only provides a start; accuracy
@@ -342,7 +341,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
 
 def reach_of(table: EdgeTable) -> float:
     """Distance from a rim, in blur widths, within which it changes what others show."""
-    return EDGE_BLUR_WIDTHS if table.outer <= INNER_BLUR_WIDTHS else table.outer
+    return COUPLED_BLUR_WIDTHS if table.outer <= INNER_BLUR_WIDTHS else table.outer
 
 
 def _largest_move(disks: NDArray[np.float64], before: NDArray[np.float64]) -> float:
@@ -452,7 +451,7 @@ def find_insignificant(fit: FittedDisks, problem: FitProblem, *, final: bool) ->
     faint = (fit.disks[:, CONTRAST] < FAINTEST_BESIDE * np.minimum(expected, problem.contrast)) & beside
     if not final:
         faint &= fit.chi_square < SUSPICIOUS_CHI_SQUARE
-    speck = (radius < SPECK_RADIUS_PX) & beside
+    speck = (-np.expm1(-0.5 * (radius / fit.blur) ** 2) < IMPERFECT_RIM) & beside
     dropped = np.asarray(weak | faint | speck)
     # a disk that lies in a larger one is needed where the larger one is dropped
     dropped[~dropped] = overlapping(fit.disks[~dropped], DEEPEST)

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from camera_worlds import make_scene
 from contact_frames import Optics, expose, match, render
 
 from contactimg.imaging.count.split_touching import split_components
@@ -14,7 +15,7 @@ from contactimg.imaging.kernels.model_image import add_lens
 from contactimg.imaging.kernels.pairs import DEEPEST, hidden, visible_share
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.noise import Noise
-from contactimg.tables import Flag
+from contactimg.tables import Flag, Status
 
 OTHERS = [(190, 30, 10), (230, 40, 6), (200, 90, 8), (240, 95, 12), (190, 125, 6)]  # show contrast and blur
 
@@ -252,3 +253,19 @@ def test_noise_parts_nothing():
     reference = (80 + rng.normal(0, 0.1, image.shape)).astype(np.float32)
     found = measure_image(image, reference, method="threshold").disks
     assert len(found) == 1 + len(OTHERS)
+
+
+def test_three_contacts_in_a_convex_region_stay_three():
+    rows = [(64.5, 50.2, 27.6), (29.5, 47.9, 5.8), (26.6, 67.0, 12.5)]
+    truth, frame, reference = frame_of(rows)
+    found = measure_image(frame, reference)
+    assert len(match(truth, found.disks)) == len(found.disks) == len(truth)
+    assert found.status == Status.OK
+
+
+@pytest.mark.parametrize("count", [140, 450])
+def test_two_small_contacts_beside_wide_ones_are_told_apart(count):
+    """The wide ones, which fit well, do not outweigh what the small ones leave unexplained."""
+    scene = make_scene("crowd", count, 70007)
+    found = measure_image(scene.frame, scene.reference, polarity=scene.polarity)
+    assert len(match(scene.truth, found.disks)) == len(found.disks) == count
