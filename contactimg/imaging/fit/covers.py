@@ -171,10 +171,10 @@ class GroupWindow:
             squares[(problem.saturated == 1) & (residual < 0.0)] = 0.0
         return np.asarray(squares, np.float32)
 
-    def pixels_of(self, *disks: NDArray, widths: float = NEAR_BLUR_WIDTHS) -> NDArray[np.bool_]:
-        """The pixels on some disks, and so many blur widths about them."""
+    def pixels_of(self, *disks: NDArray) -> NDArray[np.bool_]:
+        """The pixels on and about some disks."""
         depth = [np.hypot(*self.from_centre(disk)) - disk[RADIUS] for disk in disks]
-        return np.asarray(np.min(depth, axis=0) < widths * self.blur)
+        return np.asarray(np.min(depth, axis=0) < NEAR_BLUR_WIDTHS * self.blur)
 
     def from_centre(self, disk: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Columns and rows counted from the centre of a disk, to be broadcast."""
@@ -416,7 +416,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     expected = usual * window.pixels
     slack = CLIP_SIGMA * usual * np.sqrt(2.0 * window.pixels)
     first = chi_square = window.chi_square(disks)
-    allowed = expected + EXCESS_LEFT_FRACTION * (first - expected) + slack
+    allowed = expected + max(EXCESS_LEFT_FRACTION * (first - expected), slack)
     best = disks
     unsettled = first < POOR_CHI_SQUARE * expected
     for number in range(-1 if unsettled else 0, ROUNDS):
@@ -447,7 +447,6 @@ def _larger_covers(window: GroupWindow, disks: NDArray, most: int = 3) -> Iterat
     # a disk as small as the blur where the residual behind the blur is highest
     model = window.model(disks)
     smooth = filter_residual(window.problem.image, model, window.blur)
-    smooth[~window.pixels_of(*disks, widths=FIT_BLUR_WIDTHS)] = -np.inf
     row, column = np.unravel_index(np.argmax(smooth), smooth.shape)
     more = np.vstack([disks, np.array([column, row, window.blur, window.problem.contrast])])
     yield window.fit(more, np.full(len(more), np.inf))

@@ -38,7 +38,6 @@ from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VAR
 from contactimg.imaging.profile.limits import (
     FAINT_FRACTION,
     FEW,
-    IMPERFECT_RIM,
     SUSPICIOUS_CHI_SQUARE,
     USUAL_CHI_SQUARE,
 )
@@ -46,6 +45,8 @@ from contactimg.timings import stage
 
 FAINTEST_BESIDE = 0.4
 """Contrast over the expected one below which a disk beside another is part of it. By hand."""
+SPECK_RADIUS_PX = 0.5
+"""Radius below which a disk that touches another is dropped as part of its rim. By hand."""
 SHARPEST_BLUR_PX = 0.75
 """Blur, pixel included, below which a misfit at the rims is that of coarse pixels, not of the edge. By hand:
 the edge then rises within 1.5 px."""
@@ -451,8 +452,7 @@ def find_insignificant(fit: FittedDisks, problem: FitProblem, *, final: bool) ->
     faint = (fit.disks[:, CONTRAST] < FAINTEST_BESIDE * np.minimum(expected, problem.contrast)) & beside
     if not final:
         faint &= fit.chi_square < SUSPICIOUS_CHI_SQUARE
-    speck = (-np.expm1(-0.5 * (radius / fit.blur) ** 2) < IMPERFECT_RIM) & beside
-    dropped = np.asarray(weak | faint | speck)
+    dropped = np.asarray(weak | faint | ((radius < SPECK_RADIUS_PX) & beside))
     # a disk that lies in a larger one is needed where the larger one is dropped
     dropped[~dropped] = overlapping(fit.disks[~dropped], DEEPEST)
     return dropped

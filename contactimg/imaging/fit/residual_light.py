@@ -27,6 +27,7 @@ from contactimg.imaging.fit.disks import (
 from contactimg.imaging.fit.problem import CONTRAST, ContrastPrior, FitProblem
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of, to_pixels
 from contactimg.imaging.pixels.robust import (
+    FEWEST_VALUES,
     MAD_TO_STD,
     MANY,
     SIGNIFICANT_SIGMA,
@@ -35,7 +36,7 @@ from contactimg.imaging.pixels.robust import (
     quantile,
     robust_std,
 )
-from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION, ROUNDS
+from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION, POOR_CHI_SQUARE, ROUNDS
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 
 CORE_END_FRACTION = 5e-4
@@ -123,9 +124,9 @@ def remove_background(
 ) -> tuple[FitProblem, FittedDisks]:
     """Remove what is left of the background, now that the fit shows where contacts end.
 
-    In a crowd that is a slow field in the gaps, removed in turn with the fit. Elsewhere it is the faint light
-    of contacts in the blocks that the light was fitted to: the median of the residual where no contact is,
-    if it is significant.
+    In a crowd, and in a frame of few blocks, that is a slow field in the gaps, removed in turn with the fit.
+    Elsewhere it is the faint light of contacts in the blocks that the light was fitted to: the median of the
+    residual where no contact is, if it is significant.
 
     Parameters
     ----------
@@ -142,7 +143,8 @@ def remove_background(
         Of that problem.
     """
     # small background blocks are the sign of a crowd
-    if side_of(problem.background.shape, problem.image.shape) >= BLOCK:
+    few = np.count_nonzero(problem.background) < 2 * FEWEST_VALUES and fit.usual_chi_square < POOR_CHI_SQUARE
+    if side_of(problem.background.shape, problem.image.shape) >= BLOCK and not few:
         if (gaps := _gaps(problem, fit, BLOCK)) is not None:
             values = finite_values(gaps)
             # compression may have rounded all blocks alike

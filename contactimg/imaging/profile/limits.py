@@ -59,7 +59,7 @@ NEGLIGIBLE_FRACTION = 1e-4
 
 IMPERFECT_RIM = 0.12
 """Residual that an imperfect rim may leave, of the contrast: the root mean square about a round disk, which
-is then not cut up, and the height of a peak or a small disk beside a rim, which is then none. By hand: three
+is then not cut up, and the height of a peak near a rim, which then becomes no disk. By hand: three
 disks in a triangle leave 0.17, an outline rough by 2 % of the radius 0.05."""
 SHOWN_BLUR_WIDTHS = 3.0
 """Radius above which a contact shows its contrast, and half way between small and large ones. Theory: a
