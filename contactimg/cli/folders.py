@@ -282,12 +282,12 @@ def _ask_loads(folder: Path) -> None:
     found = files.recognise_folder(folder)
     for name in [] if found.loads else found.ignored:
         try:
-            files.read_load_table(folder / name)
+            files.read_loads(folder / name, pulled=True)
         except files.AmbiguousLoadsError as error:
             chosen = click.prompt(f"which column of {name} is the load", type=click.Choice(error.columns))
-            table, columns = files.read_load_table(folder / name, column=chosen)
+            table = files.read_loads(folder / name, pulled=True, column=chosen)
             files.write_table(table, tables.LOADS, folder / "loads.csv")
-            say(f"wrote {folder / 'loads.csv'}: {columns} of {name}")
+            say(f"wrote {folder / 'loads.csv'}: {table.attrs['columns']} of {name}")
             return
         except InputError:
             continue
