@@ -253,16 +253,11 @@ def find_summits(
     base = fit_base(surface, form)
     heights = surface.heights - base.heights
     labels, smoothed = _divide(heights, base, least_height)
-    # pixels that the median filter of the smoothing mixes with the region of a neighbour are left out
-    outside = np.where(labels == 0, labels.max() + 1, labels)
-    highest, lowest = ndimage.maximum_filter(labels, 5), ndimage.minimum_filter(outside, 5)
-    near = (labels > 0) & ((highest != labels) | (lowest != labels))
-    usable = np.isfinite(heights) & ~near
     points = np.stack([*np.meshgrid(surface.x, surface.y), heights])
     fits, left_out, windows = list[Fits](), Counter[str](), ndimage.find_objects(labels)
     for number, window in enumerate(counted(windows, "fitting summits", len(windows)), start=1):
         mine, part = labels[window] == number, points[:, *window]
-        peak, inside = np.where(mine, smoothed[window], -np.inf), mine & usable[window]
+        peak, inside = np.where(mine, smoothed[window], -np.inf), mine & np.isfinite(part[2])
         fit = _fit_patch(part, inside, peak, float(np.prod(surface.pixel_size)), depth, base.noise)
         reason = _why_not(fit, surface, least_height)
         if fit is None or reason:
