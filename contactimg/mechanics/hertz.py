@@ -278,7 +278,7 @@ def displacement_factor(ratio: ArrayLike) -> Values:
     return np.where(far, series, 0.75 * closed / near**3)
 
 
-def gap(r: ArrayLike, *, radius: float, sphere_radius: float) -> Values:
+def gap(r: ArrayLike, *, radius: ArrayLike, sphere_radius: ArrayLike) -> Values:
     """Gap between sphere and deformed surface at distances from the centre, zero inside the contact.
 
     ``g(r) = u(r) - (2 a^2 - r^2)/(2 R)`` with ``u`` from `surface_displacement`.
@@ -286,9 +286,8 @@ def gap(r: ArrayLike, *, radius: float, sphere_radius: float) -> Values:
     Parameters
     ----------
     r : array_like, m
-    radius : float, m
-        Contact radius ``a``.
-    sphere_radius : float, m
+    radius, sphere_radius : array_like, m
+        Contact radii ``a`` and radii of curvature of the spheres; all three broadcast.
 
     Returns
     -------

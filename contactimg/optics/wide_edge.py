@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from contactimg.errors import InputError
-from contactimg.optics.film import ExcessTable, hertz_gap
+from contactimg.mechanics import hertz
+from contactimg.optics.film import ExcessTable
 
 Values = NDArray[np.float64]
 
@@ -158,5 +159,5 @@ def edge_light(radius: float, *, sphere_radius: float, opening: float, excess: E
     distance = reach * ((u[1:] + u[:-1]) / 2) ** 2
     r = radius + distance
     angle = np.arctan(np.sqrt(distance * (r + radius)) / radius)  # acos(a/r) without cancellation
-    gap = hertz_gap(r, radius=radius, sphere_radius=sphere_radius)
+    gap = hertz.gap(r, radius=radius, sphere_radius=sphere_radius)
     return EdgeLight(reach * u**2, excess(gap + 2 / np.pi * opening * radius**0.5 * angle))

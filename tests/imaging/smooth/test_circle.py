@@ -10,7 +10,7 @@ from contactimg.errors import FrameError, InputError
 from contactimg.imaging.smooth.find_circle import find_circle, sample_edge
 from contactimg.imaging.smooth.fit_circle import EdgeModel, choose_opening, fit_circle
 from contactimg.mechanics import hertz, jkr
-from contactimg.optics.film import Light, excess_table, hertz_gap
+from contactimg.optics.film import Light, excess_table
 from contactimg.optics.psf import gaussian_psf
 from contactimg.optics.spots import Spots, spots_image
 from contactimg.optics.wide_edge import EdgeLight, edge_light, film_opening
@@ -60,7 +60,7 @@ def test_film_along_the_line_is_that_of_the_gap(w):
 def test_hertz_edge_has_no_adhesion():
     light = edge_light(1.5e-3, sphere_radius=LENS, opening=0.0, excess=MODEL.excess)
     middle = (light.edges[1:] + light.edges[:-1]) / 2
-    gap = hertz_gap(1.5e-3 + middle, radius=1.5e-3, sphere_radius=LENS)
+    gap = hertz.gap(1.5e-3 + middle, radius=1.5e-3, sphere_radius=LENS)
     assert light.excess == pytest.approx(MODEL.excess(gap), abs=2e-3)  # nodes lie midway in the square root
     with pytest.raises(InputError, match="not negative"):
         edge_light(1.5e-3, sphere_radius=LENS, opening=-1.0, excess=MODEL.excess)
