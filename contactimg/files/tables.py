@@ -195,32 +195,33 @@ def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
 
 
 def _places(path: str | Path, header: list[str], schema: Schema, needed: Collection[str]) -> _Places:
-    """Where the columns of a schema stand; a repeated, misspelt (capitals) or missing one is an error."""
+    """Where the columns of a schema stand; a repeated or missing one is an error."""
     found = [_in_schema(name, schema) for name in header]
     names = [name for name, _ in found]
-    spelled = {name.lower(): name for name in schema.columns}
     for name in needed:
-        if name.lower() not in map(str.lower, names):
+        if name not in names:
             given = ", ".join(names)[:_SHOWN_CHARACTERS] or "nothing"
             raise OtherFormError(
                 f"{path}: column {name} is missing; the header must name {', '.join(needed)}, got {given}"
             )
-    for name in names:
-        right = spelled.get(name.lower(), name)
-        if name != right:
-            raise InputError(f"{path}: column {name!r} must be written {right!r}")
-        if name in schema.columns and names.count(name) > 1:
+    for name in schema.columns:
+        if names.count(name) > 1:
             written = ", ".join(given for given, one in zip(header, names, strict=True) if one == name)
             raise InputError(f"{path}: column {name} occurs {names.count(name)} times ({written}); keep one")
     return {name: (k, size) for k, (name, size) in enumerate(found) if name in schema.columns}
 
 
 def _in_schema(name: str, schema: Schema) -> tuple[str, float]:
-    """Name of a column as the schema has it, and how many of the unit in the header are one of the schema."""
-    if name not in schema.columns:
-        for ending, (si, count) in _UNITS.items():
-            if name.endswith(ending) and name.removesuffix(ending) + si in schema.columns:
-                return name.removesuffix(ending) + si, count
+    """Name of a column as the schema has it, and how many of the unit in the header are one of the schema.
+
+    Capitals tell units apart (mN and MN), not the names of the schema.
+    """
+    known = {column.lower(): column for column in schema.columns}
+    if name.lower() in known:
+        return known[name.lower()], 1.0
+    for ending, (si, count) in _UNITS.items():
+        if name.endswith(ending) and name.removesuffix(ending) + si in schema.columns:
+            return name.removesuffix(ending) + si, count
     return name, 1.0
 
 
