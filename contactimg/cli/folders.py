@@ -11,7 +11,7 @@ import click
 
 from contactimg import files, pipeline, plots, tables
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_first_run, echo_frames, echo_table, say
+from contactimg.cli.printing import echo_frames, echo_table, say
 from contactimg.cli.scenes import describe_use, plausible, refuse_idle, scene_of_folder
 from contactimg.errors import InputError
 from contactimg.scene import scene_from_dict, section_keys
@@ -85,7 +85,6 @@ def process(
         experiment = files.open_experiment(described)
         acts = describe_use(record, method=described.measure.method)
         used = {"calibration": {"file": calibration, "record": record, "acts": acts}} if record else {}
-        echo_first_run()
         predictable = described.elastic and described.indenter and described.asperities
         with shared.results_in(
             output,
@@ -194,7 +193,6 @@ def check(
         Of the random radii and places.
     """
     experiment = files.open_experiment(scene_of_folder(folder, stated, scene_file=scene))
-    echo_first_run()
     main_files = ["check.csv", "drawn.csv"]
     with shared.results_in(output, folder, experiment.scene, experiment.inputs, main_files=main_files) as out:
         result = pipeline.check_experiment(experiment, seed=seed, workers=workers)
