@@ -1,7 +1,7 @@
 """Read and write tables: CSV, as laboratories write it too, and those of a run as CSV or Parquet.
 
 `read_table` reads what a schema describes; errors name file, row and column, and numbers keep every digit.
-Loads are read as laboratories write them (`read_load_table`): text of any encoding with a preamble, units in
+Loads are read as laboratories write them (`read_loads`): text of any encoding with a preamble, units in
 brackets, any language. The tables of a run are written a few frames at a time.
 """
 
