@@ -244,10 +244,11 @@ def _film_gap(x, y, disk, outline):  # type: ignore[no-untyped-def]
     distance = math.hypot(x, y)
     if distance >= disk[5]:
         return math.inf
-    # `hertz.gap` about the disk; what cancels at its edge is far below a step of the table
+    # `jkr.gap` about the disk; what cancels at its edge is far below a step of the table
     q = 1.0 + max(distance - disk[2] - outline[sector_of(x, y, outline.size)], 0.0) / disk[2]
     root = math.sqrt((q - 1.0) * (q + 1.0))
-    return max(disk[4] / math.pi * ((q * q - 2.0) * math.atan(root) + root), 0.0)
+    angle = math.atan(root)
+    return max(disk[4] / math.pi * ((q * q - 2.0) * angle + root) + disk[6] * angle, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -258,9 +259,9 @@ def film_cells(shape, disks, outline, excess, excess_step, origin, cell, points)
     ----------
     shape : (int, int)
         Rows and columns of the grid.
-    disks : ndarray, shape (n, 6)
-        x, y, radius (px), brightness, ``a^2/R`` (m), and the distance (px) from the centre beyond which the
-        film has no excess in any direction.
+    disks : ndarray, shape (n, 7)
+        x, y, radius (px), brightness, ``a^2/R`` (m), the distance (px) from the centre beyond which the film
+        has no excess in any direction, and what adhesion adds to the gap, over ``acos(a/r)`` (m).
     outline : ndarray, shape (n, sectors), px
         Deviation of the radius in each sector of the azimuth; the gap moves with the edge.
     excess : ndarray

@@ -65,7 +65,7 @@ class Spots:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FilmSpots(Spots):
-    """Hertz contacts and the light that the air film around them lets through; made by `surround_with_film`.
+    """Contacts and the light that the air film around them lets through; made by `surround_with_film`.
 
     Parameters
     ----------
@@ -76,12 +76,15 @@ class FilmSpots(Spots):
     excess : ExcessTable
     fringe_px : float
         Period of the finest fringe, at the end of the table.
+    opening : float, m
+        What adhesion adds to the gap of Hertz's contact, over ``acos(a/r)``.
     """
 
     depth: Values
     film_px: Values
     excess: ExcessTable
     fringe_px: float
+    opening: float = 0.0
 
     @property
     def extent_px(self) -> Values:
@@ -90,9 +93,10 @@ class FilmSpots(Spots):
 
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
         """Mean light in each cell; where halos meet, that of the thinnest film counts."""
-        disks = np.column_stack([self.disks, self.depth, self.extent_px])[chosen]
+        opening = np.full(len(self.depth), self.opening)
+        disks = np.column_stack([self.disks, self.depth, self.extent_px, opening])[chosen]
         outline, excess = self.outline_px[chosen], (self.excess.values, self.excess.step)
-        points = math.ceil(POINTS_PER_FRINGE * cell / self.fringe_px)
+        points = max(math.ceil(POINTS_PER_FRINGE * cell / self.fringe_px), 2 if self.opening else 1)
         return film_cells(shape, disks, outline, *excess, (origin[0], origin[1]), cell, points)
 
 
