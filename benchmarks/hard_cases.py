@@ -10,15 +10,15 @@ import pandas as pd
 from hard_problems import ALL_CASES
 from shared import ROOT, markdown
 
-from contactimg.hard_cases import run_cases
+from contactimg.models.hard_cases import run_cases
 from contactimg.models.proof import CONVERGED
 
 PAGE = ROOT / "docs" / "hard_cases.md"
 HEAD = """# Hard cases
 
 `contactimg selftest` solves numerically hard contact problems whose answers are known from elsewhere, in some
-ten seconds; its exit code is 1 if one does not hold. From Python: `contactimg.hard_cases.run_cases()`. The
-tests solve all cases of this page, which `python benchmarks/run.py hard_cases.page` writes.
+ten seconds; its exit code is 1 if one does not hold. From Python: `contactimg.models.hard_cases.run_cases()`.
+The tests solve all cases of this page, which `python benchmarks/run.py hard_cases.page` writes.
 
 `error`: the largest relative difference from the truth, or what is said where there is no solution.
 `allowed`: what rounding, the sums, or a known error of the [model](models.md) account for. Cases that differ

@@ -82,15 +82,6 @@ def telling_compilations(tell: Callable[[int, int], None]) -> Iterator[None]:
         yield
 
 
-def is_stored(room: str) -> bool:
-    """Whether machine code is stored for any of the imported modules of a room, ``contactimg.models`` say.
-
-    Where numba is switched off, there is nothing to store.
-    """
-    folders = [folder for name, folder in _folders.items() if name.startswith(room) and folder is not None]
-    return bool(_settings.DISABLE_JIT) or any(any(folder.glob("*/*.nbi")) for folder in folders)
-
-
 def digest_of_sources(path: Path) -> str:
     """Digest of a module of this package and of all that it imports from it, of Python and of numba."""
     seen, found = set[Path](), [path]

@@ -35,7 +35,6 @@ ROOMS = [
     "shear",
     "calibration",
     "prediction",
-    "hard_cases",
     "tradeoff",
     "files",
     "plots",

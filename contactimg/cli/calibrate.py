@@ -8,7 +8,7 @@ import click
 
 from contactimg import files, pipeline
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_first_run, say
+from contactimg.cli.printing import say
 from contactimg.cli.scenes import results_of, scene_of_folder
 from contactimg.errors import InputError
 
@@ -185,7 +185,6 @@ def _calibrate(
     must not have used the same ones.
     """
     experiment = files.open_experiment(scene_of_folder(folder, stated, scene_file=scene), pulled=pulled)
-    echo_first_run()
     options = {name: value for name, value in used.items() if value not in ({}, None)}
     main_files = [files.CALIBRATION_FILE]
     with shared.results_in(

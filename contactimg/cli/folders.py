@@ -11,7 +11,7 @@ import click
 
 from contactimg import files, pipeline, plots, tables
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_first_run, echo_frames, echo_table, say
+from contactimg.cli.printing import echo_frames, echo_table, say
 from contactimg.cli.scenes import describe_use, plausible, refuse_idle, scene_of_folder
 from contactimg.errors import InputError
 from contactimg.scene import scene_from_dict, section_keys
@@ -85,7 +85,6 @@ def process(
         experiment = files.open_experiment(described)
         acts = describe_use(record, method=described.measure.method)
         used = {"calibration": {"file": calibration, "record": record, "acts": acts}} if record else {}
-        echo_first_run()
         predictable = described.elastic and described.indenter and described.asperities
         with shared.results_in(
             output,
@@ -194,7 +193,6 @@ def check(
         Of the random radii and places.
     """
     experiment = files.open_experiment(scene_of_folder(folder, stated, scene_file=scene))
-    echo_first_run()
     main_files = ["check.csv", "drawn.csv"]
     with shared.results_in(output, folder, experiment.scene, experiment.inputs, main_files=main_files) as out:
         result = pipeline.check_experiment(experiment, seed=seed, workers=workers)
@@ -282,12 +280,12 @@ def _ask_loads(folder: Path) -> None:
     found = files.recognise_folder(folder)
     for name in [] if found.loads else found.ignored:
         try:
-            files.read_load_table(folder / name)
+            files.read_loads(folder / name, pulled=True)
         except files.AmbiguousLoadsError as error:
             chosen = click.prompt(f"which column of {name} is the load", type=click.Choice(error.columns))
-            table, columns = files.read_load_table(folder / name, column=chosen)
+            table = files.read_loads(folder / name, pulled=True, column=chosen)
             files.write_table(table, tables.LOADS, folder / "loads.csv")
-            say(f"wrote {folder / 'loads.csv'}: {columns} of {name}")
+            say(f"wrote {folder / 'loads.csv'}: {table.attrs['columns']} of {name}")
             return
         except InputError:
             continue

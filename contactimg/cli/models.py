@@ -246,7 +246,7 @@ def selftest() -> int:
     Example:
       contactimg selftest
     """
-    from contactimg.hard_cases import CASES, run_cases
+    from contactimg.models.hard_cases import CASES, run_cases
 
     table = run_cases(CASES)
     shown = table.assign(

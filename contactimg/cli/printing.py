@@ -76,15 +76,6 @@ def _progress(text: str, total: int) -> Iterator[Callable[[], None]]:
             yield lambda: bar.update(task, advance=1, description=text)
 
 
-def echo_first_run() -> None:
-    """Say on standard error that the first run compiles."""
-    import contactimg.imaging.measure  # noqa: F401 - declares its compiled functions
-    from contactimg.compiled import is_stored
-
-    if not is_quiet() and not is_stored("contactimg.imaging"):
-        click.echo("first run: compiling the numerical code, once; this takes about a minute", err=True)
-
-
 def echo_frames(run: "pd.DataFrame", *, title: str) -> None:
     """Print the frames of a run in mN and mm^2, one line each; then what is to be said of them.
 

@@ -52,7 +52,6 @@ from .tables import TableWriter as TableWriter
 from .tables import encoded_rows as encoded_rows
 from .tables import main_tables as main_tables
 from .tables import read_asperities as read_asperities
-from .tables import read_load_table as read_load_table
 from .tables import read_loads as read_loads
 from .tables import read_run_table as read_run_table
 from .tables import read_table as read_table

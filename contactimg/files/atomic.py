@@ -3,15 +3,14 @@
 import json
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel
+from pydantic_core import to_jsonable_python
 
 from contactimg.errors import InputError
 from contactimg.timings import stage
@@ -123,26 +122,14 @@ def write_json(data: Mapping[str, Any], path: str | Path) -> None:
     path : str or Path
         The file, written completely or not at all.
     """
-    finite = json.loads(json.dumps(data, default=plain), parse_constant=lambda _: None)
-    write_text(json.dumps(finite, indent=2) + "\n", path)
-
-
-_PLAIN: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
-    (np.ndarray | np.generic, lambda value: value.tolist()),
-    (BaseModel, lambda value: [type(value).__name__, value.model_dump()]),
-    (bytes, bytes.hex),
-    (PurePath, PurePath.as_posix),
-    (set | frozenset, lambda value: sorted(value, key=repr)),
-    (type(pd.NA), lambda _: None),
-)
-"""Kind of value that JSON does not have -> the same made of values that it has; the first that fits."""
+    values = to_jsonable_python(data, fallback=plain, inf_nan_mode="null")
+    write_text(json.dumps(values, indent=2) + "\n", path)
 
 
 def plain(value: Any) -> Any:
-    """A value that JSON does not have, made of values that it has: the ``default`` of `json.dumps`."""
-    for kind, converted in _PLAIN:
-        if isinstance(value, kind):
-            return converted(value)
-    if is_dataclass(value) and not isinstance(value, type):
-        return [type(value).__name__, {field.name: getattr(value, field.name) for field in fields(value)}]
+    """A number or array of numpy as numbers or lists, NA as None: the ``fallback`` of pydantic's JSON."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if value is pd.NA:
+        return None
     raise TypeError(f"a {type(value).__name__} cannot be written as JSON")

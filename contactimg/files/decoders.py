@@ -219,10 +219,9 @@ _complaints: ContextVar[list[str] | None] = ContextVar("complaints", default=Non
 def _collect(record: logging.LogRecord) -> bool:
     """Collect what tifffile logs in a thread that is inside `_opened`, instead of printing it."""
     complaints = _complaints.get()
-    if complaints is None:
-        return True
-    complaints.append(record.getMessage())
-    return False
+    if complaints is not None:
+        complaints.append(record.getMessage())
+    return complaints is None
 
 
 # it stays: another thread would miss a complaint while a filter is removed

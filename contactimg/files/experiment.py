@@ -23,7 +23,6 @@ from contactimg.files.decoders import stated_pixel_size
 from contactimg.files.output import finish_commit
 from contactimg.files.sources import FrameSource, is_image, list_frames, named_file, natural_key
 from contactimg.files.tables import in_western_code, read_asperities, read_loads
-from contactimg.optics.sensor import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import EDITS, LOADS
 from contactimg.timings import stage
@@ -228,22 +227,15 @@ def _table(scene: Scene, name: str) -> Path | None:
     return path if named or path.is_file() else None
 
 
-def _list_frames(path: str | Path | list[str], scene: Scene, folder: str | Path = ".") -> list[FrameSource]:
-    """The frames of a path, glob or list, read with full scale and response of the scene's camera."""
-    full_scale = None if scene.camera is None else scene.camera.full_scale
-    response, found = CameraResponse.of(scene.camera), list_frames(path, folder=folder)
-    return [replace(one, full_scale=full_scale, response=response) for one in found]
-
-
 def _named_images(scene: Scene, kind: str) -> tuple[FrameSource, ...]:
     """The images that a key names."""
     named, found = getattr(scene.images, kind), list[FrameSource]()
     for entry in [named] if isinstance(named, str) else named or []:
         try:
-            found += _list_frames(entry, scene, scene.folder)
+            found += list_frames(entry, folder=scene.folder)
         except InputError as error:
             raise InputError(f"[images] {kind}: {error}") from None
-    return tuple(dict.fromkeys(found))
+    return tuple(replace(one, camera=scene.camera) for one in dict.fromkeys(found))
 
 
 def _find_frames(scene: Scene, references: Sequence[FrameSource], used: set[Path]) -> list[FrameSource]:
@@ -254,10 +246,10 @@ def _find_frames(scene: Scene, references: Sequence[FrameSource], used: set[Path
     places = {(reference.path.resolve(), reference.index) for reference in references}
     chosen = {folder / named_file(name, folder) for name in ([named] if isinstance(named, str) else named)}
     by_kind = defaultdict[str, list[FrameSource]](list)
-    for one in _list_frames(named, scene, folder):
+    for one in list_frames(named, folder=folder):
         if one.path not in used and (one.path.resolve(), one.index) not in places:
             by_kind["" if one.path in chosen else kind_of(one.path)].append(one)
-    frames = by_kind.pop("", [])
+    frames = [replace(one, camera=scene.camera) for one in by_kind.pop("", [])]
     if not frames:
         besides = first_names(one.name for one in references or by_kind["reference"])
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")

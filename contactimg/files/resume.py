@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from platformdirs import user_state_path
+from pydantic_core import to_jsonable_python
 
 from contactimg.engine.cluster import source_digest
 from contactimg.engine.parallel import in_parallel
@@ -33,7 +34,7 @@ def fingerprint(value: object) -> str:
     Parameters
     ----------
     value : object
-        Of JSON types, bytes, numpy numbers and arrays, paths, sets, and dataclasses and models made of these.
+        Of JSON types, bytes, numpy numbers and arrays, paths, and dataclasses and models made of these.
 
     Examples
     --------
@@ -47,7 +48,8 @@ def fingerprint(value: object) -> str:
             return [part.dtype.str, part.shape, digest]
         return plain(part)
 
-    return hashlib.sha256(json.dumps(value, default=digested, sort_keys=True).encode()).hexdigest()
+    values = to_jsonable_python(value, fallback=digested, bytes_mode="hex")
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 
 def _key_of_user() -> str:

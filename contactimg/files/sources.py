@@ -13,7 +13,8 @@ from typing import overload
 from contactimg.errors import FrameError, InputError
 from contactimg.files import decoders
 from contactimg.frame import Frame
-from contactimg.optics.sensor import CameraResponse, linearise
+from contactimg.optics.sensor import linearise
+from contactimg.scene import Camera
 from contactimg.timings import stage
 
 PathLike = str | os.PathLike[str]
@@ -46,10 +47,9 @@ class FrameSource:
         The file.
     index : int
         Number of the page or image in the file, from 0, including thumbnails.
-    full_scale : float or None
-        Grey level at which the sensor saturates, if the file does not state it.
-    response : CameraResponse or None
-        By which grey levels are made proportional to light; None for a linear camera.
+    camera : Camera or None
+        By whose response grey levels are made proportional to light; its full scale comes before that of the
+        file.
     correct : callable or None
         Takes the frame as read and returns it corrected (`contactimg.files.corrections`).
     """
@@ -57,8 +57,7 @@ class FrameSource:
     name: str
     path: Path
     index: int = 0
-    full_scale: float | None = None
-    response: CameraResponse | None = None
+    camera: Camera | None = None
     correct: Callable[[Frame], Frame] | None = None
 
     @stage("reading")
@@ -69,7 +68,7 @@ class FrameSource:
         -------
         Frame
             Grey levels; colour becomes ``0.299 R + 0.587 G + 0.114 B`` unrounded, transparency is dropped,
-            black-and-white becomes 0 and 255. Full scale: as given, else what the file says of the sensor
+            black-and-white becomes 0 and 255. Full scale: the camera's, else what the file says of the sensor
             (TIFF MaxSampleValue of the form 2^n - 1, bit depth of a Norpix sequence), else that of the dtype.
             With a response of the camera: float32, proportional to light. Then corrected, if so asked.
 
@@ -84,8 +83,9 @@ class FrameSource:
                 image = decoders.to_grey(pixels.array)
         except Exception as error:
             raise FrameError(f"{self.name} cannot be read: {_reason(error)}") from None
-        full_scale = pixels.full_scale if self.full_scale is None else self.full_scale
-        frame = linearise(Frame(image, self.name, full_scale), self.response)
+        stated = None if self.camera is None else self.camera.full_scale
+        frame = Frame(image, self.name, pixels.full_scale if stated is None else stated)
+        frame = linearise(frame, self.camera)
         return frame if self.correct is None else self.correct(frame)
 
 

@@ -1,7 +1,7 @@
 """Read and write tables: CSV, as laboratories write it too, and those of a run as CSV or Parquet.
 
 `read_table` reads what a schema describes; errors name file, row and column, and numbers keep every digit.
-Loads are read as laboratories write them (`read_load_table`): text of any encoding with a preamble, units in
+Loads are read as laboratories write them (`read_loads`): text of any encoding with a preamble, units in
 brackets, any language. The tables of a run are written a few frames at a time.
 """
 
@@ -195,32 +195,33 @@ def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
 
 
 def _places(path: str | Path, header: list[str], schema: Schema, needed: Collection[str]) -> _Places:
-    """Where the columns of a schema stand; a repeated, misspelt (capitals) or missing one is an error."""
+    """Where the columns of a schema stand; a repeated or missing one is an error."""
     found = [_in_schema(name, schema) for name in header]
     names = [name for name, _ in found]
-    spelled = {name.lower(): name for name in schema.columns}
     for name in needed:
-        if name.lower() not in map(str.lower, names):
+        if name not in names:
             given = ", ".join(names)[:_SHOWN_CHARACTERS] or "nothing"
             raise OtherFormError(
                 f"{path}: column {name} is missing; the header must name {', '.join(needed)}, got {given}"
             )
-    for name in names:
-        right = spelled.get(name.lower(), name)
-        if name != right:
-            raise InputError(f"{path}: column {name!r} must be written {right!r}")
-        if name in schema.columns and names.count(name) > 1:
+    for name in schema.columns:
+        if names.count(name) > 1:
             written = ", ".join(given for given, one in zip(header, names, strict=True) if one == name)
             raise InputError(f"{path}: column {name} occurs {names.count(name)} times ({written}); keep one")
     return {name: (k, size) for k, (name, size) in enumerate(found) if name in schema.columns}
 
 
 def _in_schema(name: str, schema: Schema) -> tuple[str, float]:
-    """Name of a column as the schema has it, and how many of the unit in the header are one of the schema."""
-    if name not in schema.columns:
-        for ending, (si, count) in _UNITS.items():
-            if name.endswith(ending) and name.removesuffix(ending) + si in schema.columns:
-                return name.removesuffix(ending) + si, count
+    """Name of a column as the schema has it, and how many of the unit in the header are one of the schema.
+
+    Capitals tell units apart (mN and MN), not the names of the schema.
+    """
+    known = {column.lower(): column for column in schema.columns}
+    if name.lower() in known:
+        return known[name.lower()], 1.0
+    for ending, (si, count) in _UNITS.items():
+        if name.endswith(ending) and name.removesuffix(ending) + si in schema.columns:
+            return name.removesuffix(ending) + si, count
     return name, 1.0
 
 
@@ -258,37 +259,53 @@ def _parsed(cell: str, kind: str, *, infinite: bool = False) -> Any:
     return value
 
 
-def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
-    """Read the loads of a series.
+def read_loads(path: str | Path, *, pulled: bool = False, column: str = "") -> pd.DataFrame:
+    r"""Read the loads of a series.
 
     Parameters
     ----------
     path : str or Path
         CSV with columns ``frame, load_N`` (or load_mN, load_g) and, if measured, ``friction_N,
-        velocity_m_s, tangential_N, time_s``. Text of another form is read as by `read_load_table`.
+        velocity_m_s, tangential_N, time_s``. Or any text with one row a frame below a header that states the
+        unit of the loads in brackets, LabVIEW measurements (.lvm) among them; what stands before is passed
+        over. In UTF-8, UTF-16, or else the 8-bit code of western Windows.
     pulled : bool
         Whether negative loads are allowed (tension on an adhesive contact).
+    column : str
+        Header of the loads, where several may be it.
 
     Returns
     -------
     DataFrame
-        Columns of `contactimg.tables.LOADS`; loads in N, one row per frame. What of the file was not read
-        stands in ``attrs["remark"]``.
+        Columns of `contactimg.tables.LOADS`; loads in N, one row per frame; a frame without a name is
+        ``#k``, k its row from 1. What of the file was not read stands in ``attrs["remark"]``, which columns
+        were chosen in ``attrs["columns"]``.
 
     Raises
     ------
     InputError
         For a missing column, a cell that is no finite number, a negative load that is not allowed, or a
         repeated frame.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "Kraft.lvm"
+    ...     _ = path.write_text("LabVIEW Measurement\n\nBild\tKraft [mN]\nImg01.tif\t12,5\n")
+    ...     table = read_loads(path)
+    >>> table["load_N"].tolist(), table.attrs["columns"]
+    ([0.0125], "loads from 'Kraft [mN]', frames from 'Bild'")
     """
     try:
         table = read_table(path, LOADS, required=("frame", "load_N"))
     except OtherFormError as error:
         try:
-            table, columns = read_load_table(path)
+            table = _loads_of_any_form(path, column)
+        except AmbiguousLoadsError:
+            raise
         except InputError as other:
             raise InputError(f"{error}; {str(other).removeprefix(f'{path}: ')}") from None
-        table.attrs["columns"] = columns
     table["frame"] = table["frame"].str.strip()
     negative = table[table["load_N"] < 0]
     if len(negative) and not pulled:
@@ -390,80 +407,47 @@ class AmbiguousLoadsError(InputError):
         self.columns = columns
 
 
-def read_load_table(path: str | Path, *, column: str = "") -> tuple[pd.DataFrame, str]:
-    r"""Loads of a text table whose header states their unit in brackets.
+def _our_name(header: str) -> str:
+    """What a column of loads is called here: load_mN for Kraft [mN], friction_N, frame; else nothing."""
+    unit, words = _UNIT.search(header), header.lower()
+    if unit is None:
+        return "frame" if _FRAME.search(words) else ""
+    return f"{'friction' if _FRICTION.search(words) else 'load'}_{unit[1]}"
 
-    Parameters
-    ----------
-    path : str or Path
-        LabVIEW measurement (.lvm) or any text with one row a frame below a header; what stands before is
-        passed over. In UTF-8, UTF-16, or else the 8-bit code of western Windows.
-    column : str
-        Header of the loads, where several may be it.
 
-    Returns
-    -------
-    loads : DataFrame
-        Columns of `contactimg.tables.LOADS`; a frame without a name is ``#k``, k its row from 1.
-    columns : str
-        Which columns were taken, in words.
-
-    Raises
-    ------
-    InputError
-        If no column names a load with its unit; the message tells the columns found.
-
-    Examples
-    --------
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     path = Path(folder) / "Kraft.lvm"
-    ...     _ = path.write_text("LabVIEW Measurement\n\nBild\tKraft [mN]\nImg01.tif\t12,5\n")
-    ...     table, columns = read_load_table(path)
-    >>> table["load_N"].tolist(), columns
-    ([0.0125], "loads from 'Kraft [mN]', frames from 'Bild'")
-    """
+def _loads_of_any_form(path: str | Path, column: str) -> pd.DataFrame:
+    """The loads of the first table in a text that has a column of them, in a unit that its header states."""
     text, shown = in_western_code(read_text(path)), ""
     for separator in ("\t", ";", ",", None, "\n"):  # None: any white space; a line end: a single column
         # numpy marks a header as a comment
         parted = (line.removeprefix("# ").split(separator) for line in text.split("\n"))
         lines = [[cell.strip().strip('"') for cell in cells] for cells in parted]
         for number, header in enumerate(lines, start=1):
-            named = [name for name in header if _is_load(name) and column in ("", name)]
-            if (shown and not named) or (len(header) < 2 and separator != "\n"):
+            ours = [_our_name(name) for name in header]
+            loads = [k for k, name in enumerate(ours) if name[:5] == "load_" and column in ("", header[k])]
+            if (shown and not loads) or (len(header) < 2 and separator != "\n"):
                 continue  # the rows below each line of a long table would take long
             rows = _rows_below(lines, number, len(header))
             if not rows:
                 continue
             shown = shown or ", ".join(filter(None, header))
-            filled = [name for k, name in enumerate(header) if any(row[k] for _, row in rows)]
-            loads = [name for name in filled if name in named]
+            loads = [k for k in loads if any(row[k] for _, row in rows)]
             if len(loads) > 1:
-                several = ", ".join(map(repr, loads))
+                names = [header[k] for k in loads]
+                several = ", ".join(map(repr, names))
                 raise AmbiguousLoadsError(
-                    f"{path}: {len(loads)} columns may be the load ({several}); rename the others", loads
+                    f"{path}: {len(names)} columns may be the load ({several}); rename the others", names
                 )
             if loads:
-                table, columns = _load_rows(path, header, rows, loads[0])
+                table = _load_rows(path, header, ours, rows, loads[0])
                 last = rows[-1][0]
                 if any(map(any, lines[last:])):
                     table.attrs["remark"] = f"is read up to line {last}; a row below has another width"
-                return table, columns
+                return table
     raise InputError(
         f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
         + (f"; the columns are {shown}" if shown else "")
     )
-
-
-def _unit_of(name: str) -> str:
-    """Unit of force or weight at the end of a header; empty without one."""
-    unit = _UNIT.search(name)
-    return unit[1] if unit else ""
-
-
-def _is_load(name: str) -> bool:
-    """Whether a header names a normal load: a unit of force or weight, and no friction."""
-    return bool(_unit_of(name)) and _FRICTION.search(name.lower()) is None
 
 
 def _rows_below(lines: list[list[str]], number: int, width: int) -> list[tuple[int, list[str]]]:
@@ -483,23 +467,19 @@ def _rows_below(lines: list[list[str]], number: int, width: int) -> list[tuple[i
 
 
 def _load_rows(
-    path: str | Path, header: list[str], rows: list[tuple[int, list[str]]], load: str
-) -> tuple[pd.DataFrame, str]:
-    """The loads from a column, and the names of the columns that were taken: their headers made ours."""
-    frame = next((name for name in header if _FRAME.search(name.lower()) and name != load), None)
-    friction = next((name for name in header if _unit_of(name) and not _is_load(name)), None)
-    ours, said = {load: f"load_{_unit_of(load)}"}, [f"loads from {load!r}"]
-    if friction is not None:
-        ours[friction] = f"friction_{_unit_of(friction)}"
-        said.append(f"friction from {friction!r}")
-    if frame is not None:
-        ours[frame] = "frame"
-    said.append("one row a frame in their order" if frame is None else f"frames from {frame!r}")
-    places = _places(path, [ours.get(name, "") for name in header], LOADS, ("load_N",))
-    table = _converted(path, rows, places, LOADS)
-    if frame is None:
+    path: str | Path, header: list[str], ours: list[str], rows: list[tuple[int, list[str]]], load: int
+) -> pd.DataFrame:
+    """The loads in a column of rows, with the first columns of friction and of frames."""
+    kinds = [name.partition("_")[0] for name in ours]
+    chosen = {"load": load} | {kind: kinds.index(kind) for kind in ("friction", "frame") if kind in kinds}
+    named = {k: _in_schema(ours[k], LOADS) for k in chosen.values()}
+    table = _converted(path, rows, {name: (k, size) for k, (name, size) in named.items()}, LOADS)
+    said = [f"{kind}{'s' * (kind != 'friction')} from {header[k]!r}" for kind, k in chosen.items()]
+    if "frame" not in chosen:
         table["frame"] = [f"#{k + 1}" for k in range(len(rows))]
-    return table, ", ".join(said)
+        said.append("one row a frame in their order")
+    table.attrs["columns"] = ", ".join(said)
+    return table
 
 
 # --- the tables of a run

@@ -278,7 +278,7 @@ def displacement_factor(ratio: ArrayLike) -> Values:
     return np.where(far, series, 0.75 * closed / near**3)
 
 
-def gap(r: ArrayLike, *, radius: float, sphere_radius: float) -> Values:
+def gap(r: ArrayLike, *, radius: ArrayLike, sphere_radius: ArrayLike) -> Values:
     """Gap between sphere and deformed surface at distances from the centre, zero inside the contact.
 
     ``g(r) = u(r) - (2 a^2 - r^2)/(2 R)`` with ``u`` from `surface_displacement`.
@@ -286,9 +286,8 @@ def gap(r: ArrayLike, *, radius: float, sphere_radius: float) -> Values:
     Parameters
     ----------
     r : array_like, m
-    radius : float, m
-        Contact radius ``a``.
-    sphere_radius : float, m
+    radius, sphere_radius : array_like, m
+        Contact radii ``a`` and radii of curvature of the spheres; all three broadcast.
 
     Returns
     -------
@@ -317,38 +316,6 @@ def gap(r: ArrayLike, *, radius: float, sphere_radius: float) -> Values:
     # in t = sqrt(q^2-1): (t^2 - 1)(t - t^3/3 + t^5/5 - ...) + t = 4/3 t^3 - 8/15 t^5 + 12/35 t^7 - 16/63 t^9
     series = root**3 * (4 / 3 - root**2 * (8 / 15 - root**2 * (12 / 35 - root**2 * (16 / 63))))
     return a**2 / (np.pi * R) * np.where(root < 0.01, series, exact)
-
-
-def edge_gap(distance: ArrayLike, *, radius: float, sphere_radius: float) -> Values:
-    """Leading term of the gap at a small distance outside the edge: ``8 sqrt(2 a)/(3 pi R) (r - a)^{3/2}``.
-
-    Parameters
-    ----------
-    distance : array_like, m
-        ``r - a``.
-    radius : float, m
-        Contact radius ``a``.
-    sphere_radius : float, m
-
-    Returns
-    -------
-    ndarray, m
-
-    Notes
-    -----
-    Above the exact gap by a fraction ``(r - a)/(20 a)`` to first order.
-
-    References
-    ----------
-    Yashima et al., doi:10.1039/C4SM02346C, Appendix A.
-
-    Examples
-    --------
-    >>> round(float(edge_gap(0.2e-6, radius=20e-6, sphere_radius=100e-6)) * 1e9, 2)
-    4.8
-    """
-    a, R = positive("radius", radius, "m"), positive("sphere_radius", sphere_radius, "m")
-    return 8 * np.sqrt(2 * a) / (3 * np.pi * R) * non_negative("distance", distance, "m") ** 1.5
 
 
 def annulus(load: ArrayLike, *, sphere_radius: float, contact_modulus: float, roughness: float) -> Values:
@@ -384,6 +351,6 @@ def annulus(load: ArrayLike, *, sphere_radius: float, contact_modulus: float, ro
     """
     P, sigma = positive("load", load, "N"), positive("roughness", roughness, "m")
     a = radius(P, sphere_radius=sphere_radius, contact_modulus=contact_modulus)
-    # the definition is edge_gap(Delta) = sigma, solved for Delta
+    # just outside the edge the gap is 8 sqrt(2 a)/(3 pi R) (r - a)^(3/2); it is sigma at r - a = Delta
     R = positive("sphere_radius", sphere_radius, "m")
     return (3 * np.pi * R * sigma / (8 * np.sqrt(2))) ** (2 / 3) / np.cbrt(a)

@@ -17,5 +17,6 @@ Read in this order:
 - ``dense_balance``: Newton's method for few contacts in one variable each, which the next ones share;
 - ``adhesive``: the same with JKR adhesion, along loading and unloading (contacts break and form);
 - ``height_distributions``, ``greenwood_williamson``, ``greenwood_tripp``: averages over random surfaces;
-- ``ensemble``: many random patterns, one after the other.
+- ``ensemble``: many random patterns, one after the other;
+- ``hard_cases``: problems whose answers are known from elsewhere, for `contactimg selftest`.
 """

@@ -108,18 +108,16 @@ def cover_cells(shape, disks, outline, rim, rim_weight, origin, cell):  # type: 
     >>> float(image.sum())  # 9 pi
     28.27433388
     """
-    out = np.zeros(shape)
-    sectors = outline.shape[1]
-    for row in range(shape[0]):
-        for column in range(shape[1]):
-            covered, light = 0.0, 0.0
-            for k in range(disks.shape[0]):
-                dx = origin[0] + column * cell - disks[k, 0]
-                dy = origin[1] + row * cell - disks[k, 1]
-                edge = disks[k, 2] + outline[k, sector_of(dx, dy, sectors)]
+    covered, light = np.zeros(shape), np.zeros(shape)
+    for k in range(disks.shape[0]):
+        column0, row0 = (disks[k, 0] - origin[0]) / cell, (disks[k, 1] - origin[1]) / cell
+        reach = (disks[k, 2] + outline[k].max() + rim.max()) / cell + 1.0
+        for row in range(max(int(row0 - reach), 0), min(int(row0 + reach) + 2, shape[0])):
+            for column in range(max(int(column0 - reach), 0), min(int(column0 + reach) + 2, shape[1])):
+                dx, dy = (column - column0) * cell, (row - row0) * cell
+                edge = disks[k, 2] + outline[k, sector_of(dx, dy, outline.shape[1])]
                 for m in range(rim.size):
                     part = rim_weight[m] * _cell_fraction(dx, dy, edge + rim[m], cell)
-                    covered += part
-                    light += disks[k, 3] * part
-            out[row, column] = light / max(covered, 1.0)
-    return out
+                    covered[row, column] += part
+                    light[row, column] += disks[k, 3] * part
+    return light / np.maximum(covered, 1.0)

@@ -178,7 +178,7 @@ class ExcessTable:
 
     def around_contact(self, r: ArrayLike, *, radius: ArrayLike, sphere_radius: ArrayLike) -> Values:
         """Excess at the distances ``r`` (m) from the centre of a Hertz contact, 1 inside; all broadcast."""
-        return self(hertz_gap(r, radius=radius, sphere_radius=sphere_radius))
+        return self(hertz.gap(r, radius=radius, sphere_radius=sphere_radius))
 
     def reach(self, *, radius: ArrayLike, sphere_radius: ArrayLike) -> Values:
         """Distance from the centre (m) beyond which the film around a contact has no excess.
@@ -238,60 +238,17 @@ def excess_table(light: Light, *, tolerance: float = 5e-3, accuracy: float = 1e-
     )
 
 
-def hertz_gap(r: ArrayLike, *, radius: ArrayLike, sphere_radius: ArrayLike) -> Values:
-    """Gap around Hertz contacts, from the profile at unit radii.
-
-    ``g(r; a, R) = (a^2/R) G(r/a)`` with ``G`` the gap at unit radii (`hertz.gap`).
-
-    Parameters
-    ----------
-    r, radius, sphere_radius : array_like, m
-        Distances from the centre, contact radii ``a > 0`` and sphere radii ``R``; they broadcast.
-
-    Returns
-    -------
-    ndarray, m
-
-    Examples
-    --------
-    >>> hertz_gap([15e-6, 30e-6], radius=[10e-6, 20e-6], sphere_radius=100e-6) * 1e9
-    array([ 422.8, 1691.2])
-    """
-    a, R = np.asarray(radius, float), np.asarray(sphere_radius, float)
-    return a**2 / R * hertz.gap(np.asarray(r, float) / a, radius=1.0, sphere_radius=1.0)
-
-
 @njit(cache=True, error_model="numpy")
-def _film_light(px, py, disks, outline, excess, excess_step):  # type: ignore[no-untyped-def]  # noqa: PLR0917
-    """Light at one point: the excess of the thinnest film above it, times that contact's brightness."""
-    thinnest, brightness = math.inf, 0.0
-    for k in range(disks.shape[0]):
-        dx, dy = px - disks[k, 0], py - disks[k, 1]
-        edge = disks[k, 2] + outline[k, sector_of(dx, dy, outline.shape[1])]
-        outside = math.hypot(dx, dy) - edge
-        if outside >= disks[k, 5]:
-            continue
-        # `hertz.gap` about the disk; what cancels at its edge is far below a step of the table
-        q = 1.0 + max(outside, 0.0) / disks[k, 2]
-        root = math.sqrt((q - 1.0) * (q + 1.0))
-        gap = disks[k, 4] / math.pi * ((q * q - 2.0) * math.atan(root) + root)
-        if gap < thinnest:
-            thinnest, brightness = gap, disks[k, 3]
-    place = max(thinnest, 0.0) / excess_step
-    if place >= excess.size - 1:
-        return 0.0
-    below = int(place)
-    return brightness * (excess[below] + (place - below) * (excess[below + 1] - excess[below]))
-
-
-@njit(cache=True, error_model="numpy")
-def _is_dark(px, py, cell, disks):  # type: ignore[no-untyped-def]
-    """Whether the cell centred at a point lies beyond the film of every contact."""
-    corner = cell * math.sqrt(0.5)
-    for k in range(disks.shape[0]):
-        if math.hypot(px - disks[k, 0], py - disks[k, 1]) - corner < disks[k, 6]:
-            return False
-    return True
+def _film_gap(x, y, disk, outline):  # type: ignore[no-untyped-def]
+    """Thickness (m) of the film of a contact at a place from its centre (px); infinite beyond its reach."""
+    distance = math.hypot(x, y)
+    if distance >= disk[5]:
+        return math.inf
+    # `jkr.gap` about the disk; what cancels at its edge is far below a step of the table
+    q = 1.0 + max(distance - disk[2] - outline[sector_of(x, y, outline.size)], 0.0) / disk[2]
+    root = math.sqrt((q - 1.0) * (q + 1.0))
+    angle = math.atan(root)
+    return max(disk[4] / math.pi * ((q * q - 2.0) * angle + root) + disk[6] * angle, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -303,8 +260,8 @@ def film_cells(shape, disks, outline, excess, excess_step, origin, cell, points)
     shape : (int, int)
         Rows and columns of the grid.
     disks : ndarray, shape (n, 7)
-        x, y, radius (px), brightness, ``a^2/R`` (m), the distance (px) from the edge at which the film has no
-        excess, and that from the centre (px) beyond which it has none in any direction.
+        x, y, radius (px), brightness, ``a^2/R`` (m), the distance (px) from the centre beyond which the film
+        has no excess in any direction, and what adhesion adds to the gap, over ``acos(a/r)`` (m).
     outline : ndarray, shape (n, sectors), px
         Deviation of the radius in each sector of the azimuth; the gap moves with the edge.
     excess : ndarray
@@ -322,19 +279,26 @@ def film_cells(shape, disks, outline, excess, excess_step, origin, cell, points)
     ndarray, shape ``shape``
         Where the films of several contacts meet, the thinnest one counts.
     """
-    out = np.zeros(shape)
-    step = cell / points
-    for row in range(shape[0]):
-        y = origin[1] + row * cell
-        for column in range(shape[1]):
-            x = origin[0] + column * cell
-            if _is_dark(x, y, cell, disks):
-                continue
-            total = 0.0
-            for i in range(points):
-                for j in range(points):
-                    px = x + (j + 0.5) * step - 0.5 * cell
-                    py = y + (i + 0.5) * step - 0.5 * cell
-                    total += _film_light(px, py, disks, outline, excess, excess_step)
-            out[row, column] = total / (points * points)
-    return out
+    step, out = cell / points, np.zeros(shape)
+    rows, columns = shape[0] * points, shape[1] * points
+    thinnest, above = np.empty((rows, columns)), np.empty((rows, columns), np.int32)
+    for turn in range(3):  # only where there is light: forget, find the thinnest film, add its light
+        for k in range(disks.shape[0]):
+            # place of the centre among the points, of which the first lies half a step inside the first cell
+            column0 = (disks[k, 0] - origin[0] + 0.5 * (cell - step)) / step
+            row0 = (disks[k, 1] - origin[1] + 0.5 * (cell - step)) / step
+            reach = disks[k, 5] / step
+            for i in range(max(int(row0 - reach), 0), min(int(row0 + reach) + 2, rows)):
+                for j in range(max(int(column0 - reach), 0), min(int(column0 + reach) + 2, columns)):
+                    if turn == 0:
+                        thinnest[i, j], above[i, j] = math.inf, -1
+                    elif turn == 1:
+                        gap = _film_gap((j - column0) * step, (i - row0) * step, disks[k], outline[k])
+                        if gap < thinnest[i, j]:
+                            thinnest[i, j], above[i, j] = gap, k
+                    elif above[i, j] == k:
+                        place = min(thinnest[i, j] / excess_step, excess.size - 1.0)
+                        below = int(min(place, excess.size - 2.0))
+                        light = excess[below] + (place - below) * (excess[below + 1] - excess[below])
+                        out[i // points, j // points] += disks[k, 3] * light
+    return out / points**2

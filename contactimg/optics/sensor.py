@@ -8,14 +8,14 @@ with the full scale F; other curves are given as a table. Linear levels are scal
 full scale.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
 from contactimg.errors import FrameError
-from contactimg.frame import Frame
+from contactimg.frame import Frame, full_scale_of_type
 from contactimg.scene import Camera
 
 Values = NDArray[np.float64]
@@ -85,72 +85,46 @@ def digitise(levels: Values, *, bit_depth: int, saturate: bool, quantise: bool, 
     return Frame(levels.astype(dtype), name=name, full_scale=float(full_scale) if saturate else None)
 
 
-@dataclass(frozen=True)
-class CameraResponse:
-    """Grey level against light.
+def linear_light(levels: ArrayLike, camera: Camera, *, full_scale: float) -> Values:
+    """Grey levels proportional to light, by the gamma or the table of a camera.
 
     Parameters
     ----------
-    gamma : float
-        Exponent of the encoding; 1 for a linear camera. Not used with a table.
-    table : tuple of (float, float)
-        Grey levels and relative light there, both increasing; empty for a power law. Interpolated by a
-        monotone cubic, continued beyond its ends by straight lines.
+    levels : array_like, grey levels
+    camera : Camera
+        Its table is interpolated by a monotone cubic and continued beyond its ends by straight lines.
+    full_scale : float
+        Grey level that stays as it is.
 
     Examples
     --------
-    >>> CameraResponse(gamma=0.5).light([0.0, 127.5, 255.0], full_scale=255.0)
+    >>> linear_light([0.0, 127.5, 255.0], Camera(pixel_size_m=6e-6, gamma=0.5), full_scale=255.0)
     array([  0.  ,  63.75, 255.  ])
     """
-
-    gamma: float = 1.0
-    table: tuple[tuple[float, float], ...] = ()
-
-    @classmethod
-    def of(cls, camera: Camera | None) -> "CameraResponse | None":
-        """The response of a scene's camera; None for a linear one."""
-        if camera is None or (camera.response is None and camera.gamma == 1.0):
-            return None
-        return cls(camera.gamma, tuple(camera.response or ()))
-
-    def light(self, levels: ArrayLike, *, full_scale: float) -> Values:
-        """Linear grey levels.
-
-        Parameters
-        ----------
-        levels : array_like, grey levels
-        full_scale : float
-            Grey level that stays as it is.
-        """
-        if self.table:
-            top = float(self._relative_light(np.array([full_scale]))[0])
-            return self._relative_light(np.asarray(levels, float)) * (full_scale / top)
-        fraction = np.asarray(levels, float) / full_scale
+    every = np.append(np.asarray(levels, float), full_scale)
+    if camera.response is None:
         # read noise about a black background may be negative: odd continuation
-        return np.sign(fraction) * np.abs(fraction) ** (1.0 / self.gamma) * full_scale
-
-    def _relative_light(self, levels: Values) -> Values:
-        """Light of grey levels by the table, continued along its slope beyond the ends."""
-        known, light = np.array(self.table).T
-        curve = PchipInterpolator(known, light)
-        inside = np.clip(levels, known[0], known[-1])
-        slope = np.where(levels < known[0], *(float(curve(known[k], 1)) for k in (0, -1)))
-        return np.asarray(curve(inside) + slope * (levels - inside))
+        light = np.sign(every) * np.abs(every) ** (1.0 / camera.gamma)
+    else:
+        known, stated = np.array(camera.response).T
+        curve, inside = PchipInterpolator(known, stated), np.clip(every, known[0], known[-1])
+        slope = np.where(every < known[0], *(float(curve(known[k], 1)) for k in (0, -1)))
+        light = curve(inside) + slope * (every - inside)
+    return np.asarray(light[:-1] * (full_scale / light[-1])).reshape(np.shape(levels))
 
 
-def linearise(frame: Frame, response: CameraResponse | None) -> Frame:
+def linearise(frame: Frame, camera: Camera | None) -> Frame:
     """The frame with grey levels proportional to light.
 
     Parameters
     ----------
     frame : Frame
-    response : CameraResponse or None
-        None for a linear camera.
+    camera : Camera or None
 
     Returns
     -------
     Frame
-        float32 with the same full scale; the frame itself for a linear camera.
+        float32 with the same full scale; the frame itself for a linear camera, or without one.
 
     Raises
     ------
@@ -160,23 +134,22 @@ def linearise(frame: Frame, response: CameraResponse | None) -> Frame:
     Examples
     --------
     >>> frame = Frame(np.array([[0, 51, 255]], np.uint8), full_scale=255)
-    >>> linearise(frame, CameraResponse(gamma=0.5)).image
+    >>> linearise(frame, Camera(pixel_size_m=6e-6, gamma=0.5)).image
     array([[  0. ,  10.2, 255. ]], dtype=float32)
     """
-    if response is None:
+    if camera is None or (camera.response is None and camera.gamma == 1.0):
         return frame
-    image, full_scale = frame.image, frame.full_scale
+    full_scale = full_scale_of_type(frame.image) if frame.full_scale is None else frame.full_scale
     if full_scale is None:
-        if image.dtype.kind != "u":
-            raise FrameError(
-                f"{frame.name or 'frame'}: the response of the camera needs its full scale, which an image "
-                "of floats does not state; give [camera] full_scale_levels"
-            )
-        full_scale = float(np.iinfo(image.dtype).max)
-    if image.dtype.kind != "u":
-        return replace(frame, image=response.light(image, full_scale=full_scale).astype(np.float32))
-    every_level = np.arange(np.iinfo(image.dtype).max + 1)
-    curve = response.light(every_level, full_scale=full_scale).astype(np.float32)
+        raise FrameError(
+            f"{frame.name or 'frame'}: the response of the camera needs its full scale, which an image "
+            "of floats does not state; give [camera] full_scale_levels"
+        )
+    if frame.image.dtype.kind != "u":
+        light = linear_light(frame.image, camera, full_scale=full_scale).astype(np.float32)
+        return replace(frame, image=light)
+    every_level = np.arange(np.iinfo(frame.image.dtype).max + 1)
+    curve = linear_light(every_level, camera, full_scale=full_scale).astype(np.float32)
     # pixels at full scale stay recognisable as such
     curve[every_level >= full_scale] = np.maximum(curve[every_level >= full_scale], full_scale)
-    return replace(frame, image=curve[image], full_scale=full_scale)
+    return replace(frame, image=curve[frame.image], full_scale=full_scale)

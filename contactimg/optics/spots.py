@@ -4,22 +4,18 @@ Blurring and averaging are linear, so contacts that share no fine cell are rende
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from contactimg.optics.coverage import cover_cells
 from contactimg.optics.film import ExcessTable, film_cells
 from contactimg.optics.psf import Halo, Psf
 
 Values = NDArray[np.float64]
-Box = tuple[int, int, int, int]
 
 BLOCK_PX = 64  # largest side of a finely sampled block without margins; chosen for speed
 POINTS_PER_FRINGE = 1.5  # at the end of the film's table; chosen: 3 where fringes have 5 % of the contrast
@@ -69,7 +65,7 @@ class Spots:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FilmSpots(Spots):
-    """Hertz contacts and the light that the air film around them lets through; made by `surround_with_film`.
+    """Contacts and the light that the air film around them lets through; made by `surround_with_film`.
 
     Parameters
     ----------
@@ -80,12 +76,15 @@ class FilmSpots(Spots):
     excess : ExcessTable
     fringe_px : float
         Period of the finest fringe, at the end of the table.
+    opening : float, m
+        What adhesion adds to the gap of Hertz's contact, over ``acos(a/r)``.
     """
 
     depth: Values
     film_px: Values
     excess: ExcessTable
     fringe_px: float
+    opening: float = 0.0
 
     @property
     def extent_px(self) -> Values:
@@ -94,9 +93,10 @@ class FilmSpots(Spots):
 
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
         """Mean light in each cell; where halos meet, that of the thinnest film counts."""
-        disks = np.column_stack([self.disks, self.depth, self.film_px, self.extent_px])[chosen]
+        opening = np.full(len(self.depth), self.opening)
+        disks = np.column_stack([self.disks, self.depth, self.extent_px, opening])[chosen]
         outline, excess = self.outline_px[chosen], (self.excess.values, self.excess.step)
-        points = math.ceil(POINTS_PER_FRINGE * cell / self.fringe_px)
+        points = max(math.ceil(POINTS_PER_FRINGE * cell / self.fringe_px), 2 if self.opening else 1)
         return film_cells(shape, disks, outline, *excess, (origin[0], origin[1]), cell, points)
 
 
@@ -164,58 +164,23 @@ def spots_image(spots: Spots, *, shape: tuple[int, int], psf: Psf, halo: Halo | 
     """
     margin = halo.margin_px if halo is not None else 0
     canvas = np.zeros((shape[0] + 2 * margin, shape[1] + 2 * margin))
-    x, y, extent = spots.x_px + margin, spots.y_px + margin, spots.extent_px
-    cell = 1 / psf.sampling
-    wide = 2 * psf.margin_px > BLOCK_PX
-    for members in [np.arange(x.size)] if wide else _separate_groups(x, y, extent + cell):
-        around = (x[members], y[members], extent[members] + psf.margin_px + 1)
-        for box, near in _blocks(*around, shape=canvas.shape, side=max(BLOCK_PX, 2 * psf.margin_px)):
-            top, bottom, left, right = box
-            height, width = ((n + 2 * psf.margin_px) * psf.sampling for n in (bottom - top, right - left))
-            origin = np.array([left, top]) - psf.margin_px - 0.5 + 0.5 * cell - margin
-            patch = spots.sample(members[near], (height, width), origin, cell)
-            canvas[top:bottom, left:right] += psf.bin_blurred(patch)
+    places, cell = np.column_stack([spots.y_px, spots.x_px]) + margin, 1 / psf.sampling
+    reach, side = (spots.extent_px + psf.margin_px + 1)[:, np.newaxis], max(BLOCK_PX, 2 * psf.margin_px)
+    for corner in product(range(0, canvas.shape[0], side), range(0, canvas.shape[1], side)):
+        end = np.minimum(np.array(corner) + side, canvas.shape)
+        outside = np.maximum(np.maximum(corner - places, places - (end - 1)), 0.0)
+        near = np.flatnonzero(np.hypot(*outside.T) <= reach[:, 0])
+        if not near.size:
+            continue
+        first = np.maximum(corner, np.floor((places - reach)[near].min(axis=0)).astype(int))
+        last = np.minimum(end, np.ceil((places + reach)[near].max(axis=0)).astype(int) + 1)
+        rows, columns = (last - first + 2 * psf.margin_px) * psf.sampling
+        origin = first[::-1] - psf.margin_px - 0.5 + 0.5 * cell - margin
+        patch = spots.sample(near, (int(rows), int(columns)), origin, cell)
+        canvas[first[0] : last[0], first[1] : last[1]] = psf.bin_blurred(patch)
     if halo is None:
         return canvas
     return halo.spread(canvas)[margin : margin + shape[0], margin : margin + shape[1]]
-
-
-def _separate_groups(x: Values, y: Values, extent: Values) -> Iterator[NDArray[np.intp]]:
-    """Groups of spots whose extents do not touch those of other groups."""
-    if x.size == 0:
-        return
-    places = np.column_stack([x, y])
-    # the larger spot of each pair finds the other one
-    neighbours = cKDTree(places).query_ball_point(places, 2 * extent)
-    first = np.repeat(np.arange(x.size), [len(near) for near in neighbours])
-    second = np.concatenate([np.asarray(near, dtype=np.intp) for near in neighbours])
-    touching = np.hypot(x[first] - x[second], y[first] - y[second]) <= extent[first] + extent[second]
-    links = coo_array((touching, (first, second)), shape=(x.size, x.size))
-    _, group = connected_components(links, directed=False)
-    order = np.argsort(group, kind="stable")
-    yield from np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
-
-
-def _blocks(
-    x: Values, y: Values, reach: Values, *, shape: tuple[int, ...], side: int
-) -> Iterator[tuple[Box, NDArray[np.bool_]]]:
-    """Boxes of pixels (top, bottom, left, right) that receive light, and the spots that reach each."""
-    top, bottom = _span(y, reach, shape[0])
-    left, right = _span(x, reach, shape[1])
-    for row in range(top, bottom, side):
-        for column in range(left, right, side):
-            box = (row, min(row + side, bottom), column, min(column + side, right))
-            down = np.maximum(np.maximum(box[0] - y, y - (box[1] - 1)), 0.0)
-            along = np.maximum(np.maximum(box[2] - x, x - (box[3] - 1)), 0.0)
-            near = np.hypot(along, down) <= reach
-            if near.any():
-                yield box, near
-
-
-def _span(centre: Values, reach: Values, length: int) -> tuple[int, int]:
-    """First pixel with light and the one after the last, on an axis of ``length`` pixels."""
-    first, last = np.clip([(centre - reach).min(), (centre + reach).max()], -1, length)
-    return max(math.floor(first), 0), min(math.ceil(last) + 1, length)
 
 
 # --- outlines that are not circles: ellipses, and waves around a disk of the same area

@@ -10,14 +10,13 @@ sharp edge without film.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 from contactimg.errors import InputError
-from contactimg.optics.film import ExcessTable, hertz_gap
+from contactimg.mechanics import hertz
+from contactimg.optics.film import ExcessTable
 
 Values = NDArray[np.float64]
 
@@ -68,11 +67,6 @@ class EdgeLight:
         """Distance (m) outside the edge at which the film has faded."""
         return float(self.edges[-1])
 
-    @cached_property
-    def _integral(self) -> Values:
-        """Integral of the film's light from the edge to each of ``edges``, m."""
-        return np.append(0.0, np.cumsum(self.excess * np.diff(self.edges)))
-
     def film_means(self, start: float, step: float, count: int) -> Values:
         """Mean light of the film in equal cells along the line, contact apart.
 
@@ -92,17 +86,8 @@ class EdgeLight:
         >>> film.film_means(-1e-6, 2e-6, 4)
         array([ 0.5 ,  0.25, -0.25,  0.  ])
         """
-        bounds = np.interp(start + step * np.arange(count + 1), self.edges, self._integral)
-        return np.diff(bounds) / step
-
-    @cached_property
-    def twice_integrated(self) -> CubicHermiteSpline | None:
-        """Second integral of the film's light from the edge, for averages over cells; None without film."""
-        if not self.excess.size:
-            return None
-        once = self._integral
-        twice = np.append(0.0, np.cumsum((once[1:] + once[:-1]) / 2 * np.diff(self.edges)))
-        return CubicHermiteSpline(self.edges, twice, once)
+        integral = np.append(0.0, np.cumsum(self.excess * np.diff(self.edges)))
+        return np.diff(np.interp(start + step * np.arange(count + 1), self.edges, integral)) / step
 
 
 def edge_light(radius: float, *, sphere_radius: float, opening: float, excess: ExcessTable) -> EdgeLight:
@@ -158,5 +143,5 @@ def edge_light(radius: float, *, sphere_radius: float, opening: float, excess: E
     distance = reach * ((u[1:] + u[:-1]) / 2) ** 2
     r = radius + distance
     angle = np.arctan(np.sqrt(distance * (r + radius)) / radius)  # acos(a/r) without cancellation
-    gap = hertz_gap(r, radius=radius, sphere_radius=sphere_radius)
+    gap = hertz.gap(r, radius=radius, sphere_radius=sphere_radius)
     return EdgeLight(reach * u**2, excess(gap + 2 / np.pi * opening * radius**0.5 * angle))

@@ -234,7 +234,7 @@ class Camera(Section):
         "full scale)^gamma; 1 for a linear camera, 0.45 for most video cameras. Frames and reference are "
         "linearised when they are read.",
     )
-    response: list[Point] | None = Field(
+    response: tuple[Point, ...] | None = Field(
         None,
         description="Response of the camera as a table instead: pairs of grey level and relative light, "
         "both increasing.",

@@ -137,26 +137,12 @@ def fit_base(surface: HeightMap, form: Form) -> Base:
             break
         coefficients = _least_squares(heights, terms, on_base)
     if on_base.sum() >= BASE_SHARE * finite.sum():
-        base = _through(surface, terms, on_base)
-        if base.noise <= max(ROUGHEST * noise, FLATTEST * float(np.ptp(heights[finite]))):
-            return base
+        rest = np.where(on_base, heights - terms @ coefficients, np.nan)
+        scatter = float(np.nanstd(rest))
+        if scatter <= max(ROUGHEST * noise, FLATTEST * float(np.ptp(heights[finite]))):
+            return Base(terms @ coefficients, _waviness(rest), scatter, seen=True)
     mean = terms @ _least_squares(heights, terms, finite)
     return Base(mean, _waviness(heights - mean), noise, seen=False)
-
-
-def refit_base(surface: HeightMap, form: Form, base: Base, asperities: NDArray[np.bool_]) -> Base:
-    """The base through the pixels that no asperity touches: their feet lie within the noise of the base."""
-    rest = surface.heights - base.heights
-    outside = ~asperities & (np.abs(rest) < SIGNIFICANT_STDS * base.noise)
-    if not base.seen or outside.sum() < BASE_SHARE / 2 * outside.size:
-        return base
-    return _through(surface, _terms(surface, form), outside)
-
-
-def _through(surface: HeightMap, terms: Values, on_base: NDArray[np.bool_]) -> Base:
-    heights = terms @ _least_squares(surface.heights, terms, on_base)
-    rest = np.where(on_base, surface.heights - heights, np.nan)
-    return Base(heights, _waviness(rest), float(np.nanstd(rest)), seen=True)
 
 
 def pixel_noise(heights: Values) -> float:

@@ -16,7 +16,7 @@ from contactimg.engine.progress import counted
 from contactimg.errors import InputError
 from contactimg.pose.apex import SIGNIFICANT_STDS
 from contactimg.pose.pairs import MAD_TO_STD
-from contactimg.summits.base import FORM_TERMS, ROUNDS, Base, Form, HeightMap, fit_base, refit_base
+from contactimg.summits.base import FORM_TERMS, ROUNDS, Base, Form, HeightMap, fit_base
 from contactimg.tables import SUMMITS
 
 Values = NDArray[np.float64]
@@ -53,9 +53,8 @@ CLIPPED_RATIO = 3.0
 1 for a sphere, in steps of any size."""
 
 LAGS = 4
-"""Distance in pixels up to which residuals may be correlated (filters and interpolation of the instrument),
-and that of the base from asperities, whose feet the smoothing widens less. Chosen: the optics of
-profilometers blur over 1 to 4 px."""
+"""Distance in pixels up to which residuals may be correlated (filters and interpolation of the instrument).
+Chosen: the optics of profilometers blur over 1 to 4 px."""
 
 
 def sphere_heights(sphere: Values, x: Values, y: Values) -> Values:
@@ -90,6 +89,8 @@ class SphereFit:
         Of all pixels.
     scatter : float, m
         Standard deviation of the residuals of the fitted pixels.
+    factor : float
+        By which the variance of a mean of residuals exceeds that of white noise.
     """
 
     sphere: Values
@@ -97,6 +98,11 @@ class SphereFit:
     pixels: NDArray[np.bool_]
     residuals: Values
     scatter: float
+    factor: float = 1.0
+
+
+Fits = tuple[SphereFit, SphereFit | None]
+"""The spheres through a patch and through its upper half."""
 
 
 def fit_sphere(points: Values, start: Values, *, depth: float, noise: float) -> SphereFit | None:
@@ -245,20 +251,13 @@ def find_summits(
         raise InputError(f"form must be one of {', '.join(map(repr, FORM_TERMS))}, got {form!r}")
     surface, cut_off = _without_clipped(surface)
     base = fit_base(surface, form)
-    labels, smoothed = _divide(surface.heights - base.heights, base, least_height)
-    feet = ndimage.binary_dilation(labels > 0, iterations=LAGS)
-    base = refit_base(surface, form, base, feet)
     heights = surface.heights - base.heights
-    # pixels that the median filter of the smoothing mixes with the region of a neighbour are left out
-    outside = np.where(labels == 0, labels.max() + 1, labels)
-    highest, lowest = ndimage.maximum_filter(labels, 5), ndimage.minimum_filter(outside, 5)
-    near = (labels > 0) & ((highest != labels) | (lowest != labels))
-    usable = np.isfinite(heights) & ~near
+    labels, smoothed = _divide(heights, base, least_height)
     points = np.stack([*np.meshgrid(surface.x, surface.y), heights])
-    fits, left_out, windows = [], Counter[str](), ndimage.find_objects(labels)
+    fits, left_out, windows = list[Fits](), Counter[str](), ndimage.find_objects(labels)
     for number, window in enumerate(counted(windows, "fitting summits", len(windows)), start=1):
         mine, part = labels[window] == number, points[:, *window]
-        peak, inside = np.where(mine, smoothed[window], -np.inf), mine & usable[window]
+        peak, inside = np.where(mine, smoothed[window], -np.inf), mine & np.isfinite(part[2])
         fit = _fit_patch(part, inside, peak, float(np.prod(surface.pixel_size)), depth, base.noise)
         reason = _why_not(fit, surface, least_height)
         if fit is None or reason:
@@ -267,10 +266,9 @@ def find_summits(
             fits.append(fit)
     kept = _without_twins(fits, depth)
     left_out["second summits of one asperity"] = len(fits) - len(kept)
-    factor = float(np.median([fit.factor for fit in kept])) if kept else 1.0
-    table = SUMMITS.conform(
-        pd.DataFrame([_row(fit, base, factor) for fit in kept], columns=[*SUMMITS.columns])
-    )
+    factor = float(np.median([whole.factor for whole, _ in kept])) if kept else 1.0
+    rows = [_row(*fit, base, factor) for fit in kept]
+    table = SUMMITS.conform(pd.DataFrame(rows, columns=[*SUMMITS.columns]))
     table = table.sort_values("height_m", ascending=False, ignore_index=True)
     return FoundSummits(table, base.noise, dict(+left_out), cut_off + _doubts(surface, base, table))
 
@@ -318,19 +316,10 @@ def _divide(heights: Values, base: Base, least_height: float) -> tuple[Labels, V
     return watershed(-smoothed, markers, mask=smoothed > rise).astype(np.intp), smoothed
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """The spheres through a patch and through its upper half, and the correlation of the residuals."""
-
-    whole: SphereFit
-    half: SphereFit | None
-    factor: float
-
-
 def _fit_patch(  # noqa: PLR0917 - the pixels of a region and how they are fitted
     points: Values, inside: NDArray[np.bool_], smoothed: Values, area: float, depth: float, noise: float
-) -> _Fit | None:
-    """The spheres through the pixels of a region; None where it holds no summit that can be fitted.
+) -> Fits | None:
+    """The spheres through a region and through its upper half; None where it holds no summit to be fitted.
 
     The first is guessed: at the highest smoothed pixel, with the curvature that the area of the upper half
     gives; ``area`` is that of a pixel.
@@ -347,13 +336,13 @@ def _fit_patch(  # noqa: PLR0917 - the pixels of a region and how they are fitte
     residuals = np.full(inside.shape, np.nan)
     residuals[inside] = np.where(whole.pixels, whole.residuals, np.nan)
     half = fit_sphere(chosen, sphere, depth=depth / 2 * sphere[2], noise=noise)
-    return _Fit(whole, half, correlation_factor(residuals))
+    return replace(whole, factor=correlation_factor(residuals)), half
 
 
-def _without_twins(fits: list[_Fit], depth: float) -> list[_Fit]:
+def _without_twins(fits: list[Fits], depth: float) -> list[Fits]:
     """The fits from the one with the most pixels down, without those whose summit is that of one before."""
-    fits = sorted(fits, key=lambda fit: -int(fit.whole.pixels.sum()))
-    spheres, kept = np.reshape([fit.whole.sphere for fit in fits], (-1, 4)), set[int]()
+    fits = sorted(fits, key=lambda fit: -int(fit[0].pixels.sum()))
+    spheres, kept = np.reshape([whole.sphere for whole, _ in fits], (-1, 4)), set[int]()
     reach = TWICE * np.sqrt(2 * depth * spheres[:, 2] / spheres[:, 3])
     for k, near in enumerate(KDTree(spheres[:, :2]).query_ball_point(spheres[:, :2], reach)):
         if kept.isdisjoint(near):
@@ -361,37 +350,37 @@ def _without_twins(fits: list[_Fit], depth: float) -> list[_Fit]:
     return [fits[k] for k in sorted(kept)]
 
 
-def _why_not(fit: _Fit | None, surface: HeightMap, least_height: float) -> str:
+def _why_not(fit: Fits | None, surface: HeightMap, least_height: float) -> str:
     """Why a summit is left out; empty where it is not."""
     if fit is None:
         return "too few pixels for a sphere"
-    *place, height, curvature = fit.whole.sphere
+    whole, _ = fit
+    *place, height, curvature = whole.sphere
     if np.any(np.abs(place) - np.abs([surface.x[0], surface.y[0]]) > np.array(surface.pixel_size) / 2):
         return "summits beyond the edge of the map"
-    if not curvature > RARE_SIGMAS * np.sqrt(fit.whole.covariance[3, 3] * fit.factor):
+    if not curvature > RARE_SIGMAS * np.sqrt(whole.covariance[3, 3] * whole.factor):
         return "no curvature beyond the noise"
     return "lower than the least height" if height < least_height else ""
 
 
-def _row(fit: _Fit, base: Base, factor: float) -> tuple[object, ...]:
+def _row(whole: SphereFit, half: SphereFit | None, base: Base, factor: float) -> tuple[object, ...]:
     """The columns of `SUMMITS` in their order."""
-    x, y, height, curvature = fit.whole.sphere
-    count = int(fit.whole.pixels.sum())
+    x, y, height, curvature = whole.sphere
+    count = int(whole.pixels.sum())
     # of count/factor independent residuals the fit takes four away, from their scatter and their correlation
     fewer = count / max(count - 4 * factor, count / 4)
-    stds = np.sqrt(np.diag(fit.whole.covariance) * factor) * fewer
-    bends, message = _misfit(fit, factor)
+    stds = np.sqrt(np.diag(whole.covariance) * factor) * fewer
+    bends, message = _misfit(whole, half, factor)
     height_std, radius_std = np.hypot(stds[2:], bends) / [1, curvature**2]
     height_std = np.hypot(height_std, base.std)
     place = x, y, height, 1 / curvature
-    return *place, height_std, radius_std, *stds[:2], fit.whole.scatter, count, message
+    return *place, height_std, radius_std, *stds[:2], whole.scatter, count, message
 
 
-def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
+def _misfit(whole: SphereFit, half: SphereFit | None, factor: float) -> tuple[Values, str]:
     """The change of height and curvature between the upper half and the whole, beyond their errors."""
-    if fit.half is None:
+    if half is None:
         return np.zeros(2), "few pixels: whether it is a sphere was not tested"
-    whole, half = fit.whole, fit.half
     change = (half.sphere - whole.sphere)[2:]
     # of least squares over a part and over all, the variance of the difference is the difference of variances
     scale = (whole.scatter / half.scatter) ** 2 if half.scatter > 0 else 1.0

@@ -583,35 +583,6 @@ def test_frames_of_mixed_size_without_reference_name_the_odd_one(series, tmp_pat
     assert message == "frame_2.tif: has 30 x 20 pixels, the other frames 360 x 340"
 
 
-FIRST_RUN = """
-from pathlib import Path
-from contactimg.cli.printing import echo_first_run
-print("nothing is stored")
-echo_first_run()
-folder = next(Path({!r}).glob("contactimg.imaging.kernels.*")) / "place"
-folder.mkdir()
-(folder / "some_kernel.py312.nbi").touch()
-print("something is stored")
-echo_first_run()
-"""
-
-
-def test_the_first_run_says_that_it_compiles(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    code = FIRST_RUN.format(str(tmp_path))
-    run = subprocess.run(  # noqa: S603 - this package
-        [sys.executable, "-u", "-c", code],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=True,
-    )
-    said = run.stdout.splitlines()
-    assert said[0::2] == ["nothing is stored", "something is stored"]
-    assert said[1].startswith("first run: compiling")
-    assert len(said) == 3
-
-
 ALL_COMMANDS = [[], *([name] for name in COMMANDS), *(["calibrate", kind] for kind in ("jkr", "threshold"))]
 HEAVY = ("numpy", "pandas", "scipy", "matplotlib", "numba", "cv2", "tifffile", "rich")
 HEAVY += ("contactimg.files.experiment",)

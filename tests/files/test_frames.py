@@ -21,6 +21,7 @@ from PIL import Image
 from contactimg import Frame, FrameError, InputError, read_frames
 from contactimg.files import FrameSource, list_frames, write_frame
 from contactimg.files.sources import SUFFIXES, natural_key
+from contactimg.scene import Camera
 
 DATA = Path(__file__).parents[1] / "data" / "files_formats"
 ROWS, COLUMNS = 37, 53  # not square, no multiple of a tile
@@ -131,7 +132,8 @@ def test_max_sample_value_is_believed_where_a_camera_can_have_it(tmp_path, level
 
 def test_stated_full_scale_wins(tmp_path, levels):
     (source,) = list_frames(write_tiff(tmp_path / "a.tif", levels))
-    assert replace(source, full_scale=4095.0).read().full_scale == 4095
+    camera = Camera(pixel_size_m=6e-6, full_scale_levels=4095.0)
+    assert replace(source, camera=camera).read().full_scale == 4095
 
 
 def test_pages_are_named_from_0_and_read_one_by_one(tmp_path, levels):

@@ -6,7 +6,11 @@ from functools import partial
 import numpy as np
 from scipy.integrate import quad
 
-from contactimg.hard_cases import (
+from contactimg.mechanics import hertz, jkr
+from contactimg.models.adhesive import solve_adhesive, solve_adhesive_path
+from contactimg.models.greenwood_tripp import solve_greenwood_tripp
+from contactimg.models.greenwood_williamson import solve_greenwood_williamson
+from contactimg.models.hard_cases import (
     ADHESION,
     CASES,
     FLAT,
@@ -29,10 +33,6 @@ from contactimg.hard_cases import (
     soft_pattern,
     uniform_heights,
 )
-from contactimg.mechanics import hertz, jkr
-from contactimg.models.adhesive import solve_adhesive, solve_adhesive_path
-from contactimg.models.greenwood_tripp import solve_greenwood_tripp
-from contactimg.models.greenwood_williamson import solve_greenwood_williamson
 from contactimg.models.interacting import solve_interacting
 from contactimg.prediction import find_touching_load, predict_contacts
 from contactimg.scene import scene_from_dict

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hard_problems import ALL_CASES, GROUPS, LAYER_FORCES
 
-from contactimg import hard_cases
 from contactimg.cli import main
 from contactimg.errors import ModelRangeError
-from contactimg.hard_cases import CASES, LAYER_FORCE, MODULUS, PAIR_AREA, Outcome, run_cases
+from contactimg.models import hard_cases
+from contactimg.models.hard_cases import CASES, LAYER_FORCE, MODULUS, PAIR_AREA, Outcome, run_cases
 
 MANY = [name for name in ALL_CASES if name.startswith("pattern of")]
 

@@ -10,7 +10,7 @@ from scipy.special import i0e
 
 from contactimg import InputError
 from contactimg.mechanics import hertz
-from contactimg.optics.film import Light, excess_table, hertz_gap, thick_transmission, transmission
+from contactimg.optics.film import Light, excess_table, thick_transmission, transmission
 
 UM = 1e-6
 R = 100 * UM
@@ -98,7 +98,7 @@ def test_excess_depends_on_lengths_only_through_their_ratios():
 def test_one_profile_serves_every_contact():
     r = np.linspace(0, 60 * UM, 50)
     radii, spheres = np.array([[5 * UM], [20 * UM]]), np.array([[50 * UM], [100 * UM]])
-    gaps = hertz_gap(r, radius=radii, sphere_radius=spheres)
+    gaps = hertz.gap(r, radius=radii, sphere_radius=spheres)
     for row, (a, sphere) in enumerate(zip(radii.ravel(), spheres.ravel(), strict=True)):
         np.testing.assert_allclose(
             gaps[row], hertz.gap(r, radius=a, sphere_radius=sphere), rtol=1e-12, atol=1e-22
@@ -109,7 +109,7 @@ def test_halo_has_ended_at_its_reach():
     table = excess_table(LED)
     radii = np.array([0.5, 5, 45]) * UM
     reach = table.reach(radius=radii, sphere_radius=R)
-    assert (hertz_gap(reach, radius=radii, sphere_radius=R) >= table.longest_gap).all()
+    assert (hertz.gap(reach, radius=radii, sphere_radius=R) >= table.longest_gap).all()
     # and not far beyond where it ends: g <= r^2/(2R) - (what is left of the cap) never exceeds r^2/(2R)
     assert (reach[0] - np.sqrt(2 * R * table.longest_gap)) / reach[0] < 1e-2
 

@@ -13,7 +13,7 @@ from contactimg.engine.progress import shown_by
 from contactimg.errors import InputError
 from contactimg.summits import HeightMap, find_summits
 from contactimg.summits.base import pixel_noise
-from contactimg.summits.find import SphereFit, _Fit, _without_twins
+from contactimg.summits.find import SphereFit, _without_twins
 
 PIXEL = 1e-6
 
@@ -127,11 +127,11 @@ def test_second_fits_of_an_asperity_are_dropped_in_little_time():
         # half the radius of its patch is sqrt(2 x 0.5 x 4e-6/1e4)/2 = 10 um
         twin = sphere + np.array([(9.9e-6, 10.1e-6)[k % 2], 0, 0, 0])
         for n, one in enumerate((sphere, twin) if k < 2 else (sphere,)):
-            fits.append(_Fit(SphereFit(one, np.eye(4), pixels[n], np.zeros(20), 1.0), None, 1.0))
+            fits.append((SphereFit(one, np.eye(4), pixels[n], np.zeros(20), 1.0), None))
     began = time.perf_counter()
     kept = _without_twins(fits[::-1], depth=0.5)
     assert time.perf_counter() - began < 20
-    places = {round(fit.whole.sphere[0] * 1e7) for fit in kept if fit.whole.sphere[1] < 2e-4}
+    places = {round(whole.sphere[0] * 1e7) for whole, _ in kept if whole.sphere[1] < 2e-4}
     assert len(kept) == 20_001
     assert 99 not in places
     assert 101 in places

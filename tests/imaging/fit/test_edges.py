@@ -28,7 +28,8 @@ from contactimg.imaging.profile.edge_shape import (
     Nodes,
     blurred_dome,
 )
-from contactimg.optics.sensor import CameraResponse
+from contactimg.optics.sensor import linear_light
+from contactimg.scene import Camera
 from contactimg.tables import Flag
 
 SEED = 11
@@ -96,8 +97,8 @@ def test_a_gamma_is_named_and_the_status_says_so():
 
 def test_stated_gamma_removes_the_finding_and_its_uncertainty():
     frame, reference, truth = edge_frame("gamma", seed=SEED)
-    response = CameraResponse(gamma=0.45)
-    linear = [response.light(image, full_scale=255.0) for image in (frame, reference)]
+    camera = Camera(pixel_size_m=6e-6, gamma=0.45)
+    linear = [linear_light(image, camera, full_scale=255.0) for image in (frame, reference)]
     result = measure_image(*linear, full_scale=255.0)
     pairs, error = errors(truth, result.disks)
     std = result.disks["radius_std_px"].to_numpy()[pairs[:, 1]]

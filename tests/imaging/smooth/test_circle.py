@@ -10,12 +10,9 @@ from contactimg.errors import FrameError, InputError
 from contactimg.imaging.smooth.find_circle import find_circle, sample_edge
 from contactimg.imaging.smooth.fit_circle import EdgeModel, choose_opening, fit_circle
 from contactimg.mechanics import hertz, jkr
-from contactimg.optics.film import Light, excess_table, hertz_gap
-from contactimg.optics.psf import gaussian_psf
-from contactimg.optics.spots import Spots, spots_image
-from contactimg.optics.wide_edge import EdgeLight, edge_light, film_opening
+from contactimg.optics.film import Light, excess_table
+from contactimg.optics.wide_edge import edge_light, film_opening
 from contactimg.render import render_smooth_contact
-from contactimg.render.smooth import SmoothSpot
 from contactimg.scene import scene_from_dict
 
 LED = Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9))
@@ -60,20 +57,10 @@ def test_film_along_the_line_is_that_of_the_gap(w):
 def test_hertz_edge_has_no_adhesion():
     light = edge_light(1.5e-3, sphere_radius=LENS, opening=0.0, excess=MODEL.excess)
     middle = (light.edges[1:] + light.edges[:-1]) / 2
-    gap = hertz_gap(1.5e-3 + middle, radius=1.5e-3, sphere_radius=LENS)
+    gap = hertz.gap(1.5e-3 + middle, radius=1.5e-3, sphere_radius=LENS)
     assert light.excess == pytest.approx(MODEL.excess(gap), abs=2e-3)  # nodes lie midway in the square root
     with pytest.raises(InputError, match="not negative"):
         edge_light(1.5e-3, sphere_radius=LENS, opening=-1.0, excess=MODEL.excess)
-
-
-def test_smooth_spot_without_film_is_a_disk():
-    one = np.ones(1)
-    psf = gaussian_psf(1.4, sampling=4)
-    disk = Spots(61.3 * one, 48.8 * one, 30.2 * one, one, np.zeros((1, 1)))
-    smooth = SmoothSpot(**vars(disk), edge=EdgeLight(np.zeros(1), np.zeros(0)), pixel_size=PIXEL)
-    images = [spots_image(spot, shape=(100, 120), psf=psf) for spot in (disk, smooth)]
-    # an edge straight across a cell of 1/4 px: (1/4)^2/(8 x 30) = 3e-4 px of the edge, 1e-4 of a pixel
-    assert np.abs(images[0] - images[1]).max() < 2e-4
 
 
 def frame(scene_changes, *, load=0.05, w=0.05, film="on", shape=(330, 350)):
@@ -89,6 +76,23 @@ def frame(scene_changes, *, load=0.05, w=0.05, film="on", shape=(330, 350)):
     )
     shot = render_smooth_contact(load, scene, rng=np.random.default_rng(3))
     return shot.frame.image.astype(np.float32) - np.float32(80.0), shot.contacts.iloc[0]
+
+
+@pytest.mark.parametrize("w", [0.0, 0.002, 0.05])
+def test_the_film_of_a_rendered_contact_is_that_of_the_gap(w):
+    image, truth = frame({"blur_px": 0.0}, w=w)
+    part = (np.arange(40) + 0.5) / 40 - 0.5  # of a pixel
+    a = truth["radius_m"]
+    for row in (150, 170, 200):
+        y = row + part[:, np.newaxis, np.newaxis] - truth["y_px"]
+        x = np.arange(image.shape[1])[:, np.newaxis] + part - truth["x_px"]
+        r = PIXEL * np.hypot(x, y)
+        law = {"sphere_radius": LENS, "contact_modulus": 4e6, "work_of_adhesion": w}
+        gap = jkr.gap(np.maximum(r, a), radius=a, **law)
+        expected = np.where(r < a, 1.0, MODEL.excess(gap)).mean(axis=(0, 2))
+        # eight points a pixel and axis beside an edge that falls within one of them
+        assert image[row] / 60 == pytest.approx(expected, abs=0.1)
+        assert image[row].mean() / 60 == pytest.approx(expected.mean(), abs=1e-3)
 
 
 def edge_of(image):
