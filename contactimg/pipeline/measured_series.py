@@ -71,50 +71,38 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
         As stated.
     """
     if sites is None or run.scene.measure.pose != "fit":
-        return fit.PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
-    targets = sites[["x_m", "y_m"]].to_numpy(float)
+        return fit.PoseFit(guess)
     shift = frame_shift(run.frames, run.frames["frame"].iloc[0])
     x_px, y_px = run.contacts["x_px"] - shift[0], run.contacts["y_px"] - shift[1]
     reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
-    pose = fit.fit_pose(x_px, y_px, targets, guess, largest_shift=reach)
-    found = pose if pose.fitted else fit.search_everywhere(x_px, y_px, targets, guess)
-    if found is not None and (not pose.fitted or found.pose.mirrored != guess.mirrored):
-        _say_where(found, guess, run.scene)
-    pose = found or pose
-    size = pose.pose.pixel_size
-    if abs(size - guess.pixel_size) > fit.LARGEST_SCALE_ERROR * guess.pixel_size:
+    found = fit.fit_pose(x_px, y_px, sites[["x_m", "y_m"]], guess, largest_shift=reach)
+    pose, known = found.pose, f"{found.n_matched} of {found.n_points} contacts fall on asperities"
+    turned = np.abs(np.sin(pose.rotation - guess.rotation))
+    away = turned > np.sin(fit.LARGEST_TURN_RAD) or pose.mirrored != guess.mirrored
+    if away or np.hypot(*np.subtract(pose.centre, guess.centre)) > reach:
+        stated = run.scene.camera is not None and run.scene.camera.centre is not None
+        logger.log(
+            logging.WARNING if stated or away else logging.INFO,
+            "the camera does not look where [camera] says; %s with [camera] centre_m = [%s], rotation_deg = "
+            "%.4g, mirrored = %s: used here%s",
+            known,
+            ", ".join(f"{value:.6g}" for value in pose.centre),
+            np.rad2deg(pose.rotation),
+            str(pose.mirrored).lower(),
+            "; are x_m and y_m of the asperities exchanged?"
+            if pose.mirrored != guess.mirrored and turned > EXCHANGED_SINE
+            else "",
+        )
+    if abs(pose.pixel_size - guess.pixel_size) > fit.LARGEST_SCALE_ERROR * guess.pixel_size:
         logger.warning(
             "contacts fall on asperities with [camera] pixel_size_m = %.4g, not %.4g: used here; is "
             "the scene wrong, or the scale of x_m and y_m?",
-            size,
+            pose.pixel_size,
             guess.pixel_size,
         )
-    logger.info(
-        "pose %s: %d of %d contacts on an asperity, RMS %.3g m",
-        "fitted" if pose.fitted else "as given",
-        pose.n_matched,
-        pose.n_points,
-        pose.residual,
-    )
-    return pose
-
-
-def _say_where(found: fit.PoseFit, guess: Pose, scene: Scene) -> None:
-    """Log that the camera looks elsewhere: as a warning if the scene states where, or it is turned."""
-    turned = np.abs(np.sin(found.pose.rotation - guess.rotation))
-    mirrored = found.pose.mirrored != guess.mirrored
-    stated = scene.camera is not None and scene.camera.centre is not None
-    logger.log(
-        logging.WARNING if stated or mirrored or turned > np.sin(fit.LARGEST_TURN_RAD) else logging.INFO,
-        "the camera does not look where [camera] says; %d of %d contacts fall on asperities with [camera] "
-        "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here%s",
-        found.n_matched,
-        found.n_points,
-        ", ".join(f"{value:.6g}" for value in found.pose.centre),
-        np.rad2deg(found.pose.rotation),
-        str(found.pose.mirrored).lower(),
-        "; are x_m and y_m of the asperities exchanged?" if mirrored and turned > EXCHANGED_SINE else "",
-    )
+    said = f"fitted: {known}, RMS {found.residual:.3g} m" if found.fitted else "as given"
+    logger.info("pose %s", said)
+    return found
 
 
 def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -> Apex | None:
