@@ -113,9 +113,9 @@ class Contacts:
         model = render_disks(disks, self.blur, (image.shape[0], image.shape[1]), profile=table)
         return np.asarray(image / np.maximum(1.0 + model, np.float32(DARKEST_FRACTION)), np.float32)
 
-    def moved(self, alignment: Alignment, shape: tuple[int, int]) -> "Contacts":
+    def moved(self, alignment: Alignment, shape: tuple[int, ...]) -> "Contacts":
         """The disks in the coordinates of the anchor, for the alignment of the frame against it."""
-        matrix, offset = alignment.to_reference(shape)
+        matrix, offset = alignment.to_reference((shape[0], shape[1]))
         places = self.disks[:, :2] @ matrix.T + offset
         return replace(self, disks=np.column_stack([places, self.disks[:, 2:]]))
 
@@ -250,31 +250,44 @@ class PlacedFrame:
     Parameters
     ----------
     contacts : Contacts
-    placement : Placement
+    placement : Placement or None
+        None for the anchor itself.
     digest : bytes
         Of the pixels: a copy of a frame has the same noise.
     used, light : ndarray or None
         Of the `Agreement`, once it is known.
-    correction : ndarray, shape (n,), or None
-        Of the radii, px.
     """
 
     contacts: Contacts
-    placement: Placement
+    placement: Placement | None
     digest: bytes
     used: Flags | None = None
     light: Values | None = None
-    correction: NDArray[np.float64] | None = None
+
+    @classmethod
+    def seen(
+        cls, image: NDArray, contacts: Contacts | None = None, placement: Placement | None = None
+    ) -> tuple["PlacedFrame", Values]:
+        """An image on the anchor, and the means over squares of what it shows; the anchor has no contacts."""
+        own = cls(contacts or Contacts(np.empty((0, 4)), np.empty((0, 3))), placement, digest_of(image))
+        return own, own.view(image).squares()
+
+    def corrected(self, correction: NDArray[np.float64]) -> "PlacedFrame":
+        """The frame with corrections of its radii, px."""
+        disks = self.contacts.disks + np.outer(correction, [0.0, 0.0, 1.0, 0.0])
+        return replace(self, contacts=replace(self.contacts, disks=disks))
 
     def view(self, image: NDArray) -> View:
         """The view of the image, its slow light corrected and only where it is used."""
         hidden = self.contacts.hidden + np.array([0.0, 0.0, EDGE_REACH_PX])
-        view = self.placement.view(self.contacts.divided_out(image), hidden)
+        flat = self.contacts.divided_out(image)
+        view = View.plain(flat) if self.placement is None else self.placement.view(flat, hidden)
         return view if self.used is None or self.light is None else view.restricted(self.used, self.light)
 
-    def on_anchor(self, shape: tuple[int, int]) -> Contacts:
+    def on_anchor(self, shape: tuple[int, ...]) -> Contacts:
         """Its contacts in the coordinates of the anchor."""
-        return self.contacts.moved(self.placement.alignment, shape)
+        placement = self.placement
+        return self.contacts if placement is None else self.contacts.moved(placement.alignment, shape)
 
 
 def digest_of(image: NDArray) -> bytes:

@@ -58,6 +58,9 @@ the noise is known to 0.6 %."""
 
 OF_ELLIPSES = ("semi_major_std_px", "semi_minor_std_px", "angle_std_rad")
 
+REFERENCE = -1
+"""Number of the reference among the views; those of the frames are their places in the series."""
+
 PlacedView = tuple[pooled.PlacedFrame, NDArray[np.float32]]
 """A frame on the anchor, and the means over squares of what it shows of the background."""
 
@@ -70,9 +73,8 @@ class Pool:
     ----------
     background : PooledBackground
         Sums of all views, the rings of the wrong radii taken out.
-    brightness : ndarray, shape (rows, columns)
-        Of the anchor, smooth, grey levels.
     views : tuple of PlacedFrame
+        With corrected radii.
     options : FrameOptions
     source : str
         Whose coordinates the background has, if not those of the reference.
@@ -90,7 +92,6 @@ class Pool:
     """
 
     background: pooled.PooledBackground
-    brightness: NDArray[np.float32]
     views: tuple[pooled.PlacedFrame, ...]
     options: FrameOptions
     source: str
@@ -110,11 +111,10 @@ class Pool:
         """The sums without the view of an image (or of a copy of it), and the contacts of the other views."""
         digest, background, others = pooled.digest_of(image), self.background, []
         for own in self.views:
-            if own.digest != digest:
-                others.append(own.on_anchor(self.brightness.shape))
-            elif own.correction is not None:
-                view, sums = contribute_view(Frame(image), None, own, brightness=self.brightness)
-                background = background.without_rings(sums.templates, -own.correction).plus(view, -1)
+            if own.digest == digest:
+                background = background.plus(own.view(image), -1)
+            else:
+                others.append(own.on_anchor(background.count.shape))
         return background, others
 
 
@@ -275,19 +275,20 @@ def pool_background(
     if not (enough if wish == "auto" else wish == "pooled" and count > 1):
         return None
     try:
-        anchored = _place_views(experiment, options, parts, workers)
-        agreement, has_reference = anchored.agreement, bool(anchored.references)
+        placed = _place_views(experiment, options, parts, workers)
+        agreement = placed.agreement
         views = {
             k: replace(own, used=agreement.used[n], light=agreement.light[n])
-            for n, (k, (own, _)) in enumerate(anchored.shown.items(), start=has_reference)
+            for n, (k, (own, _)) in enumerate(placed.shown.items())
             if not agreement.left_out[n]
         }
+        reference = views.pop(REFERENCE, None)
         if len(views) < FEWEST_VIEWS:
             raise FrameError(f"only {len(views)} different frames show it and agree on it")
-        brightness, equations = pooled.smooth_brightness(anchored.image), list[pooled.RimSums]()
+        brightness, equations = pooled.smooth_brightness(placed.anchor), list[pooled.RimSums]()
         total = pooled.PooledBackground.empty(brightness.shape)
-        for view in anchored.first:
-            total = total.plus(view.restricted(agreement.used[0], agreement.light[0]), anchored.references)
+        if reference is not None:
+            total = total.plus(reference.view(placed.anchor), len(experiment.references))
         call = partial(contribute_view, brightness=brightness)
         for result in _each(experiment, call, views, workers).values():
             if isinstance(result, FailedFrame):
@@ -301,57 +302,47 @@ def pool_background(
         logger.info("the background is not pooled: %s", error)
         return None
     remark = ""
-    if has_reference and agreement.left_out[0]:
+    if REFERENCE in placed.shown and reference is None:
         remark = "the reference differs from all frames: left out of the pooled background"
-    elif fault or (experiment.references and not has_reference):
+    elif fault or (experiment.references and REFERENCE not in placed.shown):
         remark = f"{fault or 'the reference does not show the surface of the frames'}: not used"
-    placed = zip(views.values(), corrections, strict=True)
     return Pool(
         background=total,
-        brightness=brightness,
-        views=tuple(replace(own, correction=correction) for own, correction in placed),
+        views=tuple(map(pooled.PlacedFrame.corrected, views.values(), corrections)),
         options=options,
-        source=anchored.source,
+        source=placed.source,
         remark=remark,
-        differing={experiment.frames[k].name for k in anchored.shown.keys() - views.keys()},
+        differing={experiment.frames[k].name for k in placed.shown.keys() - views.keys() - {REFERENCE}},
         needed=bool(fault) or wish == "pooled",
-        spots=agreement.spots_of(0, anchored.contacts, sign=anchored.sign) if has_reference else 0,
+        spots=agreement.spots_of(0, placed.contacts, sign=placed.sign) if REFERENCE in placed.shown else 0,
         before={str(part.row["frame"]): _noise_and_std(part) for part in parts.values()},
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Anchored:
-    """The anchor, of how many references it is the mean, whose coordinates it has, and the frames on it."""
+class _Placed:
+    """The anchor, whose coordinates it has, whether contacts are bright (1) or dark (-1), and the views."""
 
-    image: NDArray
-    references: int
+    anchor: NDArray
     source: str
     sign: int
     shown: dict[int, PlacedView]
 
     @property
-    def first(self) -> list[pooled.View]:
-        """The view of the reference."""
-        return [pooled.View.plain(self.image)] if self.references else []
-
-    @property
     def contacts(self) -> dict[int, pooled.Contacts]:
-        """The contacts of each frame, by the number of its view."""
-        shown = enumerate(self.shown.values(), start=bool(self.references))
-        return {n: own.on_anchor(self.image.shape) for n, (own, _) in shown}
+        """The contacts of each view on the anchor, by its place among them."""
+        return {n: own.on_anchor(self.anchor.shape) for n, (own, _) in enumerate(self.shown.values())}
 
     @cached_property
     def agreement(self) -> pooled.Agreement:
         """Where the views agree, the reference first."""
-        squares = [*(view.squares() for view in self.first), *(squares for _, squares in self.shown.values())]
-        return pooled.compare_views(squares, sign=self.sign)
+        return pooled.compare_views([squares for _, squares in self.shown.values()], sign=self.sign)
 
 
 def _place_views(
     experiment: Experiment, options: FrameOptions, parts: Mapping[int, MeasuredFrame], workers: int | None
-) -> _Anchored:
-    """The anchor, and the frames on it; a `FrameError` if too few show its surface."""
+) -> _Placed:
+    """The anchor, and the views on it; a `FrameError` if too few frames show its surface."""
     frames, usable = experiment.frames, [k for k, part in parts.items() if is_measured(part)]
     light = sum(np.sign(parts[k].row["contrast"]) * parts[k].row["n_contacts"] for k in usable)
     sign = 1 if light >= 0 else -1  # whether most contacts are brighter than the background
@@ -364,33 +355,32 @@ def _place_views(
 
         def placed(frame: Frame, _reference: NDArray | None, own: pooled.Contacts) -> PlacedView | None:
             placement = pooled.Placement.of(frame.image, anchor, background_is=level, registered=registered)
-            if placement is None:
-                return None
-            on_anchor = pooled.PlacedFrame(own, placement, pooled.digest_of(frame.image))
-            return on_anchor, on_anchor.view(frame.image).squares()
+            return None if placement is None else pooled.PlacedFrame.seen(frame.image, own, placement)
 
         found = _each(experiment, placed, contacts, workers)
         shown = {k: one for k, one in found.items() if one is not None and not isinstance(one, FailedFrame)}
         first = {own.digest: k for k, (own, _) in reversed(shown.items())}
         return {k: one for k, one in shown.items() if first[one[0].digest] == k}
 
-    reference, anchored = read_reference(experiment), None
+    reference, source, shown = read_reference(experiment), "", dict[int, PlacedView]()
     if reference is not None and np.ptp(reference[np.isfinite(reference)]) > 0:
-        shown, count = place(contacts, reference), len(experiment.references)
-        anchored = _Anchored(reference, count, "", sign, shown)
-    if anchored is None or len(contacts) > 2 * len(anchored.shown):
+        anchor = reference
+        shown = {REFERENCE: pooled.PlacedFrame.seen(anchor)} | place(contacts, anchor)
+    if len(contacts) > 2 * len(shown.keys() - {REFERENCE}):
         least = min(contacts, key=lambda k: float(np.sum(parts[k].contacts["radius_px"] ** 2)))
-        image = contacts[least].divided_out(frames[least].read().image)
+        anchor = contacts[least].divided_out(frames[least].read().image)
         source = f" in the coordinates of {frames[least].name}"
-        anchored = _Anchored(image, 0, source, sign, place(contacts, image))
-    if len(anchored.shown) < FEWEST_VIEWS:
-        raise FrameError(f"only {len(anchored.shown)} different frames show it")
-    scatter = [anchored.agreement.scatter_inside(own, view=n) for n, own in anchored.contacts.items()]
-    if np.median(scatter) > ROUGH_RATIO:  # below 1 if contacts show the surface as the model says
+        shown = place(contacts, anchor)
+    own = {k: one.contacts for k, (one, _) in shown.items() if k != REFERENCE}
+    if len(own) < FEWEST_VIEWS:
+        raise FrameError(f"only {len(own)} different frames show it")
+    views = _Placed(anchor, source, sign, shown)
+    scatter = [views.agreement.scatter_inside(disks, view=n) for n, disks in views.contacts.items()]
+    if np.median(scatter[-len(own) :]) > ROUGH_RATIO:  # below 1 if contacts show the surface as modelled
         logger.info("contacts do not show the surface as their surroundings do: they are left out")
-        hidden = {k: own.contacts.left_out() for k, (own, _) in anchored.shown.items()}
-        anchored = replace(anchored, shown=place(hidden, anchored.image))
-    return anchored
+        hidden = {k: one.left_out() for k, one in own.items()}
+        views = replace(views, shown=shown | place(hidden, anchor))
+    return views
 
 
 def _each(
