@@ -9,7 +9,6 @@ from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, say
 from contactimg.cli.scenes import scene_at
 from contactimg.scene import Effects
-from contactimg.timings import stage
 
 TOLERANCE = "--tolerance", "tolerance", "relative"
 
@@ -221,8 +220,7 @@ def tradeoff(
     """
     described, inputs = scene_at(scene, stated)
     with shared.results_in(output, described.folder, described, inputs) as out:
-        with stage("settings"):
-            result = pipeline.measure_tradeoff(described, load=load, knobs=knobs)
+        result = pipeline.measure_tradeoff(described, load=load, knobs=knobs)
         pipeline.write_tradeoff(result, out.folder)
         out.record["sentences"] = result.sentences
         echo_tradeoff(result.table)

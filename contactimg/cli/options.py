@@ -132,7 +132,7 @@ Annulus = Annotated[float, "Width of the rings around the apex over which profil
 EVERYWHERE = (
     option("quiet", Annotated[bool, "Print only warnings and errors: no tables, no progress bars."]),
     option("verbose", Annotated[bool, "Report each step on standard error."]),
-    option("timings", Annotated[bool, "Print at the end how long each stage took, in seconds."]),
+    option("timings", Annotated[bool, "Print at the end how long each step took, in seconds."]),
 )
 """Options that every command has."""
 

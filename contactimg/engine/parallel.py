@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, wait
 from contextlib import contextmanager, suppress
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import islice
 from multiprocessing import parent_process
 from numbers import Integral
@@ -24,7 +24,7 @@ from contactimg.engine.cluster import WorkerEndedError, cluster_in_use
 from contactimg.engine.processes import end_workers, keep_workers, live_with_parent, workers_wait
 from contactimg.engine.progress import counted
 from contactimg.errors import ContactimgError, InputError
-from contactimg.timings import collect_call, gather
+from contactimg.timings import Seconds, add, collect_call, is_collecting
 
 Result = TypeVar("Result")
 
@@ -105,10 +105,8 @@ def in_parallel(
                 yield from shared(_Processes(processes))
 
     def shared(takers: Any) -> Iterator[Result]:
-        """Results from workers; the stages of their processes are timed as well."""
-        timed_lost = None if lost is None else partial(collect_call, lost)
-        results = _in_order(takers, partial(collect_call, function), items, timed_lost)
-        return gather(results)
+        """Results from workers."""
+        return _in_order(takers, function, items, lost)
 
     asked = _Processes(processes) if workers is not None and processes > 1 else None
     takers = cluster_in_use.get() or asked
@@ -129,8 +127,8 @@ def _in_order(
     A process that ends takes all calls with it that were handed over. Each of these is made again alone when
     it is its turn: one that ends its process then too is the cause.
     """
-    calls, failures = deque[tuple[tuple[Any, ...], Future[Result]]](), 0
-    with _stored(function, workers.folder()) as name:
+    calls, failures = deque[tuple[tuple[Any, ...], Future[tuple[Result, Seconds]]]](), 0
+    with _stored((function, is_collecting()), workers.folder()) as name:
         try:
             while True:
                 for item in islice(items, max(AHEAD * workers.processes() - len(calls), 0)):
@@ -166,13 +164,15 @@ def _settle(workers: Any, futures: list[Future[Any]]) -> None:
         seen = workers.seen(seen)
 
 
-def _result(workers: Any, future: Future[Result]) -> Result:
+def _result(workers: Any, future: Future[tuple[Result, Seconds]]) -> Result:
     """The result of a call when it is there; its error in the words of the workers."""
     _settle(workers, [future])
     try:
-        return future.result()
+        result, seconds = future.result()
     except Exception as error:
         raise workers.named(error) from None
+    add(seconds)
+    return result
 
 
 class _Processes:
@@ -221,8 +221,8 @@ class _Processes:
 
 
 @contextmanager
-def _stored(function: Callable[..., Any], folder: Path | None) -> Iterator[str]:
-    """A file with a function, which each worker reads once: it may hold images.
+def _stored(call: tuple[Callable[..., Any], bool], folder: Path | None) -> Iterator[str]:
+    """A file with a function, and whether it is timed, which each worker reads once: it may hold images.
 
     The file is deleted when this process ends, whatever ends it.
     """
@@ -230,19 +230,20 @@ def _stored(function: Callable[..., Any], folder: Path | None) -> Iterator[str]:
     resource_tracker.register(name, "file")
     try:
         with os.fdopen(handle, "wb") as file:
-            cloudpickle.dump(function, file, protocol=pickle.HIGHEST_PROTOCOL)
+            cloudpickle.dump(call, file, protocol=pickle.HIGHEST_PROTOCOL)
         yield name
     finally:
         resource_tracker.maybe_unlink(name, "file")
 
 
-def _call(file: str, *arguments: Any) -> Any:
-    """Call the function of a file, within a process."""
-    return _function(file)(*arguments)
+def _call(file: str, *arguments: Any) -> tuple[Any, Seconds]:
+    """The result of the function of a file, in a worker, and the times of its steps if they are asked for."""
+    function, timed = _read(file)
+    return collect_call(function, *arguments) if timed else (function(*arguments), {})
 
 
 @lru_cache(1)
-def _function(file: str) -> Callable[..., Any]:
-    """The function of a file."""
-    function: Callable[..., Any] = pickle.loads(Path(file).read_bytes())  # noqa: S301 - written by the parent
-    return function
+def _read(file: str) -> tuple[Callable[..., Any], bool]:
+    """The content of a file."""
+    call: tuple[Callable[..., Any], bool] = pickle.loads(Path(file).read_bytes())  # noqa: S301 - by `_stored`
+    return call

@@ -14,7 +14,6 @@ from contactimg.errors import FrameError, InputError
 from contactimg.files import decoders
 from contactimg.frame import Frame
 from contactimg.optics.sensor import CameraResponse, linearise
-from contactimg.timings import stage
 
 PathLike = str | os.PathLike[str]
 
@@ -61,7 +60,6 @@ class FrameSource:
     response: CameraResponse | None = None
     correct: Callable[[Frame], Frame] | None = None
 
-    @stage("reading")
     def read(self) -> Frame:
         """Read the frame.
 
@@ -133,7 +131,6 @@ def natural_key(text: PathLike) -> str:
     return "".join(parts) + "\0\0" + text
 
 
-@stage("reading")
 def list_frames(path: PathLike | Iterable[PathLike], *, folder: PathLike = ".") -> list[FrameSource]:
     """List the frames of a folder, a glob, a file, one of its images, or a list of these; reads no image.
 

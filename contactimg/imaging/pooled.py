@@ -56,7 +56,6 @@ from contactimg.imaging.profile.limits import (
     LEAST_VISIBLE,
     SAME_PLACE_RADII,
 )
-from contactimg.timings import stage
 
 SQUARE_PX = 4
 """Side of the squares on which frames are compared, and radius around a place that no frame shows from which
@@ -198,7 +197,6 @@ class Placement:
     illumination: Illumination
 
     @classmethod
-    @stage("light")
     def of(
         cls, image: NDArray, anchor: NDArray, *, background_is: BackgroundLevel, registered: bool = False
     ) -> "Placement | None":
@@ -229,7 +227,6 @@ class Placement:
             return None
         return cls(difference.alignment, difference.illumination)
 
-    @stage("light")
     def view(self, image: NDArray, hidden: NDArray[np.float64]) -> View:
         """The image outside hidden disks (x, y, radius, px), as the anchor would show it."""
         shape, finite = (image.shape[0], image.shape[1]), np.isfinite(image)

@@ -27,7 +27,6 @@ from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find
 from contactimg.pose.pairs import FEWEST_CONTACTS, PAIRING_FRACTION, pair_points, pairing_distance
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, NO_RESULT, OUTLINES, REJECTED, Flag, Schema, Status
-from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
 
@@ -55,7 +54,6 @@ Result = TypeVar("Result")
 # --- pose and apex
 
 
-@stage("pose")
 def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.PoseFit:
     """The pose of a series: the one that the contacts of a frame confirm, or the stated one.
 
@@ -196,7 +194,6 @@ def _known(contacts: pd.DataFrame, column: str) -> pd.DataFrame:
     return pd.DataFrame(contacts[column].notna().groupby(contacts["frame"]).agg(known="sum", all="size"))
 
 
-@stage("pose")
 def with_pose(run: files.Run, sites: pd.DataFrame | None, pose: fit.PoseFit | None) -> files.Run:
     """The run with sample coordinates and asperities under a pose; as it is without one."""
     if pose is None:
@@ -217,7 +214,6 @@ def with_pose(run: files.Run, sites: pd.DataFrame | None, pose: fit.PoseFit | No
     return replace(run, contacts=located, frames=frames, pose=pose)
 
 
-@stage("forces")
 def with_forces(run: files.Run, sites: pd.DataFrame | None, law: LawPlan | None) -> files.Run:
     """The run with local forces where the elastic body and the asperity's radius are known, and with sums.
 

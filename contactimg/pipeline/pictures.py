@@ -32,7 +32,6 @@ from contactimg.plots.overlay import (
 )
 from contactimg.tables import Status
 from contactimg.tables.outlines import KINDS_OF_CONTACTS, REJECTED_COLOUR, Outline, kind_of
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
@@ -109,16 +108,14 @@ def draw_frames(
         """Read one frame again and draw it; its name and its load, where that is known, are the title."""
         load = experiment.load_of(name)
         title = f"{name}, {1e3 * load:g} mN" if np.isfinite(load) else name
-        with stage("pictures"):
-            view = View(stretch, title=title, pixel_size=pixel_size)
-            picture = drawing(sources[name].read().image, view=view)
-            write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(name)}.png")
+        view = View(stretch, title=title, pixel_size=pixel_size)
+        picture = drawing(sources[name].read().image, view=view)
+        write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(name)}.png")
 
     jobs = (job for job in drawings if job[0] in sources)
     deque(in_parallel(draw, jobs, count=len(sources), workers=workers, shown="drawing overlays"), maxlen=0)
 
 
-@stage("pictures")
 def series_stretch(sources: Sequence[FrameSource]) -> tuple[float, float]:
     """Grey levels that are shown black and white in every frame of a series."""
     levels = []

@@ -45,7 +45,6 @@ from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
 from contactimg.imaging.pixels.blocks import SignedImage, block_means
 from contactimg.imaging.pixels.robust import ROUGH_RATIO
 from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, POOR_CHI_SQUARE, REACH_BLUR_WIDTHS
-from contactimg.timings import stage
 
 MOST_DISKS_PER_PX2 = 1.0 / 40.0
 """Disks over pixels at most: three times as many as contacts of two pixels in radius in a close packing."""
@@ -58,7 +57,6 @@ OVER_SURROUNDINGS = 0.8
 no polynomial describes leaves ridges, on which 0.5 takes specks for contacts; 1 loses faint contacts."""
 
 
-@stage("detection")
 def assemble_disks(
     problem: FitProblem, seen: SignedImage, *, blur: float, free_blur: bool, shapes: str
 ) -> "Assembly":
