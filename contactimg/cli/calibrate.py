@@ -22,7 +22,7 @@ RUNNING = (
     *shared.FRAMES,
     shared.CLUSTER,
     shared.option("output", shared.Output),
-    shared.option("workers", shared.Workers),
+    shared.WORKERS,
 )
 """Options that every calibration has, beside those of its signature."""
 
@@ -174,7 +174,6 @@ def _calibrate(
     scene: str | None,
     stated: shared.Stated,
     output: str | None,
-    workers: int | None,
     pulled: bool = False,
     used: Mapping[str, Any] = MappingProxyType({}),
     other_frames: Mapping[str, Any] = MappingProxyType({}),
@@ -196,7 +195,7 @@ def _calibrate(
         used_before = {one.get("sha256") for one in other_frames.get("frames", [])}
         if used_before & files.input_hashes(out.record["inputs"], images):
             raise InputError(ONE_OF_TWO)
-        result = run(experiment, workers=workers)
+        result = run(experiment)
         pipeline.write_calibration(result, out.folder, frames=out.record["inputs"])
         from contactimg.report.units import in_display_units, numbers_of
 

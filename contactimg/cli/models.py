@@ -18,6 +18,7 @@ TOLERANCE = "--tolerance", "tolerance", "relative"
 @shared.command(
     shared.SceneOption(*TOLERANCE, "Effects and coupling are the cheapest that meet it."),
     shared.NO_PLAUSIBILITY,
+    shared.ONE_WORKER,
     shared.CLUSTER,
 )
 def predict(
@@ -30,7 +31,6 @@ def predict(
     model: Literal["interacting", "gw", "gt"] = "interacting",
     coupling: Literal["auto", "none", "asymptotic", "hertz", "full"] = "auto",
     annulus_mm: shared.Annulus = 0.25,
-    workers: shared.OneWorker = 1,
 ) -> int:
     """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
 
@@ -75,7 +75,7 @@ def predict(
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
     with shared.results_in(output, described.folder, described, inputs, main_files=files.RUN_TABLES) as out:
         predictions = pipeline.predict_loads(
-            described, loads, model=model, coupling=coupling, annulus=annulus_mm * 1e-3, workers=workers
+            described, loads, model=model, coupling=coupling, annulus=annulus_mm * 1e-3
         )
         frames, record = pipeline.write_predictions(predictions, described, out.folder)
         out.record |= record | touching
@@ -88,8 +88,8 @@ def predict(
 # --- simulate
 
 
-@shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
-def simulate(scene: shared.Existing, *, output: shared.Output = None, workers: shared.OneWorker = 1) -> None:
+@shared.command(shared.NO_PLAUSIBILITY, shared.ONE_WORKER, shared.CLUSTER)
+def simulate(scene: shared.Existing, *, output: shared.Output = None) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 
     The section [simulate] of the scene describes loads, optics and sensor. Without a section [asperities] the
@@ -123,7 +123,7 @@ def simulate(scene: shared.Existing, *, output: shared.Output = None, workers: s
         out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in plans}
         switches = planned.effects.switches()
         out.record["effects"] = switches
-        pipeline.write_simulation(planned, asperities, out.folder, workers=workers)
+        pipeline.write_simulation(planned, asperities, out.folder)
         shown, left_out = ([one for one, switch in switches.items() if switch == on] for on in ("on", "off"))
         sensor = {"shot_noise", "read_noise", "quantisation"} <= set(left_out)
         ideal = "; the frames are floating-point numbers without noise" if sensor else ""

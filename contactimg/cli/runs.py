@@ -13,13 +13,12 @@ from contactimg.cli.scenes import plausible
 from contactimg.errors import InputError
 
 
-@shared.command(shared.NO_PLAUSIBILITY)
+@shared.command(shared.NO_PLAUSIBILITY, shared.WORKERS)
 def overlay(
     run: shared.ExistingFolder,
     *,
     output: shared.Output = None,
     min_radius_px: shared.NonNegative = 1.0,
-    workers: shared.Workers = None,
 ) -> int:
     """Compare the contacts of RUN, an output folder of `process`, with those that the model predicts.
 
@@ -50,14 +49,14 @@ def overlay(
     inputs = [*files.main_tables([Path(run)]), *experiment.inputs]
     main_files = ["scores.csv", "matches.csv"]
     with shared.results_in(output, run, measured.scene, inputs, main_files=main_files, then="analyse") as out:
-        comparison = pipeline.compare_run(measured, asperities, min_radius_px=min_radius_px, workers=workers)
+        comparison = pipeline.compare_run(measured, asperities, min_radius_px=min_radius_px)
         counts = comparison.scores[comparison.scores["model"] == "coupled"]
         numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
         pipeline.doubt_match(measured, pose, asperities, run, **numbers)
         made = {"matches": (tables.MATCHES, comparison.matches), "scores": (tables.SCORES, comparison.scores)}
         pipeline.write_results(out.folder, made)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
-        pipeline.draw_comparison(comparison, measured, experiment, out.folder / "overlays", workers=workers)
+        pipeline.draw_comparison(comparison, measured, experiment, out.folder / "overlays")
         echo_scores(comparison.scores, title=f"{run}: measured against predicted contacts")
         say(*(f"{frame}: {plan.sentence()}" for frame, plan in comparison.plans.items()))
         say(*pipeline.reservations(measured.frames[measured.frames["frame"].isin(comparison.seen)]))
@@ -66,7 +65,7 @@ def overlay(
     return 1 if comparison.left_out else 0
 
 
-@shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
+@shared.command(shared.NO_PLAUSIBILITY, shared.WORKERS, shared.CLUSTER)
 def analyse(
     runs: Annotated[tuple[shared.ExistingFolder, ...], "RUN [RUN ...]"],
     *,
@@ -84,7 +83,6 @@ def analyse(
     confidence: Annotated[float, click.FloatRange(0, 1, min_open=True, max_open=True)] = 0.95,
     models: Annotated[bool, "--models/--no-models"] = True,
     smooth: shared.ExistingFolder | None = None,
-    workers: shared.Workers = None,
 ) -> None:
     """Analyse one or several RUNs (output folders of `process` or `predict`) together.
 
@@ -151,7 +149,7 @@ def analyse(
     inputs += [] if calibration is None else [files.calibration_file(calibration)]
     then = "report" if len(runs) == 1 else ""
     with shared.results_in(output, runs[0], None, inputs, main_files=["results.csv"], then=then) as out:
-        analysis = pipeline.analyse_places(places, settings, workers=workers)
+        analysis = pipeline.analyse_places(places, settings)
         results = pipeline.write_analysis(analysis, out.folder)
         out.record["notes"] = [*pipeline.differences(places), *analysis.notes]
         echo_results(results, title=", ".join(runs))
@@ -201,7 +199,7 @@ def review(
     *,
     port: Annotated[int | None, click.IntRange(0, 65535)] = None,
     no_browser: bool = False,
-    workers: shared.Workers = None,
+    workers: Annotated[shared.Count | None, shared.PROCESSES] = None,
 ) -> None:
     """Open a page that shows the frames of RUN, an output folder of `process`, with contacts to correct.
 

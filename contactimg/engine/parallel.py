@@ -6,7 +6,8 @@ import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, wait
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
+from contextvars import ContextVar
 from functools import lru_cache
 from itertools import islice
 from multiprocessing import parent_process
@@ -22,11 +23,13 @@ from loky.process_executor import BrokenProcessPool
 
 from contactimg.engine.cluster import WorkerEndedError, cluster_in_use
 from contactimg.engine.processes import end_workers, keep_workers, live_with_parent, workers_wait
-from contactimg.engine.progress import counted
+from contactimg.engine.progress import counted, holding
 from contactimg.errors import ContactimgError, InputError
 from contactimg.timings import Seconds, add, collect_call, is_collecting
 
 Result = TypeVar("Result")
+
+_workers: ContextVar[int | None] = ContextVar("contactimg_workers", default=None)
 
 START_SECONDS = 6.0
 """Time that calls must save before processes are started for them without being asked for. Measured: each
@@ -43,12 +46,17 @@ MOST_FAILURES = 8
 the calls, and each failure costs seconds, in which processes start."""
 
 
+def sharing(workers: int | None) -> AbstractContextManager[None]:
+    """Let so many processes share the calls of `in_parallel` inside the block; None: as around it."""
+    return holding(_workers, _workers.get() if workers is None else workers)
+
+
 def in_parallel(
     function: Callable[..., Result],
     arguments: Iterable[tuple[Any, ...]],
     *,
     count: int,
-    workers: int | None,
+    workers: int | None = None,
     lost: Callable[..., Result] | None = None,
     shown: str = "",
 ) -> Iterator[Result]:
@@ -62,10 +70,10 @@ def in_parallel(
         Taken as they are needed.
     count : int
         Number of calls.
-    workers : int or None
-        Processes. None: this process makes the first calls, and one process per core makes the others as soon
-        as that saves more time than the start of processes takes. On a cluster
-        (`contactimg.engine.cluster.on_cluster`) its workers take the calls instead.
+    workers : int, optional
+        Processes; default: those of the `sharing` around. Without any this process makes the first calls, and
+        one process per core makes the others as soon as that saves more time than the start of processes
+        takes. On a cluster (`contactimg.engine.cluster.on_cluster`) its workers take the calls instead.
     lost : callable, optional
         Called with the error and the arguments of a call that ended its worker among others and again alone:
         gives the result in its place. Default: the error is raised.
@@ -84,6 +92,7 @@ def in_parallel(
     -----
     Local workers end with this process, whatever ends it (`contactimg.engine.processes`).
     """
+    workers = _workers.get() if workers is None else workers
     if workers is not None and not (isinstance(workers, Integral) and workers >= 1):
         raise InputError(f"workers must be a whole number of processes, 1 or more, or None, got {workers!r}")
     items = iter(arguments)

@@ -67,9 +67,7 @@ class MeasurementCheck:
     failed: pd.DataFrame
 
 
-def check_experiment(
-    experiment: Experiment, *, seed: int = 1, workers: int | None = None
-) -> MeasurementCheck:
+def check_experiment(experiment: Experiment, *, seed: int = 1) -> MeasurementCheck:
     """Draw contacts of known radius into the frames of an experiment, and measure them again.
 
     Parameters
@@ -77,8 +75,6 @@ def check_experiment(
     experiment : Experiment
     seed : int
         Of the random radii, brightnesses and places.
-    workers : int, optional
-        Processes that share the frames.
 
     Returns
     -------
@@ -94,7 +90,7 @@ def check_experiment(
     _, sites = asperities_and_sites(experiment)
     options = FrameOptions.of(experiment.scene, sites)
     call = partial(_check_frame, options=options, seed=seed)
-    results = for_each_frame(experiment, call, workers=workers, shown="checking frames")
+    results = for_each_frame(experiment, call, shown="checking frames")
     nothing = "no frame shows contacts like which others could be drawn"
     tables, failed = measured_and_failed(results, nothing)
     drawn = DRAWN.joined(table for table, _ in tables)

@@ -288,8 +288,6 @@ class MeasuredSeries:
         Apex and radius of the lens that the contacts show, None where they show none.
     law : LawPlan or None
         The law of the local forces, on which the contacts of all frames decide; None without forces.
-    workers : int or None
-        As for `contactimg.engine.parallel.in_parallel`, for what is done with blocks.
     """
 
     scene: Scene
@@ -299,7 +297,6 @@ class MeasuredSeries:
     apex: Apex | None = None
     shown: Apex | None = None
     law: LawPlan | None = None
-    workers: int | None = 1
 
     def posed(self, asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
         """The series with the pose and apex that the frame with most contacts gives, and the law of forces.
@@ -346,7 +343,7 @@ class MeasuredSeries:
     def of_blocks(self, make: Callable[["MeasuredSeries"], Result]) -> Iterator[Result]:
         """The results of a function for the blocks, in order; several processes share the blocks."""
         count = -(-len(self.parts) // BLOCK_FRAMES)
-        return in_parallel(make, ((block,) for block in self.blocks()), count=count, workers=self.workers)
+        return in_parallel(make, ((block,) for block in self.blocks()), count=count)
 
     @cached_property
     def run(self) -> files.Run:

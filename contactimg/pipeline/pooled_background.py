@@ -246,7 +246,6 @@ def pool_background(
     options: FrameOptions,
     parts: Mapping[int, MeasuredFrame],
     *,
-    workers: int | None,
     fault: str = "",
 ) -> Pool | None:
     """The background that the frames of a series show together.
@@ -260,8 +259,6 @@ def pool_background(
     options : FrameOptions
     parts : mapping of int to MeasuredFrame
         Frames of these numbers as measured with the reference of the experiment, or without one.
-    workers : int or None
-        As for `contactimg.engine.parallel.in_parallel`.
     fault : str
         Why the reference of the scene is left out, if it is.
 
@@ -275,7 +272,7 @@ def pool_background(
     if not (enough if wish == "auto" else wish == "pooled" and count > 1):
         return None
     try:
-        placed = _place_views(experiment, options, parts, workers)
+        placed = _place_views(experiment, options, parts)
         agreement = placed.agreement
         views = {
             k: replace(own, used=agreement.used[n], light=agreement.light[n])
@@ -290,7 +287,7 @@ def pool_background(
         if reference is not None:
             total = total.plus(reference.view(placed.anchor), len(experiment.references))
         call = partial(contribute_view, brightness=brightness)
-        for result in _each(experiment, call, views, workers).values():
+        for result in _each(experiment, call, views).values():
             if isinstance(result, FailedFrame):
                 raise FrameError(str(result.row["message"]))
             total = total.plus(result[0])
@@ -340,7 +337,7 @@ class _Placed:
 
 
 def _place_views(
-    experiment: Experiment, options: FrameOptions, parts: Mapping[int, MeasuredFrame], workers: int | None
+    experiment: Experiment, options: FrameOptions, parts: Mapping[int, MeasuredFrame]
 ) -> _Placed:
     """The anchor, and the views on it; a `FrameError` if too few frames show its surface."""
     frames, usable = experiment.frames, [k for k, part in parts.items() if is_measured(part)]
@@ -357,7 +354,7 @@ def _place_views(
             placement = pooled.Placement.of(frame.image, anchor, background_is=level, registered=registered)
             return None if placement is None else pooled.PlacedFrame.seen(frame.image, own, placement)
 
-        found = _each(experiment, placed, contacts, workers)
+        found = _each(experiment, placed, contacts)
         shown = {k: one for k, one in found.items() if one is not None and not isinstance(one, FailedFrame)}
         first = {own.digest: k for k, (own, _) in reversed(shown.items())}
         return {k: one for k, one in shown.items() if first[one[0].digest] == k}
@@ -383,9 +380,7 @@ def _place_views(
     return views
 
 
-def _each(
-    experiment: Experiment, call: Callable[..., Any], arguments: dict[int, Any], workers: int | None
-) -> dict[int, Any]:
+def _each(experiment: Experiment, call: Callable[..., Any], arguments: dict[int, Any]) -> dict[int, Any]:
     """The results of a call for frames of these numbers, each with its argument."""
     jobs = [(experiment.frames[k], argument) for k, argument in arguments.items()]
-    return dict(zip(arguments, for_each_frame(experiment, call, jobs, workers=workers), strict=True))
+    return dict(zip(arguments, for_each_frame(experiment, call, jobs), strict=True))

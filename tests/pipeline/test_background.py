@@ -179,7 +179,7 @@ def test_measured_again_on_the_pooled_background_only_where_something_changed(se
         patch.setattr(background_module, "measure_scene_frame", counting)
         for _ in range(2):
             store = PartStore(tmp_path / "store", record, resumes=False)
-            runs.append(measure_parts(experiment, workers=1, store=store).run)
+            runs.append(measure_parts(experiment, store=store).run)
             calls.append("end")
     assert calls.index("end") >= 7
     assert calls[calls.index("end") :] == ["end", "end"]

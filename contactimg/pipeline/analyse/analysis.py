@@ -125,9 +125,7 @@ class Analysis:
     notes: tuple[str, ...]
 
 
-def analyse_places(
-    places: Sequence[Place], options: AnalysisOptions, *, workers: int | None = None
-) -> Analysis:
+def analyse_places(places: Sequence[Place], options: AnalysisOptions) -> Analysis:
     """Analyse the runs of one or several places of a sample.
 
     Parameters
@@ -136,8 +134,6 @@ def analyse_places(
         From `open_place`, each folder once: one surface under one lens. Where they differ in lens, rubber or
         asperities a warning says so.
     options : AnalysisOptions
-    workers : int, optional
-        Processes that share the model solutions.
 
     Returns
     -------
@@ -161,14 +157,14 @@ def analyse_places(
         notes.append(f"no model curves: {'; '.join(lacking)}")
     elif options.models:
         for model in COMPARED_MODELS:
-            seen[model], left_out = predict_places(places, seen[own][1], model, workers=workers)
+            seen[model], left_out = predict_places(places, seen[own][1], model)
             notes += left_out
         for place in places if own == "measured" else ():
             _doubt_match(place, *seen["coupled"], options.min_radius_px)
     groups = seen[own][1].groupby("group")
     averages = [_average_load(part, places, seen, options, notes) for _, part in groups]
     shearing = {"load_tolerance": options.load_tolerance, "confidence": options.confidence}
-    sheared = analyse_shear(places, notes, **shearing, workers=workers)
+    sheared = analyse_shear(places, notes, **shearing)
     stress = None if friction.empty else fit_or_note(notes, "friction", _shear_stress, friction, options)
     points = [_points(average, density, options.min_contacts) for average in averages]
     area, area_laws = _areas(places, seen, averages, options, notes)

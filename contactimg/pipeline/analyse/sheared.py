@@ -86,7 +86,6 @@ def analyse_shear(
     *,
     load_tolerance: float,
     confidence: float = 0.95,
-    workers: int | None = None,
 ) -> Sheared:
     """The contacts of places by asperity, and their laws; what cannot be fitted is added to the notes.
 
@@ -100,7 +99,7 @@ def analyse_shear(
                 notes.append(f"{place.name}: no laws under shear: no contact has an asperity")
             continue
         table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
-        limits = _upper_limits(place, table, workers=workers)
+        limits = _upper_limits(place, table)
         table = table.assign(radius_upper_m=limits)
         tables.append(table if len(places) == 1 else table.assign(place=place.name))
         if not place.loads["tangential_N"].any():
@@ -127,7 +126,7 @@ def analyse_shear(
     return Sheared(followed, tuple(laws), beta, confidence)
 
 
-def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> Values:
+def _upper_limits(place: Place, table: pd.DataFrame) -> Values:
     """Upper limit of the radius in each row without a contact, m; NaN in the others and outside the image."""
     limits = np.full(len(table), np.nan)
     if place.pose is None:
@@ -161,7 +160,7 @@ def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> 
         image, valid = seen.image * np.float32(seen.frame_pair.unit), seen.frame_pair.valid
         return limit_radii(image, spots, contacts=contacts, **numbers, valid=valid)
 
-    measured = for_each_frame(experiment, unseen, jobs, workers=workers, shown=doing)
+    measured = for_each_frame(experiment, unseen, jobs, shown=doing)
     for index, found in zip(rows, measured, strict=True):
         if isinstance(found, FailedFrame):
             logger.warning("limits of contacts are those of detection: %s", found.row["message"])

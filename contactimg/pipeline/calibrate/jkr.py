@@ -69,15 +69,13 @@ class CircleSeries:
     rival: pd.DataFrame | None = None
 
 
-def measure_circles(experiment: Experiment, *, workers: int | None = None) -> CircleSeries:
+def measure_circles(experiment: Experiment) -> CircleSeries:
     """Measure the contact circle of every frame of a smooth contact.
 
     Parameters
     ----------
     experiment : Experiment
         Of a scene with a camera and an indenter.
-    workers : int, optional
-        Processes that share the frames.
 
     Returns
     -------
@@ -117,7 +115,7 @@ def measure_circles(experiment: Experiment, *, workers: int | None = None) -> Ci
         row: dict[str, object] = {"frame": frame.name} | {name: getattr(measurement, name) for name in names}
         return row, sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
 
-    parts = list(for_each_frame(experiment, sample, workers=workers, shown="measuring frames"))
+    parts = list(for_each_frame(experiment, sample, shown="measuring frames"))
     sampled = [samples for _, samples in measured_and_failed(parts, "no frame shows a contact circle")[0]]
     by_size = sorted(sampled, key=lambda one: one.circle.radius_px)
     # the frames with the middle, the smallest and the largest contact
@@ -221,14 +219,13 @@ def mean_centre(table: pd.DataFrame) -> tuple[CoverageEstimate, CoverageEstimate
 # --- the calibration
 
 
-def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated:
+def run_jkr(experiment: Experiment) -> Calibrated:
     """Modulus, work of adhesion and centre from frames of the smooth contact.
 
     Parameters
     ----------
     experiment : Experiment
         With loads; opened so that negative ones may be.
-    workers : int, optional
 
     Returns
     -------
@@ -240,7 +237,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated
         If the loads and circles determine nothing; the message says why.
     """
     check_loads(experiment.loads["load_N"])
-    series, scene = measure_circles(experiment, workers=workers), experiment.scene
+    series, scene = measure_circles(experiment), experiment.scene
     table = series.table
     chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])
     failed = table["message"][table["status"] == FAILED]
