@@ -7,7 +7,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, wait
 from contextlib import chdir, contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
@@ -100,16 +100,13 @@ class Cluster:
 
     def __init__(self, client: "Client", place: str) -> None:
         self.client, self.place = client, place
+        self.folder = Path.cwd()  # of files for the workers, which all must see
         self._executor = client.get_executor(pure=False)
 
     def processes(self) -> int:
         """Threads of all workers now; one at least."""
         with self._failures_named():
             return max(1, sum(self.client.nthreads().values()))
-
-    def folder(self) -> Path:
-        """Where files for the workers lie: in the working directory, which all must see."""
-        return Path.cwd()
 
     def submit(self, function: Callable[..., Any], file: str, *arguments: Any) -> Future:
         """Hand a call to the workers that needs a file.
@@ -119,22 +116,21 @@ class Cluster:
         """
         with self._failures_named(), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Sending large graph", category=UserWarning)
-            return self._executor.submit(_call, installation(), Path.cwd(), function, file, *arguments)
+            return self._executor.submit(_call, installation(), self.folder, function, file, *arguments)
 
-    def seen(self, last: float) -> float:
-        """When there was a worker: now, or else the ``last`` time, unless that is too long ago."""
+    def wait(self, futures: list[Future[Any]]) -> None:
+        """Wait until calls have ended, in whatever way, as long as there are workers."""
         import dask
 
-        with self._failures_named():
-            if self.client.nthreads():
-                return time.monotonic()
-        limit = dask.config.get(PATIENCE)
-        if time.monotonic() - last > dask.utils.parse_timedelta(limit):
-            raise ClusterError(
-                f"the cluster at {self.place} has had no worker for {limit}; start workers and the same "
-                f"command again, or let dask wait longer, by its setting {PATIENCE}"
-            )
-        return last
+        limit, seen = dask.config.get(PATIENCE), time.monotonic()
+        while wait(futures, timeout=2.0).not_done:  # s, chosen by hand: how often workers are looked for
+            with self._failures_named():
+                seen = time.monotonic() if self.client.nthreads() else seen
+            if time.monotonic() - seen > dask.utils.parse_timedelta(limit):
+                raise ClusterError(
+                    f"the cluster at {self.place} has had no worker for {limit}; start workers and the same "
+                    f"command again, or let dask wait longer, by its setting {PATIENCE}"
+                )
 
     def named(self, error: BaseException) -> BaseException:
         """The error of a call, or what it says about the cluster."""

@@ -13,7 +13,7 @@ from itertools import islice
 from multiprocessing import parent_process
 from numbers import Integral
 from pathlib import Path
-from time import monotonic, perf_counter
+from time import perf_counter
 from typing import Any, TypeVar
 
 import cloudpickle
@@ -137,7 +137,7 @@ def _in_order(
     it is its turn: one that ends its process then too is the cause.
     """
     calls, failures = deque[tuple[tuple[Any, ...], Future[tuple[Result, Seconds]]]](), 0
-    with _stored((function, is_collecting()), workers.folder()) as name:
+    with _stored((function, is_collecting()), workers.folder) as name:
         try:
             while True:
                 for item in islice(items, max(AHEAD * workers.processes() - len(calls), 0)):
@@ -149,7 +149,7 @@ def _in_order(
                     try:
                         result = _result(workers, future)
                     except WorkerEndedError:
-                        _settle(workers, [other for _, other in calls])
+                        workers.wait([other for _, other in calls])
                         result = _result(workers, workers.submit(_call, name, *item))
                     failures = 0
                 except WorkerEndedError as error:
@@ -166,16 +166,9 @@ def _in_order(
                 end_workers()
 
 
-def _settle(workers: Any, futures: list[Future[Any]]) -> None:
-    """Wait until calls have ended, in whatever way, as long as there are workers."""
-    seen = monotonic()
-    while wait(futures, timeout=2.0).not_done:  # s, chosen by hand: how often workers are looked for
-        seen = workers.seen(seen)
-
-
 def _result(workers: Any, future: Future[tuple[Result, Seconds]]) -> Result:
     """The result of a call when it is there; its error in the words of the workers."""
-    _settle(workers, [future])
+    workers.wait([future])
     try:
         result, seconds = future.result()
     except Exception as error:
@@ -186,6 +179,9 @@ def _result(workers: Any, future: Future[tuple[Result, Seconds]]) -> Result:
 
 class _Processes:
     """Processes of this machine that take calls, started anew when one of them was ended."""
+
+    folder: Path | None = None
+    """Where files for the processes lie: in the usual folder of temporary files."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -207,19 +203,15 @@ class _Processes:
         keep_workers(executor)
         return executor
 
-    def folder(self) -> Path | None:
-        """Where files for the processes lie: None stands for the usual folder of temporary files."""
-        return None
-
     def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
         """Hand a call to the processes, to new ones if one of them ends while it is handed over."""
         with suppress(BrokenProcessPool):
             return self._executor().submit(function, *arguments)
         return self._executor().submit(function, *arguments)
 
-    def seen(self, last: float) -> float:
-        """Nothing is to be looked for: a process of this machine that has gone ends its calls."""
-        return last
+    def wait(self, futures: list[Future[Any]]) -> None:
+        """Wait until calls have ended: a process of this machine that has gone ends its calls."""
+        wait(futures)
 
     def named(self, error: BaseException) -> BaseException:
         if isinstance(error, BrokenProcessPool):

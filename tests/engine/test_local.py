@@ -82,8 +82,8 @@ class EndedOnce:
             future.set_result(function(name, number))
         return future
 
-    processes, folder = (lambda _: 2), (lambda _: None)
-    seen, named = (lambda _, last: last), (lambda _, error: error)
+    processes, folder = (lambda _: 2), None
+    wait, named = (lambda _, _futures: None), (lambda _, error: error)
 
 
 def test_calls_that_ended_with_a_process_are_made_again_once_and_no_other():
