@@ -13,7 +13,7 @@ such a rim of their own.
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -50,7 +50,6 @@ from contactimg.imaging.pixels.robust import (
 )
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
 from contactimg.imaging.profile.limits import (
-    FEWEST,
     FIT_BLUR_WIDTHS,
     LEAST_FRACTION,
     LEAST_VISIBLE,
@@ -320,20 +319,6 @@ class Agreement:
     def left_out(self) -> Flags:
         """Views that do not agree with the others as a whole."""
         return np.asarray(~self.used.any(axis=(1, 2)))
-
-    def spots_of(self, view: int, contacts: Mapping[int, Contacts], *, sign: int) -> int:
-        """Places of more than one square where a view is brighter (sign -1: darker) than all that agree.
-
-        One of these must show the place outside its own contacts (on the anchor, by the number of the view).
-        """
-        bare = self.used & np.isfinite(self.deviation)
-        for n, own in contacts.items():
-            bare[n] &= ~self._squares_of(own)
-        agree, bare = (np.delete(flags, view, axis=0) for flags in (self.used, bare))
-        others = (agree.sum(axis=0) >= FEWEST) & bare.any(axis=0)
-        differs = (~self.used[view] & others & (sign * self.deviation[view] > 0)).astype(np.uint8)
-        areas = cv2.connectedComponentsWithStats(differs)[2][1:, cv2.CC_STAT_AREA]
-        return int(np.count_nonzero(areas > 1))
 
     def scatter_inside(self, contacts: Contacts, *, view: int) -> float:
         """Scatter of a view in the squares of its contacts (on the anchor), over that in the others."""

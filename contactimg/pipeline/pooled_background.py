@@ -84,8 +84,6 @@ class Pool:
         Names of the frames that differ from the others.
     needed : bool
         It is used whether or not it gains: it was asked for, or the reference is at fault.
-    spots : int
-        Spots of the reference that look like contacts and that no frame confirms.
     before : dict
         Name of a frame that was measured before -> its noise (grey levels) and the median uncertainty of its
         radii (px).
@@ -98,7 +96,6 @@ class Pool:
     remark: str
     differing: set[str]
     needed: bool
-    spots: int
     before: dict[str, tuple[float, float]]
 
     def gains(self, after: Mapping[int, MeasuredFrame]) -> bool:
@@ -207,13 +204,13 @@ def contacts_of(part: MeasuredFrame, options: FrameOptions) -> pooled.Contacts:
     return replace(contacts, contrast=contrast, blur=blur, film=film) if known else contacts.left_out()
 
 
-def spots_in_contact(parts: Iterable[MeasuredFrame], reference: NDArray | None) -> int:
-    """Contacts and other candidates of a frame, the most of any, that the reference shows, too.
+def fault_of_reference(parts: Iterable[MeasuredFrame], reference: NDArray | None) -> str:
+    """Why the reference cannot serve: it shows contacts and other candidates of a frame, too; else empty.
 
     Twice what chance makes is taken off: what the same places have on the reference turned by half a turn.
     """
     if reference is None:
-        return 0
+        return ""
     (rows, columns), counts = reference.shape, [0]
     smooth = pooled.smooth_brightness(reference)
     fine = cv2.blur(np.where(np.isfinite(reference), reference, smooth).astype(np.float32), (3, 3))
@@ -232,7 +229,8 @@ def spots_in_contact(parts: Iterable[MeasuredFrame], reference: NDArray | None) 
             least = BRIGHT_FRACTION * np.pi * np.maximum(radius, 2.0) ** 2
             shown.append(int(np.count_nonzero(bright > least)))
         counts.append(shown[0] - 2 * shown[1])
-    return max(counts)
+    spots = max(counts)
+    return f"the reference shows {spots} spots like contacts" if spots >= FEWEST_FALSE_SPOTS else ""
 
 
 def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
@@ -311,7 +309,6 @@ def pool_background(
         remark=remark,
         differing={experiment.frames[k].name for k in placed.shown.keys() - views.keys() - {REFERENCE}},
         needed=bool(fault) or wish == "pooled",
-        spots=agreement.spots_of(0, placed.contacts, sign=placed.sign) if REFERENCE in placed.shown else 0,
         before={str(part.row["frame"]): _noise_and_std(part) for part in parts.values()},
     )
 

@@ -20,15 +20,13 @@ from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measur
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus, read_reference
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.pooled_background import (
-    FEWEST_FALSE_SPOTS,
     FEWEST_FRAMES,
     MOST_VIEWS,
-    Pool,
     evenly_spread,
+    fault_of_reference,
     is_measured,
     measure_on_pool,
     pool_background,
-    spots_in_contact,
 )
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene
@@ -148,16 +146,17 @@ def _measure_frames(
     shapes = Counter(part.shape for part in parts.values() if part.shape)
     if len(shapes) != 1 or shapes.total() < FEWEST_FRAMES:
         parts |= measured(alone, {k: None for k in numbers if k not in parts})
-    if not _of_usual_shape(parts):
-        raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
     usual = _of_usual_shape(parts)
-    pool = pool_background(experiment, options, usual)
-    if fault := _fault_of_reference(experiment, usual, pool):
+    if not usual:
+        raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
+    asked = experiment.scene.images.background == "reference"
+    fault = "" if asked else fault_of_reference(usual.values(), read_reference(experiment))
+    if fault:
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
         parts |= measured(alone, dict.fromkeys(parts))
         usual = _of_usual_shape(parts)
-        pool = pool_background(experiment, options, usual, fault=fault)
+    pool = pool_background(experiment, options, usual, fault=fault)
     call, (common, lent) = alone, _lent_optics(usual, method)
     if pool is not None:
         on_pool = partial(measure_on_pool, pool=pool)
@@ -178,17 +177,6 @@ def _measure_frames(
     elif fault:
         parts = {k: part.with_remarks(f"{fault}: not used") for k, part in parts.items()}
     return _in_order(parts, frames)
-
-
-def _fault_of_reference(
-    experiment: files.Experiment, parts: Mapping[int, MeasuredFrame], pool: Pool | None
-) -> str:
-    """Why the reference is left out; empty where it may serve, or has to as the scene says."""
-    if experiment.scene.images.background == "reference":
-        return ""
-    spots = spots_in_contact(parts.values(), read_reference(experiment))
-    spots = max(spots, 0 if pool is None else pool.spots)
-    return f"the reference shows {spots} spots like contacts" if spots >= FEWEST_FALSE_SPOTS else ""
 
 
 def _lent_optics(
