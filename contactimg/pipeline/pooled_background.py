@@ -8,7 +8,7 @@ frame is then measured on the mean of the others.
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, TypeVar
 
 import cv2
@@ -270,20 +270,19 @@ def pool_background(
     if not (enough if wish == "auto" else wish == "pooled" and count > 1):
         return None
     try:
-        placed = _place_views(experiment, options, parts)
-        agreement = placed.agreement
+        anchor, source, shown, agreement = _place_views(experiment, options, parts)
         views = {
             k: replace(own, used=agreement.used[n], light=agreement.light[n])
-            for n, (k, (own, _)) in enumerate(placed.shown.items())
+            for n, (k, (own, _)) in enumerate(shown.items())
             if not agreement.left_out[n]
         }
         reference = views.pop(REFERENCE, None)
         if len(views) < FEWEST_VIEWS:
             raise FrameError(f"only {len(views)} different frames show it and agree on it")
-        brightness, equations = pooled.smooth_brightness(placed.anchor), list[pooled.RimSums]()
+        brightness, equations = pooled.smooth_brightness(anchor), list[pooled.RimSums]()
         total = pooled.PooledBackground.empty(brightness.shape)
         if reference is not None:
-            total = total.plus(reference.view(placed.anchor), len(experiment.references))
+            total = total.plus(reference.view(anchor), len(experiment.references))
         call = partial(contribute_view, brightness=brightness)
         for result in _each(experiment, call, views).values():
             if isinstance(result, FailedFrame):
@@ -297,46 +296,29 @@ def pool_background(
         logger.info("the background is not pooled: %s", error)
         return None
     remark = ""
-    if REFERENCE in placed.shown and reference is None:
+    if REFERENCE in shown and reference is None:
         remark = "the reference differs from all frames: left out of the pooled background"
-    elif fault or (experiment.references and REFERENCE not in placed.shown):
+    elif fault or (experiment.references and REFERENCE not in shown):
         remark = f"{fault or 'the reference does not show the surface of the frames'}: not used"
     return Pool(
         background=total,
         views=tuple(map(pooled.PlacedFrame.corrected, views.values(), corrections)),
         options=options,
-        source=placed.source,
+        source=source,
         remark=remark,
-        differing={experiment.frames[k].name for k in placed.shown.keys() - views.keys() - {REFERENCE}},
+        differing={experiment.frames[k].name for k in shown.keys() - views.keys() - {REFERENCE}},
         needed=bool(fault) or wish == "pooled",
         before={str(part.row["frame"]): _noise_and_std(part) for part in parts.values()},
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """The anchor, whose coordinates it has, whether contacts are bright (1) or dark (-1), and the views."""
-
-    anchor: NDArray
-    source: str
-    sign: int
-    shown: dict[int, PlacedView]
-
-    @property
-    def contacts(self) -> dict[int, pooled.Contacts]:
-        """The contacts of each view on the anchor, by its place among them."""
-        return {n: own.on_anchor(self.anchor.shape) for n, (own, _) in enumerate(self.shown.values())}
-
-    @cached_property
-    def agreement(self) -> pooled.Agreement:
-        """Where the views agree, the reference first."""
-        return pooled.compare_views([squares for _, squares in self.shown.values()], sign=self.sign)
-
-
 def _place_views(
     experiment: Experiment, options: FrameOptions, parts: Mapping[int, MeasuredFrame]
-) -> _Placed:
-    """The anchor, and the views on it; a `FrameError` if too few frames show its surface."""
+) -> tuple[NDArray, str, dict[int, PlacedView], pooled.Agreement]:
+    """The anchor, whose coordinates it has, the views on it, the reference first, and where these agree.
+
+    A `FrameError` says if too few frames show its surface.
+    """
     frames, usable = experiment.frames, [k for k, part in parts.items() if is_measured(part)]
     light = sum(np.sign(parts[k].row["contrast"]) * parts[k].row["n_contacts"] for k in usable)
     sign = 1 if light >= 0 else -1  # whether most contacts are brighter than the background
@@ -368,13 +350,18 @@ def _place_views(
     own = {k: one.contacts for k, (one, _) in shown.items() if k != REFERENCE}
     if len(own) < FEWEST_VIEWS:
         raise FrameError(f"only {len(own)} different frames show it")
-    views = _Placed(anchor, source, sign, shown)
-    scatter = [views.agreement.scatter_inside(disks, view=n) for n, disks in views.contacts.items()]
-    if np.median(scatter[-len(own) :]) > ROUGH_RATIO:  # below 1 if contacts show the surface as modelled
+    agree = partial(pooled.compare_views, sign=sign)
+    agreement = agree([squares for _, squares in shown.values()])
+    scatter = [
+        agreement.scatter_inside(one.on_anchor(anchor.shape), view=n)
+        for n, (k, (one, _)) in enumerate(shown.items())
+        if k != REFERENCE
+    ]
+    if np.median(scatter) > ROUGH_RATIO:  # below 1 if contacts show the surface as modelled
         logger.info("contacts do not show the surface as their surroundings do: they are left out")
-        hidden = {k: one.left_out() for k, one in own.items()}
-        views = replace(views, shown=shown | place(hidden, anchor))
-    return views
+        shown |= place({k: disks.left_out() for k, disks in own.items()}, anchor)
+        agreement = agree([squares for _, squares in shown.values()])
+    return anchor, source, shown, agreement
 
 
 def _each(experiment: Experiment, call: Callable[..., Any], arguments: dict[int, Any]) -> dict[int, Any]:
