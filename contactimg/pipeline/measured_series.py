@@ -75,28 +75,23 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
     reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
     found = fit.fit_pose(x_px, y_px, sites[["x_m", "y_m"]], guess, largest_shift=reach)
     pose, known = found.pose, f"{found.n_matched} of {found.n_points} contacts fall on asperities"
-    turned = np.abs(np.sin(pose.rotation - guess.rotation))
-    away = turned > np.sin(fit.LARGEST_TURN_RAD) or pose.mirrored != guess.mirrored
+    turned, mirrored = np.abs(np.sin(pose.rotation - guess.rotation)), pose.mirrored != guess.mirrored
+    away = turned > np.sin(fit.LARGEST_TURN_RAD) or mirrored
     if away or np.hypot(*np.subtract(pose.centre, guess.centre)) > reach:
         stated = run.scene.camera is not None and run.scene.camera.centre is not None
+        place, flag = ", ".join(f"{value:.6g}" for value in pose.centre), str(pose.mirrored).lower()
+        keys = f"centre_m = [{place}], rotation_deg = {np.rad2deg(pose.rotation):.4g}, mirrored = {flag}"
+        exchanged = "; are x_m and y_m of the asperities exchanged?" if turned > EXCHANGED_SINE else ""
         logger.log(
             logging.WARNING if stated or away else logging.INFO,
-            "the camera does not look where [camera] says; %s with [camera] centre_m = [%s], rotation_deg = "
-            "%.4g, mirrored = %s: used here%s",
-            known,
-            ", ".join(f"{value:.6g}" for value in pose.centre),
-            np.rad2deg(pose.rotation),
-            str(pose.mirrored).lower(),
-            "; are x_m and y_m of the asperities exchanged?"
-            if pose.mirrored != guess.mirrored and turned > EXCHANGED_SINE
-            else "",
+            "the camera does not look where [camera] says; %s with [camera] %s: used here%s",
+            *(known, keys, exchanged if mirrored else ""),
         )
     if abs(pose.pixel_size - guess.pixel_size) > fit.LARGEST_SCALE_ERROR * guess.pixel_size:
         logger.warning(
             "contacts fall on asperities with [camera] pixel_size_m = %.4g, not %.4g: used here; is "
             "the scene wrong, or the scale of x_m and y_m?",
-            pose.pixel_size,
-            guess.pixel_size,
+            *(pose.pixel_size, guess.pixel_size),
         )
     said = f"fitted: {known}, RMS {found.residual:.3g} m" if found.fitted else "as given"
     logger.info("pose %s", said)
@@ -117,12 +112,12 @@ def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -
     return Apex(scene.indenter.apex) if stated else shown
 
 
-def shown_apex(run: files.Run, pose: Pose | None, asperities: pd.DataFrame | None) -> Apex | None:
+def shown_apex(run: files.Run, pose: Pose, asperities: pd.DataFrame | None) -> Apex | None:
     """The apex that the contacts of one frame of a run show, the frame that shows it best; None if none does.
 
     Without asperities it is the centre of the contacts.
     """
-    if pose is None or run.scene.indenter is None:
+    if run.scene.indenter is None:
         return None
     contacts, frames, lens = run.contacts, run.frames, run.scene.indenter.radius
     lost = frames.loc[frames["status"] == Status.NO_POSE, "frame"]
@@ -310,9 +305,8 @@ class MeasuredSeries:
         run = replace(self, parts=[self.parts[int(counts.fillna(0).argmax())]]).in_pixels
         shape = next(part.shape for part in self.parts if part.shape)
         pose = find_pose(run, self.sites, self.scene.pose(shape))
-        several = replace(self, parts=evenly_spread(self.parts, BLOCK_FRAMES))
-        located = with_pose(several.in_pixels, self.sites, pose)
-        shown = shown_apex(located, pose.pose, asperities)
+        several = replace(self, parts=evenly_spread(self.parts, BLOCK_FRAMES), pose=pose)
+        shown = shown_apex(several.located, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
         posed = replace(self, pose=pose, apex=apex, shown=shown)
         if apex is not None and apex.known != STATED and asperities is not None:
