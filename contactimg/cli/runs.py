@@ -1,6 +1,5 @@
 """Commands on the output of `process`: `overlay`, `analyse`, `report`, `review`, `export`, `import-rois`."""
 
-from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -72,15 +71,11 @@ def analyse(
     output: shared.Output = None,
     calibration: shared.Existing | None = None,
     annulus_mm: shared.Annulus = 0.25,
-    load_min_N: float = 0.0,
-    load_max_N: float | None = None,
     load_tolerance: shared.NonNegative = 0.05,
     load_std_N: shared.NonNegative = 0.0,
     load_relative_std: shared.NonNegative = 0.0,
     friction_std_N: shared.NonNegative = 0.0,
     min_radius_px: shared.NonNegative = 1.0,
-    min_contacts: shared.Count = 5,
-    confidence: Annotated[float, click.FloatRange(0, 1, min_open=True, max_open=True)] = 0.95,
     models: Annotated[bool, "--models/--no-models"] = True,
     smooth: shared.ExistingFolder | None = None,
 ) -> None:
@@ -105,10 +100,6 @@ def analyse(
     ----------
     calibration
         Take the centre of the contact from this calibration.json (or its folder) of `calibrate jkr`.
-    load_min_N
-        Smallest load, in newtons, used to fit the exponent of contact area against load.
-    load_max_N
-        Largest load, in newtons, used to fit that exponent.  [default: no limit]
     load_tolerance
         Frames whose loads differ by less than this fraction are averaged as one load.
     load_std_N
@@ -120,10 +111,6 @@ def analyse(
     min_radius_px
         Smallest contact radius that counts, in pixels: smaller contacts, measured or predicted, are left out
         of the profiles.
-    min_contacts
-        Fewest contacts to expect in a ring, by those beside it, for the laws against the local pressure.
-    confidence
-        Confidence level of every interval.
     models
         Compare with the contact models, solved for the same surfaces and loads.
     smooth
@@ -131,14 +118,11 @@ def analyse(
     """
     settings = pipeline.AnalysisOptions(
         annulus=annulus_mm * 1e-3,
-        confidence=confidence,
-        load_range=(load_min_N, inf if load_max_N is None else load_max_N),
         load_tolerance=load_tolerance,
         load_relative_std=load_relative_std,
         load_std=load_std_N,
         friction_std=friction_std_N,
         min_radius_px=min_radius_px,
-        min_contacts=min_contacts,
         models=models,
         smooth=None if smooth is None else pipeline.open_place(smooth),
     )
