@@ -122,8 +122,7 @@ def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
 def _sentence(drawn: pd.DataFrame, classes: pd.DataFrame, stated_px: float) -> str:
     """The sentence that the check says; ``stated_px`` is the detection limit of the frames."""
     share = classes["completeness"].to_numpy()
-    poor = np.flatnonzero(share < FOUND)
-    first = int(poor[-1]) + 1 if len(poor) else 0
+    first = int(np.max(np.flatnonzero(share < FOUND), initial=-1)) + 1
     if first == len(classes):
         return f"fewer than {100 * FOUND:.0f} % of the drawn contacts are found, whatever their radius"
     low = classes["low_px"].iloc[first]

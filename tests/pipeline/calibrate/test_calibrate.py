@@ -10,6 +10,7 @@ from small_series import break_measurement, copy_of
 
 import contactimg.effects.optics as optics_module
 from contactimg.analysis.estimates import CoverageEstimate
+from contactimg.calibration.jkr import mean_centre
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.files import (
@@ -22,7 +23,7 @@ from contactimg.files import (
 )
 from contactimg.frame import Frame
 from contactimg.pipeline.calibrate import thresholds
-from contactimg.pipeline.calibrate.jkr import mean_centre, measure_circles
+from contactimg.pipeline.calibrate.jkr import measure_circles
 from contactimg.pipeline.calibrate.thresholds import measure_thresholds
 from contactimg.pipeline.results import frame_notes
 from contactimg.pipeline.series import measure_parts
