@@ -80,7 +80,7 @@ class Pool:
         Whose coordinates the background has, if not those of the reference.
     remark : str
         On all frames of the series; empty where there is nothing to say.
-    differing : set of str
+    differing : list of str
         Names of the frames that differ from the others.
     needed : bool
         It is used whether or not it gains: it was asked for, or the reference is at fault.
@@ -94,7 +94,7 @@ class Pool:
     options: FrameOptions
     source: str
     remark: str
-    differing: set[str]
+    differing: list[str]
     needed: bool
     before: dict[str, tuple[float, float]]
 
@@ -306,7 +306,7 @@ def pool_background(
         options=options,
         source=source,
         remark=remark,
-        differing={experiment.frames[k].name for k in shown.keys() - views.keys() - {REFERENCE}},
+        differing=[experiment.frames[k].name for k in shown if k != REFERENCE and k not in views],
         needed=bool(fault) or wish == "pooled",
         before={str(part.row["frame"]): _noise_and_std(part) for part in parts.values()},
     )
