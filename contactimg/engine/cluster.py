@@ -56,18 +56,6 @@ def installation() -> dict[str, str]:
     return {"contactimg": source_digest()[:12], "python": platform.python_version()} | versions
 
 
-def _difference(one: dict[str, str], other: dict[str, str]) -> str:
-    """Names of the packages that differ between two installations; empty if none does.
-
-    Examples
-    --------
-    >>> _difference({"numpy": "2.1.0", "scipy": "1.14"}, {"numpy": "2.2.0", "scipy": "1.14"})
-    'numpy 2.1.0 against 2.2.0'
-    """
-    names = [name for name in one | other if one.get(name) != other.get(name)]
-    return ", ".join(f"{name} {one.get(name)} against {other.get(name)}" for name in names)
-
-
 def _call(
     installed: dict[str, str], folder: Path, function: Callable[..., Any], file: str, *arguments: Any
 ) -> Any:
@@ -75,9 +63,13 @@ def _call(
 
     ``folder`` is the working directory of the command, in which relative paths are read.
     """
-    other = _difference(installed, installation())
-    if other:
-        raise ClusterError(f"the command and a worker of the cluster differ: {other}; install the same")
+    here = installation()
+    differ = [
+        f"{name} {one} against {here.get(name)}" for name, one in installed.items() if one != here.get(name)
+    ]
+    if differ:
+        said = ", ".join(differ)
+        raise ClusterError(f"the command and a worker of the cluster differ: {said}; install the same")
     if not Path(file).is_file():
         raise ClusterError(
             f"a worker of the cluster does not see the files in {folder}, where the command was started; "

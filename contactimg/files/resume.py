@@ -134,6 +134,7 @@ class PartStore:
             ((name, *job) for name, job in zip(names, jobs, strict=True)),
             count=len(jobs),
             lost=lambda error, _, *job: lost(error, *job),
+            shown=shown,
         )
 
 

@@ -11,7 +11,6 @@ from threadpoolctl import threadpool_limits
 
 from contactimg.engine.parallel import in_parallel
 from contactimg.engine.processes import end_if_asked
-from contactimg.engine.progress import counted
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameSource, PartStore, edits_file
 from contactimg.pipeline.inputs import read_reference
@@ -86,7 +85,7 @@ def for_each_frame(
             return FailedFrame.of(source.name, error)
 
     if store is None:
-        results = in_parallel(measured, iter(jobs), count=len(jobs), lost=_lost_frame)
+        results = in_parallel(measured, iter(jobs), count=len(jobs), lost=_lost_frame, shown=shown)
     else:
         call = measure if isinstance(measure, partial) else partial(measure)
         references = [_without_folder(source) for source in experiment.references]
@@ -96,7 +95,7 @@ def for_each_frame(
         common = store.common(settings, [path for path in experiment.others if path != edits])
         names = [store.name(common, source.path, [_without_folder(source), *rest]) for source, *rest in jobs]
         results = store.results(measured, jobs, names, lost=_lost_frame, shown=shown)
-    for result in counted(results, shown, len(jobs)):
+    for result in results:
         end_if_asked()
         yield result
 
