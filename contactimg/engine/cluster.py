@@ -64,12 +64,10 @@ def _call(
     ``folder`` is the working directory of the command, in which relative paths are read.
     """
     here = installation()
-    differ = [
-        f"{name} {one} against {here.get(name)}" for name, one in installed.items() if one != here.get(name)
-    ]
-    if differ:
-        said = ", ".join(differ)
-        raise ClusterError(f"the command and a worker of the cluster differ: {said}; install the same")
+    names = [name for name in installed if installed[name] != here.get(name)]
+    if names:
+        differ = ", ".join(f"{name} {installed[name]} against {here.get(name)}" for name in names)
+        raise ClusterError(f"the command and a worker of the cluster differ: {differ}; install the same")
     if not Path(file).is_file():
         raise ClusterError(
             f"a worker of the cluster does not see the files in {folder}, where the command was started; "
