@@ -158,6 +158,17 @@ def test_guess_is_kept_with_too_few_points(asperities, n):
     assert (fit.fitted, fit.pose, fit.n_matched) == (False, guess, 0)
 
 
+def test_few_contacts_replace_the_guess_only_if_so_many_matches_are_no_chance(asperities, rng):
+    # by chance a contact falls on one of 18 asperities per mm^2 with a probability of 2 %, and hundreds of
+    # shifts are tried near the guess: matches of four may be chance, those of eight are none
+    truth, guess = Pose(SHAPE, 6e-6, (0.0051, 0.0049)), Pose(SHAPE, 6e-6, (0.005, 0.005))
+    x_px, y_px = truth.to_pixels(*asperities[np.argsort(np.hypot(*(asperities - 0.005).T))[:8]].T)
+    for count, fitted in ((4, False), (8, True)):
+        fit = fit_pose(x_px[:count], y_px[:count], asperities, guess, largest_shift=SHIFT)
+        assert fit.fitted is fitted
+        assert fit.pose.centre == pytest.approx((truth if fitted else guess).centre, abs=1e-8)
+
+
 def test_a_symmetric_lattice_keeps_the_guessed_mirror():
     lattice = np.stack(np.meshgrid(np.arange(9), np.arange(7)), -1).reshape(-1, 2) * 2.5e-3
     truth = Pose((480, 640), 6e-5, (10e-3, 7.5e-3), 0.01)
