@@ -196,7 +196,9 @@ def _calibrate(
         if used_before & files.input_hashes(out.record["inputs"], images):
             raise InputError(ONE_OF_TWO)
         result = run(experiment)
-        pipeline.write_calibration(result, out.folder, frames=out.record["inputs"])
+        record = result.record | {"frames": out.record["inputs"]}
+        files.write_json(record, out.folder / files.CALIBRATION_FILE)
+        pipeline.write_results(out.folder, result.tables, result.figures)
         from contactimg.report.units import in_display_units, numbers_of
 
         say(f"{folder}, calibrate {click.get_current_context().info_name}")

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 import click
 
-from contactimg import files, pipeline, tables
+from contactimg import files, pipeline, plots, tables
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, say
 from contactimg.cli.scenes import scene_at
@@ -221,7 +221,8 @@ def tradeoff(
     described, inputs = scene_at(scene, stated)
     with shared.results_in(output, described.folder, described, inputs) as out:
         result = pipeline.measure_tradeoff(described, load=load, knobs=knobs)
-        pipeline.write_tradeoff(result, out.folder)
+        ax = plots.plot_tradeoff(result.table, relative=result.relative)
+        pipeline.write_results(out.folder, {"tradeoff": (tables.TRADEOFF, result.table)}, {"tradeoff": ax})
         out.record["sentences"] = result.sentences
         echo_tradeoff(result.table)
         say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in result.left_out.items()))
