@@ -136,6 +136,16 @@ def test_pose_is_found_from_contacts_alone(asperities, rng, mirrored, spurious):
     assert abs(fit.pose.pixel_size / truth.pixel_size - 1) < 5 * scatter / arm / np.sqrt(n)
 
 
+def test_a_patch_of_dirt_does_not_hide_the_pose(asperities, rng):
+    truth = Pose(SHAPE, 6e-6, (0.00503, 0.00497), np.deg2rad(0.5))
+    x_px, y_px = seen(asperities, truth, rng, jitter_px=0.1)
+    dirt = rng.uniform(200, 260, (2, 60))  # denser than the contacts
+    everywhere = np.append(x_px, dirt[0]), np.append(y_px, dirt[1])
+    fit = fit_pose(*everywhere, asperities, Pose(SHAPE, 6e-6, (0.005, 0.005)), largest_shift=SHIFT)
+    assert fit.n_matched >= len(x_px)
+    assert fit.pose.rotation == pytest.approx(truth.rotation, abs=1e-5)
+
+
 def test_pose_at_the_far_corner_of_the_search(asperities, rng):
     truth = Pose(SHAPE, 6e-6 * 0.975, (0.0052, 0.0048), np.deg2rad(-2.8))
     x_px, y_px = seen(asperities, truth, rng, share=0.15)

@@ -5,7 +5,6 @@ Once the pairs are known, the pose follows from linear least squares; finding th
 comes first.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -146,13 +145,20 @@ def _search(
 
     ``where`` tells how far from the guess its centre may be (m), and at which quarter turns.
     """
-    reach, quarter_turns = where
-    middle, grid = _voters(points, guess, gate, quarter_turns)
+    (reach, quarter_turns), tree = where, KDTree(as_real(spots))
+    if near := np.isfinite(reach):
+        middle, grid = points, _grid(points, guess, gate, quarter_turns)
+    else:
+        middle, grid = _voters(points, guess, gate, quarter_turns)
     centre, votes = complex(*guess.centre), list[tuple[int, complex, complex, bool]]()
 
     def shifts(alpha: complex, mirrored: bool) -> Points:  # noqa: FBT001
-        every = (spots - alpha * oriented(middle, mirrored)[:, None]).ravel()
-        return every[np.abs(every - centre) <= reach + gate]
+        moved = alpha * oriented(middle, mirrored)
+        if not near:
+            return (spots - moved[:, None]).ravel()
+        about = KDTree(as_real(moved + centre))
+        pairs = about.sparse_distance_matrix(tree, reach + gate, output_type="coo_matrix")
+        return spots[pairs.col] - moved[pairs.row]
 
     for factor in grid:
         votes.append((*_vote(shifts(*factor), gate), *factor))
@@ -169,7 +175,7 @@ def _search(
     by_chance = bdtrc(best.n_matched - 1, len(points), chance) * trials
     if best.n_matched < SIGNIFICANT_FRACTION * len(points) or by_chance > FALSE_ALARM_RATE:
         return None
-    if np.isfinite(reach):
+    if near:
         return best
     # on a lattice another shift explains as much
     left = shifts(alpha, mirrored)
@@ -187,8 +193,7 @@ def _voters(
     distance = KDTree(as_real(points)).query(as_real(points), k=[count])[0]
     ranked = points[np.argsort(np.abs(points - points[np.argmin(distance)]))]
     while True:
-        reach = float(np.abs(ranked[:count] - ranked[:count].mean()).max()) * guess.pixel_size
-        grid = list(_grid(reach, guess, gate, quarter_turns))
+        grid = _grid(ranked[:count] - ranked[:count].mean(), guess, gate, quarter_turns)
         if len(grid) <= MOST_VOTES or count <= FEWEST_CONTACTS:
             return ranked[:count], grid[:MOST_VOTES]
         count -= 5
@@ -202,22 +207,24 @@ def _differs(one: Pose, other: Pose, gate: float) -> bool:
 
 
 def _grid(
-    reach: float, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
-) -> Iterator[tuple[complex, bool]]:
+    points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
+) -> list[tuple[complex, bool]]:
     """Factors of poses that are turned and scaled against the guess, mirrored or not, nearest to it first.
 
-    No step moves a point within ``reach`` (m) by more than a pairing distance.
+    No step moves one of the points (px) by more than a pairing distance.
     """
+    reach = max(float(np.abs(points).max()) * guess.pixel_size, gate)
     turns, scales = (
-        np.linspace(-limit, limit, 2 * int(np.ceil(limit * max(reach, gate) / gate)) + 1)
+        np.linspace(-limit, limit, 2 * int(np.ceil(limit * reach / gate)) + 1)
         for limit in (LARGEST_TURN_RAD, LARGEST_SCALE_ERROR)
     )
-    grid = sorted(product(turns, scales), key=lambda item: abs(item[0]) + abs(item[1]))
+    grid, factors = sorted(product(turns, scales), key=lambda item: abs(item[0]) + abs(item[1])), []
     mirrors = (guess.mirrored, not guess.mirrored)
     for mirrored, quarter, (turn, scale) in product(mirrors, quarter_turns, grid):
         # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
         angle = (guess.rotation + quarter * np.pi / 2 + turn) * (1 if mirrored else -1)
-        yield complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle)), mirrored
+        factors.append((complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle)), mirrored))
+    return factors
 
 
 def _vote(shifts: Points, cell: float) -> tuple[int, complex]:
