@@ -106,10 +106,8 @@ def frames(places: int = 4, seed: int = 20000) -> None:
         with tempfile.TemporaryDirectory() as top:
             runs = measured_places(Path(top), coverage, places, seed)
             opened = [open_place(run) for run in runs]
-            results[f"{name}, {places} places"] = compare(
-                analyse_places(opened, AnalysisOptions(), workers=1)
-            )
-            results[f"{name}, 1 place"] = compare(analyse_places(opened[:1], AnalysisOptions(), workers=1))
+            results[f"{name}, {places} places"] = compare(analyse_places(opened, AnalysisOptions()))
+            results[f"{name}, 1 place"] = compare(analyse_places(opened[:1], AnalysisOptions()))
             rng = np.random.default_rng(seed)
             for run in runs:
                 with_load_noise(run, 0.1, rng)

@@ -1,139 +1,94 @@
-"""Computing time of a run by named stages; without a collector, a stage costs next to nothing.
+"""Where the time of a run goes, by the step of the method that is at work.
 
-Time is charged to the innermost stage that has been entered, so that all stages and the time outside them add
-up to the elapsed time. Worker processes time their own stages, which are added to those of this process.
+A thread looks every few milliseconds at what is computed, and charges the time since its last look to the
+innermost function of this package: no code is marked, none becomes slower. Worker processes watch their own
+calls, whose times are added to those of this process.
 """
 
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator
+import sys
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, TypeVar
+from types import FrameType
+from typing import Any
 
-OTHER = "other"
-"""Time outside of all stages."""
+LOOK_EVERY_SECONDS = 0.005
+"""Chosen: a look takes some microseconds."""
 
-WAITING = "waiting for processes"
-"""Time in which this process waits for the results of others."""
+OTHER, WAITING = "other", "waiting for processes"
+"""Time outside of this package, and that in which this process waits for the results of others."""
 
-Result = TypeVar("Result")
+Seconds = dict[str, float]
+"""Name of a step, as of its folder or module -> time in it without that of the steps inside, s."""
 
-
-@dataclass
-class Timings:
-    """Time and number of calls of each stage.
-
-    Attributes
-    ----------
-    seconds : dict
-        Stage -> wall time without that of the stages inside, s.
-    calls : Counter
-        Stage -> times it was entered.
-    entered : list of str
-        The stages around the current one, and it.
-    """
-
-    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
-    calls: Counter[str] = field(default_factory=Counter)
-    entered: list[str] = field(default_factory=lambda: [OTHER])
-    _since: float = field(default_factory=perf_counter)
-
-    def charge(self) -> None:
-        """Charge the time since the last change of stage to the current stage."""
-        now = perf_counter()
-        self.seconds[self.entered[-1]] += now - self._since
-        self._since = now
-
-    def add(self, other: "Timings") -> None:
-        """Add the stages that another process has timed."""
-        for name, seconds in other.seconds.items():
-            self.seconds[name] += seconds
-        self.calls += other.calls
-
-    def rows(self) -> list[tuple[str, int, float]]:
-        """Stage, calls and seconds, the longest first and what is outside of all stages last."""
-        self.charge()
-        names = sorted(self.seconds, key=lambda name: (name == OTHER, -self.seconds[name]))
-        return [(name, self.calls[name], self.seconds[name]) for name in names]
+_watched: ContextVar[Seconds | None] = ContextVar("contactimg_timings", default=None)
 
 
-_collector: ContextVar[Timings | None] = ContextVar("contactimg_timings", default=None)
+def _step(frame: FrameType | None) -> str:
+    """The step of the innermost function of this package: imaging.fit, models.coupling, files.sources."""
+    while frame is not None:
+        package, *steps = str(frame.f_globals.get("__name__", "")).split(".")
+        if package == __package__ and steps not in ([], ["timings"]):
+            return WAITING if steps[0] == "engine" else ".".join(steps[:2])
+        frame = frame.f_back
+    return OTHER
 
 
 @contextmanager
-def stage(name: str) -> Iterator[None]:
-    """A named part of the work, as a context or as a decorator.
+def collect() -> Iterator[Seconds]:
+    """Time the steps of what this thread computes inside the block.
 
-    Parameters
-    ----------
-    name : str
+    Yields
+    ------
+    dict
+        Step -> seconds, complete after the block.
 
     Examples
     --------
-    >>> with collect() as timings:
-    ...     with stage("reading"):
-    ...         pass
-    >>> timings.calls["reading"]
-    1
+    >>> with collect() as seconds:
+    ...     found = sum(range(1000))
+    >>> list(seconds)
+    ['other']
     """
-    timings = _collector.get()
-    if timings is None:
-        yield
-        return
-    timings.charge()
-    timings.entered.append(name)
-    timings.calls[name] += 1
+    seconds: Seconds = defaultdict(float)
+    thread, ended = threading.get_ident(), threading.Event()
+
+    def look() -> None:
+        done, since = False, perf_counter()
+        while not done:
+            done, now = ended.wait(LOOK_EVERY_SECONDS), perf_counter()
+            seconds[_step(sys._current_frames().get(thread))] += now - since
+            since = now
+
+    watch = threading.Thread(target=look, daemon=True, name="timings")
+    watch.start()
+    token = _watched.set(seconds)
     try:
-        yield
+        yield seconds
     finally:
-        timings.charge()
-        timings.entered.pop()
+        _watched.reset(token)
+        ended.set()
+        watch.join()
 
 
-@contextmanager
-def collect() -> Iterator[Timings]:
-    """Time the stages that are entered inside the block.
-
-    Yields
-    ------
-    Timings
-    """
-    timings = Timings()
-    token = _collector.set(timings)
-    try:
-        yield timings
-    finally:
-        timings.charge()
-        _collector.reset(token)
+def is_collecting() -> bool:
+    """Whether somebody wants to know the times."""
+    return _watched.get() is not None
 
 
-def collect_call(function: Callable[..., Result], *arguments: Any) -> tuple[Result, Timings]:
-    """Call a function and time its stages, for a worker process that returns both."""
-    with collect() as timings:
+def collect_call(function: Callable[..., Any], *arguments: Any) -> tuple[Any, Seconds]:
+    """Call a function and time its steps, for a worker process that returns both."""
+    with collect() as seconds:
         result = function(*arguments)
-    return result, timings
+    return result, dict(seconds)
 
 
-def gather(results: Iterable[tuple[Result, Timings]]) -> Iterator[Result]:
-    """The results of `collect_call` in other processes; their stages are added to the current timings.
-
-    Parameters
-    ----------
-    results : iterable of (result, Timings)
-        Taken as they are ready.
-
-    Yields
-    ------
-    result
-    """
-    pending, timings = iter(results), _collector.get()
-    while True:
-        with stage(WAITING):
-            item = next(pending, None)
-        if item is None:
-            return
-        if timings is not None:
-            timings.add(item[1])
-        yield item[0]
+def add(seconds: Mapping[str, float]) -> None:
+    """Add the times of a call in another process to those that are collected."""
+    collected = _watched.get()
+    if collected is not None:
+        for step, value in seconds.items():
+            collected[step] += value

@@ -21,7 +21,7 @@ PIXEL = 6e-6
 
 @pytest.fixture(scope="module")
 def sample_series():
-    return measure_parts(open_experiment(read_scene(SAMPLES / "sa_plus")), workers=1)
+    return measure_parts(open_experiment(read_scene(SAMPLES / "sa_plus")))
 
 
 @pytest.fixture(scope="module")

@@ -11,13 +11,14 @@ from contactimg.cli import main
 from contactimg.files import Run, read_scene, write_scene
 from contactimg.pipeline.measured_series import find_pose
 from contactimg.pose import Pose
-from contactimg.pose.fit import search_everywhere
+from contactimg.pose.fit import fit_pose
 from contactimg.scene import scene_from_dict
 from contactimg.surfaces import generate_asperities
 from contactimg.tables import CONTACTS, FRAMES
 
 SHAPE = (900, 1000)
 GUESS = Pose(SHAPE, 6e-6)
+SHIFT = 3e-4
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +42,8 @@ def test_the_camera_is_found_wherever_it_looks(targets, turn_deg, mirrored, scal
     rng = np.random.default_rng(17)
     truth = Pose(SHAPE, 6e-6 * scale, (0.0035, 0.0024), np.deg2rad(turn_deg), mirrored)
     x_px, y_px = contacts_near(targets, truth, (480, 430), count, rng)
-    fit = search_everywhere(x_px, y_px, targets, GUESS)
-    assert fit is not None
+    fit = fit_pose(x_px, y_px, targets, GUESS, largest_shift=SHIFT)
+    assert fit.fitted
     assert fit.n_matched >= count
     corners = np.array([[200.0, 700.0], [200.0, 700.0]])
     apart = np.hypot(*np.subtract(fit.pose.to_sample(*corners), truth.to_sample(*corners)))
@@ -70,7 +71,8 @@ def test_a_camera_at_the_stated_place_that_is_mirrored_or_of_another_scale_is_to
 def test_no_pose_is_found_by_chance(targets):
     rng = np.random.default_rng(23)
     for count in (5, 12, 60):
-        assert search_everywhere(*rng.uniform(0, 900, (2, count)), targets, GUESS) is None
+        found = fit_pose(*rng.uniform(0, 900, (2, count)), targets, GUESS, largest_shift=SHIFT)
+        assert (found.fitted, found.pose) == (False, GUESS)
 
 
 def test_a_lattice_has_no_single_pose():
@@ -78,7 +80,7 @@ def test_a_lattice_has_no_single_pose():
     x_px, y_px = contacts_near(
         lattice, Pose(SHAPE, 6e-6, (0.003, 0.003)), (500, 450), 60, np.random.default_rng(1)
     )
-    assert search_everywhere(x_px, y_px, lattice, GUESS) is None
+    assert not fit_pose(x_px, y_px, lattice, GUESS, largest_shift=SHIFT).fitted
 
 
 def without_place(folder, **asperities):

@@ -136,6 +136,16 @@ def test_pose_is_found_from_contacts_alone(asperities, rng, mirrored, spurious):
     assert abs(fit.pose.pixel_size / truth.pixel_size - 1) < 5 * scatter / arm / np.sqrt(n)
 
 
+def test_a_patch_of_dirt_does_not_hide_the_pose(asperities, rng):
+    truth = Pose(SHAPE, 6e-6, (0.00503, 0.00497), np.deg2rad(0.5))
+    x_px, y_px = seen(asperities, truth, rng, jitter_px=0.1)
+    dirt = rng.uniform(200, 260, (2, 60))  # denser than the contacts
+    everywhere = np.append(x_px, dirt[0]), np.append(y_px, dirt[1])
+    fit = fit_pose(*everywhere, asperities, Pose(SHAPE, 6e-6, (0.005, 0.005)), largest_shift=SHIFT)
+    assert fit.n_matched >= len(x_px)
+    assert fit.pose.rotation == pytest.approx(truth.rotation, abs=1e-5)
+
+
 def test_pose_at_the_far_corner_of_the_search(asperities, rng):
     truth = Pose(SHAPE, 6e-6 * 0.975, (0.0052, 0.0048), np.deg2rad(-2.8))
     x_px, y_px = seen(asperities, truth, rng, share=0.15)
@@ -156,6 +166,17 @@ def test_guess_is_kept_with_too_few_points(asperities, n):
     guess = Pose(SHAPE, 6e-6, (0.005, 0.005))
     fit = fit_pose(np.arange(n), np.arange(n), asperities, guess, largest_shift=SHIFT)
     assert (fit.fitted, fit.pose, fit.n_matched) == (False, guess, 0)
+
+
+def test_few_contacts_replace_the_guess_only_if_so_many_matches_are_no_chance(asperities, rng):
+    # by chance a contact falls on one of 18 asperities per mm^2 with a probability of 2 %, and hundreds of
+    # shifts are tried near the guess: matches of four may be chance, those of eight are none
+    truth, guess = Pose(SHAPE, 6e-6, (0.0051, 0.0049)), Pose(SHAPE, 6e-6, (0.005, 0.005))
+    x_px, y_px = truth.to_pixels(*asperities[np.argsort(np.hypot(*(asperities - 0.005).T))[:8]].T)
+    for count, fitted in ((4, False), (8, True)):
+        fit = fit_pose(x_px[:count], y_px[:count], asperities, guess, largest_shift=SHIFT)
+        assert fit.fitted is fitted
+        assert fit.pose.centre == pytest.approx((truth if fitted else guess).centre, abs=1e-8)
 
 
 def test_a_symmetric_lattice_keeps_the_guessed_mirror():

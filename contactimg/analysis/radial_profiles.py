@@ -12,7 +12,6 @@ from contactimg.analysis.estimates import COVERAGE, NORMAL_95
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
 from contactimg.tables import NORMALISED, PROFILE
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
@@ -25,7 +24,6 @@ comes from weights of both signs, for which no gamma distribution stands. Chosen
 room for the estimate of the variance from few places."""
 
 
-@stage("profile")
 def radial_profile(
     contacts: pd.DataFrame,
     *,

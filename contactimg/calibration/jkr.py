@@ -25,6 +25,7 @@ from contactimg.analysis.load_cell import LoadCell
 from contactimg.errors import InputError
 from contactimg.mechanics.layer import layer_factors
 from contactimg.plausibility import doubt_about, doubts_about_calibration, settle
+from contactimg.pose.pairs import MAD_TO_STD, OUTLIER_SIGMA
 
 Values = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -68,6 +69,9 @@ radius of a contact of 10 px."""
 
 MIN_GROWTH_SIGMA = 1.5
 """Least slope of radius against load, in its standard errors. Chosen by hand; sensitivity not measured."""
+
+LEAST_ELLIPSE_STD = 1e-4
+"""Least uncertainty of an axis ratio, so that no frame outweighs all others. Chosen by hand."""
 
 HYSTERESIS, ZERO_DRIFT, GAIN_DRIFT = "hysteresis of adhesion", "drift of the zero", "drift of the gain"
 
@@ -630,3 +634,68 @@ def _check_growth(load: Values, radius: Values) -> None:
             f"({1e6 * slope:.3g} +- {1e6 * noise:.2g} um/N); "
             "check that frames and loads belong together and that the frames show the contact"
         )
+
+
+# --- the circles of a series
+
+
+def mean_axis_ratio(table: pd.DataFrame) -> tuple[float, float]:
+    """Larger over smaller axis of the mean of the contacts' ellipses, and its standard uncertainty.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns of `contactimg.tables.CIRCLES`; each ellipse is weighted by its uncertainty.
+
+    Returns
+    -------
+    float, float
+        1 and 0 if no frame tells. Under a lens of unequal curvature the ellipse is the same at all loads. The
+        uncertainty includes the scatter between frames.
+    """
+    good = table[np.isfinite(table["axis_ratio"])]
+    if good.empty:
+        return 1.0, 0.0
+    excess, own = good["axis_ratio"].to_numpy(float) - 1, good["axis_ratio_std"].to_numpy(float)
+    vectors = excess * np.exp(2j * good["angle_rad"].to_numpy(float))
+    weight = 1 / np.maximum(own, LEAST_ELLIPSE_STD) ** 2
+    mean = complex(weight @ vectors / weight.sum())
+    n = len(good)
+    scatter = float(np.sqrt(weight @ np.abs(vectors - mean) ** 2 / weight.sum() / max(2 * (n - 1), 1)))
+    return 1 + abs(mean), float(np.hypot(1 / np.sqrt(weight.sum()), scatter))
+
+
+def mean_centre(table: pd.DataFrame) -> tuple[CoverageEstimate, CoverageEstimate, bool]:
+    """Centre of the apparent contact over all frames of a series, and whether it moves with the sample.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns of `contactimg.tables.CIRCLES`.
+
+    Returns
+    -------
+    CoverageEstimate, CoverageEstimate, px
+        Its x and y, in the pixels of the reference where the contact moves with the sample, else in those of
+        the frames: whichever centres scatter less.
+    bool
+
+    Notes
+    -----
+    Weighted by the uncertainties of the circles; outlying centres have less weight. The uncertainty includes
+    the scatter of the centres.
+    """
+    good = table[np.isfinite(table["x_px"])]
+    still = good[["x_px", "y_px"]].to_numpy(float)
+    shift = good[["shift_x_px", "shift_y_px"]].fillna(0.0).to_numpy(float)
+    own = good["centre_std_px"].to_numpy(float)
+    candidates = []
+    for points, moves in ((still, False), (still - shift, True)):
+        median = np.median(points, axis=0)
+        variance = own**2 + (MAD_TO_STD * float(np.median(np.abs(points - median)))) ** 2
+        far = np.sum((points - median) ** 2, axis=1) / np.maximum(variance, 1e-12)
+        weight = 1 / np.maximum(variance, 1e-12) / (1 + far / OUTLIER_SIGMA**2)
+        candidates.append((weight @ points / weight.sum(), float(np.sqrt(1 / weight.sum())), moves))
+    middle, std, moves = min(candidates, key=lambda candidate: candidate[1])
+    x, y = (CoverageEstimate.of_normal(float(place), std) for place in middle)
+    return x, y, moves and bool(shift.any())

@@ -22,7 +22,7 @@ RUNNING = (
     *shared.FRAMES,
     shared.CLUSTER,
     shared.option("output", shared.Output),
-    shared.option("workers", shared.Workers),
+    shared.WORKERS,
 )
 """Options that every calibration has, beside those of its signature."""
 
@@ -174,7 +174,6 @@ def _calibrate(
     scene: str | None,
     stated: shared.Stated,
     output: str | None,
-    workers: int | None,
     pulled: bool = False,
     used: Mapping[str, Any] = MappingProxyType({}),
     other_frames: Mapping[str, Any] = MappingProxyType({}),
@@ -195,8 +194,10 @@ def _calibrate(
         used_before = {one.get("sha256") for one in other_frames.get("frames", [])}
         if used_before & files.input_hashes(out.record["inputs"], images):
             raise InputError(ONE_OF_TWO)
-        result = run(experiment, workers=workers)
-        pipeline.write_calibration(result, out.folder, frames=out.record["inputs"])
+        result = run(experiment)
+        record = result.record | {"frames": out.record["inputs"]}
+        files.write_json(record, out.folder / files.CALIBRATION_FILE)
+        pipeline.write_results(out.folder, result.tables, result.figures)
         from contactimg.report.units import in_display_units, numbers_of
 
         say(f"{folder}, calibrate {click.get_current_context().info_name}")

@@ -28,7 +28,7 @@ JOINED_FOLDER = "combined"
 """Inside the output folder of several folders: their tables as one."""
 
 
-@shared.command(*shared.FRAMES, METHOD, SHAPE, THRESHOLD, shared.CLUSTER)
+@shared.command(*shared.FRAMES, METHOD, SHAPE, THRESHOLD, shared.WORKERS, shared.CLUSTER)
 def process(
     folders: Annotated[tuple[shared.Existing, ...], "FOLDER..."],
     *,
@@ -38,7 +38,6 @@ def process(
     calibration: shared.Existing | None = None,
     pictures: Annotated[bool, "--pictures/--no-pictures"] = True,
     table_format: Annotated[Literal["csv", "parquet"], "--format"] = "csv",
-    workers: shared.Workers = None,
 ) -> int:
     """Measure every frame of FOLDER: contacts, local forces, and a picture of each frame.
 
@@ -95,10 +94,10 @@ def process(
             main_files=files.RUN_TABLES,
             then="overlay" if predictable else "",
         ) as out:
-            series = pipeline.measure_parts(experiment, workers=workers, store=out.part_store())
+            series = pipeline.measure_parts(experiment, store=out.part_store())
             frames, facts = pipeline.write_run(series, out.folder, table_format)
             if pictures:
-                pipeline.draw_overlays(series, experiment, out.folder / "overlays", workers=workers)
+                pipeline.draw_overlays(series, experiment, out.folder / "overlays")
             counts = experiment.edits["action"].value_counts().to_dict()
             out.record |= facts | ({"edits": counts} if counts else {})
             echo_frames(frames, title=f"{folder}, method {described.measure.method}")
@@ -162,7 +161,7 @@ def _film_sentence(frames: "pd.DataFrame", films: dict[str, dict[str, Any]]) -> 
 # --- check
 
 
-@shared.command(*shared.FRAMES, METHOD, THRESHOLD)
+@shared.command(*shared.FRAMES, METHOD, THRESHOLD, shared.WORKERS)
 def check(
     folder: shared.ExistingFolder,
     *,
@@ -170,7 +169,6 @@ def check(
     stated: shared.Stated,
     output: shared.Output = None,
     seed: int = 1,
-    workers: shared.Workers = None,
 ) -> int:
     """Draw contacts of known radius into the frames of FOLDER, measure them again, and say what comes out.
 
@@ -195,7 +193,7 @@ def check(
     experiment = files.open_experiment(scene_of_folder(folder, stated, scene_file=scene))
     main_files = ["check.csv", "drawn.csv"]
     with shared.results_in(output, folder, experiment.scene, experiment.inputs, main_files=main_files) as out:
-        result = pipeline.check_experiment(experiment, seed=seed, workers=workers)
+        result = pipeline.check_experiment(experiment, seed=seed)
         found = {"check": (tables.CHECK, result.classes), "drawn": (tables.DRAWN, result.drawn)}
         pipeline.write_results(out.folder, found, {"check": plots.plot_check(result.drawn, result.classes)})
         out.record["sentence"] = result.sentence

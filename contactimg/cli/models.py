@@ -4,12 +4,11 @@ from typing import Annotated, Literal
 
 import click
 
-from contactimg import files, pipeline, tables
+from contactimg import files, pipeline, plots, tables
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, say
 from contactimg.cli.scenes import scene_at
 from contactimg.scene import Effects
-from contactimg.timings import stage
 
 TOLERANCE = "--tolerance", "tolerance", "relative"
 
@@ -19,6 +18,7 @@ TOLERANCE = "--tolerance", "tolerance", "relative"
 @shared.command(
     shared.SceneOption(*TOLERANCE, "Effects and coupling are the cheapest that meet it."),
     shared.NO_PLAUSIBILITY,
+    shared.ONE_WORKER,
     shared.CLUSTER,
 )
 def predict(
@@ -31,7 +31,6 @@ def predict(
     model: Literal["interacting", "gw", "gt"] = "interacting",
     coupling: Literal["auto", "none", "asymptotic", "hertz", "full"] = "auto",
     annulus_mm: shared.Annulus = 0.25,
-    workers: shared.OneWorker = 1,
 ) -> int:
     """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
 
@@ -76,7 +75,7 @@ def predict(
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
     with shared.results_in(output, described.folder, described, inputs, main_files=files.RUN_TABLES) as out:
         predictions = pipeline.predict_loads(
-            described, loads, model=model, coupling=coupling, annulus=annulus_mm * 1e-3, workers=workers
+            described, loads, model=model, coupling=coupling, annulus=annulus_mm * 1e-3
         )
         frames, record = pipeline.write_predictions(predictions, described, out.folder)
         out.record |= record | touching
@@ -89,8 +88,8 @@ def predict(
 # --- simulate
 
 
-@shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
-def simulate(scene: shared.Existing, *, output: shared.Output = None, workers: shared.OneWorker = 1) -> None:
+@shared.command(shared.NO_PLAUSIBILITY, shared.ONE_WORKER, shared.CLUSTER)
+def simulate(scene: shared.Existing, *, output: shared.Output = None) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 
     The section [simulate] of the scene describes loads, optics and sensor. Without a section [asperities] the
@@ -124,7 +123,7 @@ def simulate(scene: shared.Existing, *, output: shared.Output = None, workers: s
         out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in plans}
         switches = planned.effects.switches()
         out.record["effects"] = switches
-        pipeline.write_simulation(planned, asperities, out.folder, workers=workers)
+        pipeline.write_simulation(planned, asperities, out.folder)
         shown, left_out = ([one for one, switch in switches.items() if switch == on] for on in ("on", "off"))
         sensor = {"shot_noise", "read_noise", "quantisation"} <= set(left_out)
         ideal = "; the frames are floating-point numbers without noise" if sensor else ""
@@ -221,9 +220,9 @@ def tradeoff(
     """
     described, inputs = scene_at(scene, stated)
     with shared.results_in(output, described.folder, described, inputs) as out:
-        with stage("settings"):
-            result = pipeline.measure_tradeoff(described, load=load, knobs=knobs)
-        pipeline.write_tradeoff(result, out.folder)
+        result = pipeline.measure_tradeoff(described, load=load, knobs=knobs)
+        ax = plots.plot_tradeoff(result.table, relative=result.relative)
+        pipeline.write_results(out.folder, {"tradeoff": (tables.TRADEOFF, result.table)}, {"tradeoff": ax})
         out.record["sentences"] = result.sentences
         echo_tradeoff(result.table)
         say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in result.left_out.items()))

@@ -38,6 +38,7 @@ def command(*options: click.Parameter) -> Callable[[Callable[..., Any]], click.C
         text, _, section = str(inspect.getdoc(function)).partition("\n\nParameters\n----------\n")
         meanings = dict(re.findall(r"^(\w+)\n((?:    .*\n?)+)", section, re.MULTILINE))
         keys = [option for option in options if isinstance(option, SceneOption)]
+        prepared = {str(option.name) for option in (*options, *EVERYWHERE)} & set(PREPARING)
         own = [
             _parameter(parameter, meanings.get(parameter.name, ""))
             for parameter in inspect.signature(function).parameters.values()
@@ -47,7 +48,7 @@ def command(*options: click.Parameter) -> Callable[[Callable[..., Any]], click.C
 
         @wraps(function)
         def call(**values: Any) -> Any:
-            _prepare(click.get_current_context(), values)
+            _prepare(click.get_current_context(), {name: values.pop(name) for name in prepared})
             stated: Stated = {}
             for option in keys:
                 value = values.pop(str(option.name))
@@ -98,10 +99,10 @@ def _kinds(annotation: Any) -> list[Any]:
     return [annotation]
 
 
-def option(name: str, annotation: Any) -> click.Parameter:
+def option(name: str, annotation: Any, default: Any = None) -> click.Parameter:
     """An option as a parameter of a command would make it, for several commands."""
     kind = inspect.Parameter.KEYWORD_ONLY
-    return _parameter(inspect.Parameter(name, kind, default=None, annotation=annotation), "")
+    return _parameter(inspect.Parameter(name, kind, default=default, annotation=annotation), "")
 
 
 # --- types and meanings of parameters that several commands share
@@ -118,11 +119,6 @@ Output = Annotated[
     NewFolder | None,
     f"Folder for the results; created if needed.  [default: {DEFAULT_FOLDER} in the folder that is read]",
 ]
-Workers = Annotated[
-    Count | None,
-    "Number of processes that work in parallel.  [default: one; one per CPU core as soon as that saves time]",
-]
-OneWorker = Annotated[Count, "Number of processes that work in parallel."]
 Load = Annotated[
     float | None, "--load-N", "Normal load in newtons.  [default: the largest that the scene states]"
 ]
@@ -132,7 +128,7 @@ Annulus = Annotated[float, "Width of the rings around the apex over which profil
 EVERYWHERE = (
     option("quiet", Annotated[bool, "Print only warnings and errors: no tables, no progress bars."]),
     option("verbose", Annotated[bool, "Report each step on standard error."]),
-    option("timings", Annotated[bool, "Print at the end how long each stage took, in seconds."]),
+    option("timings", Annotated[bool, "Print at the end how long each step took, in seconds."]),
 )
 """Options that every command has."""
 
@@ -142,6 +138,13 @@ NO_PLAUSIBILITY = click.Option(
     help="Warn about values that physics makes doubtful (a length in mm, say) instead of refusing them.",
 )
 
+PROCESSES = "Number of processes that work in parallel."
+WORKERS = option(
+    "workers",
+    Annotated[Count | None, f"{PROCESSES}  [default: one; one per CPU core as soon as that saves time]"],
+)
+ONE_WORKER = option("workers", Annotated[Count, PROCESSES], 1)
+
 CLUSTER = click.Option(
     ["--cluster"],
     metavar="ADDRESS",
@@ -149,27 +152,30 @@ CLUSTER = click.Option(
     "example tcp://host:8786, or its scheduler file.",
 )
 
-PREPARING = ("quiet", "verbose", "timings", "no_plausibility", "cluster")
+PREPARING = ("quiet", "verbose", "timings", "no_plausibility", "workers", "cluster")
 """Options that prepare the run of a command: no result depends on them, and no command takes them."""
 
 
-def _prepare(context: click.Context, values: dict[str, Any]) -> None:
-    """Do what `PREPARING` options ask for, as long as the command runs, and take them out of its values."""
-    quiet, verbose, timings, no_doubt, cluster = (values.pop(name, None) for name in PREPARING)
-    context.meta[QUIET] = quiet
-    if verbose:
+def _prepare(context: click.Context, asked: dict[str, Any]) -> None:
+    """Do what `PREPARING` options ask for, as long as the command runs."""
+    context.meta[QUIET] = asked["quiet"]
+    if asked["verbose"]:
         logging.getLogger("contactimg").setLevel(logging.INFO)
-    if timings:
+    if asked["timings"]:
         times = context.with_resource(collect())
         context.call_on_close(lambda: echo_timings(times))
-    if no_doubt:
+    if asked.get("no_plausibility"):
         from contactimg.plausibility import doubts_as_warnings
 
         context.with_resource(doubts_as_warnings())
-    if cluster:
+    if asked.get("workers"):
+        from contactimg.engine.parallel import sharing
+
+        context.with_resource(sharing(asked["workers"]))
+    if asked.get("cluster"):
         from contactimg.engine.cluster import on_cluster
 
-        context.with_resource(on_cluster(cluster))
+        context.with_resource(on_cluster(asked["cluster"]))
 
 
 # --- the results of a command
@@ -217,7 +223,7 @@ def results_in(
     if options is None:
         context = click.get_current_context()
         names = {param.name for param in context.command.params if isinstance(param, click.Option)}
-        names -= {"output", "folder", "workers", *PREPARING}  # which do not change the result
+        names -= {"output", "folder", *PREPARING}  # which do not change the result
         options = {name: value for name, value in context.params.items() if name in names}
     record = files.provenance(command=command_line(), scene=scene, options=options, inputs=inputs)
     target = Path(output or Path(parent) / DEFAULT_FOLDER)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from contactimg.engine.progress import shown_by
-from contactimg.timings import Timings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -185,14 +184,13 @@ def echo_tradeoff(table: "pd.DataFrame") -> None:
         echo_table(f"{knob}: {what}, compared with: {usual}", columns, left=2, forms={"ratio": ".3g"})
 
 
-def echo_timings(timings: Timings) -> None:
-    """Print the stages on standard error: calls, seconds and fraction of the total time."""
-    stages = timings.rows()
-    total = sum(seconds for _, _, seconds in stages)
-    rows = [
-        {"stage": name, "calls": calls or None, "s": seconds, "share": seconds / total}
-        for name, calls, seconds in [*stages, ("total", 0, total)]
-    ]
+def echo_timings(seconds: Mapping[str, float]) -> None:
+    """Print the steps on standard error, the longest first: seconds and share; those below 1 % as one."""
+    total = sum(seconds.values())
+    long = {step: time for step, time in seconds.items() if time >= 0.01 * total}
+    steps = sorted(long.items(), key=lambda step: -step[1])
+    steps += [("steps below 1 %", total - sum(long.values())), ("total", total)]
+    rows = [{"step": name, "s": time, "share": time / total} for name, time in steps]
     echo_table("where the time went", rows, left=1, forms={"s": ".3f", "share": ".1%"}, stderr=True)
 
 

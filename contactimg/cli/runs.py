@@ -1,6 +1,5 @@
 """Commands on the output of `process`: `overlay`, `analyse`, `report`, `review`, `export`, `import-rois`."""
 
-from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,13 +12,12 @@ from contactimg.cli.scenes import plausible
 from contactimg.errors import InputError
 
 
-@shared.command(shared.NO_PLAUSIBILITY)
+@shared.command(shared.NO_PLAUSIBILITY, shared.WORKERS)
 def overlay(
     run: shared.ExistingFolder,
     *,
     output: shared.Output = None,
     min_radius_px: shared.NonNegative = 1.0,
-    workers: shared.Workers = None,
 ) -> int:
     """Compare the contacts of RUN, an output folder of `process`, with those that the model predicts.
 
@@ -50,14 +48,14 @@ def overlay(
     inputs = [*files.main_tables([Path(run)]), *experiment.inputs]
     main_files = ["scores.csv", "matches.csv"]
     with shared.results_in(output, run, measured.scene, inputs, main_files=main_files, then="analyse") as out:
-        comparison = pipeline.compare_run(measured, asperities, min_radius_px=min_radius_px, workers=workers)
+        comparison = pipeline.compare_run(measured, asperities, min_radius_px=min_radius_px)
         counts = comparison.scores[comparison.scores["model"] == "coupled"]
         numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
         pipeline.doubt_match(measured, pose, asperities, run, **numbers)
         made = {"matches": (tables.MATCHES, comparison.matches), "scores": (tables.SCORES, comparison.scores)}
         pipeline.write_results(out.folder, made)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
-        pipeline.draw_comparison(comparison, measured, experiment, out.folder / "overlays", workers=workers)
+        pipeline.draw_comparison(comparison, measured, experiment, out.folder / "overlays")
         echo_scores(comparison.scores, title=f"{run}: measured against predicted contacts")
         say(*(f"{frame}: {plan.sentence()}" for frame, plan in comparison.plans.items()))
         say(*pipeline.reservations(measured.frames[measured.frames["frame"].isin(comparison.seen)]))
@@ -66,25 +64,20 @@ def overlay(
     return 1 if comparison.left_out else 0
 
 
-@shared.command(shared.NO_PLAUSIBILITY, shared.CLUSTER)
+@shared.command(shared.NO_PLAUSIBILITY, shared.WORKERS, shared.CLUSTER)
 def analyse(
     runs: Annotated[tuple[shared.ExistingFolder, ...], "RUN [RUN ...]"],
     *,
     output: shared.Output = None,
     calibration: shared.Existing | None = None,
     annulus_mm: shared.Annulus = 0.25,
-    load_min_N: float = 0.0,
-    load_max_N: float | None = None,
     load_tolerance: shared.NonNegative = 0.05,
     load_std_N: shared.NonNegative = 0.0,
     load_relative_std: shared.NonNegative = 0.0,
     friction_std_N: shared.NonNegative = 0.0,
     min_radius_px: shared.NonNegative = 1.0,
-    min_contacts: shared.Count = 5,
-    confidence: Annotated[float, click.FloatRange(0, 1, min_open=True, max_open=True)] = 0.95,
     models: Annotated[bool, "--models/--no-models"] = True,
     smooth: shared.ExistingFolder | None = None,
-    workers: shared.Workers = None,
 ) -> None:
     """Analyse one or several RUNs (output folders of `process` or `predict`) together.
 
@@ -107,10 +100,6 @@ def analyse(
     ----------
     calibration
         Take the centre of the contact from this calibration.json (or its folder) of `calibrate jkr`.
-    load_min_N
-        Smallest load, in newtons, used to fit the exponent of contact area against load.
-    load_max_N
-        Largest load, in newtons, used to fit that exponent.  [default: no limit]
     load_tolerance
         Frames whose loads differ by less than this fraction are averaged as one load.
     load_std_N
@@ -122,10 +111,6 @@ def analyse(
     min_radius_px
         Smallest contact radius that counts, in pixels: smaller contacts, measured or predicted, are left out
         of the profiles.
-    min_contacts
-        Fewest contacts to expect in a ring, by those beside it, for the laws against the local pressure.
-    confidence
-        Confidence level of every interval.
     models
         Compare with the contact models, solved for the same surfaces and loads.
     smooth
@@ -133,14 +118,11 @@ def analyse(
     """
     settings = pipeline.AnalysisOptions(
         annulus=annulus_mm * 1e-3,
-        confidence=confidence,
-        load_range=(load_min_N, inf if load_max_N is None else load_max_N),
         load_tolerance=load_tolerance,
         load_relative_std=load_relative_std,
         load_std=load_std_N,
         friction_std=friction_std_N,
         min_radius_px=min_radius_px,
-        min_contacts=min_contacts,
         models=models,
         smooth=None if smooth is None else pipeline.open_place(smooth),
     )
@@ -151,7 +133,7 @@ def analyse(
     inputs += [] if calibration is None else [files.calibration_file(calibration)]
     then = "report" if len(runs) == 1 else ""
     with shared.results_in(output, runs[0], None, inputs, main_files=["results.csv"], then=then) as out:
-        analysis = pipeline.analyse_places(places, settings, workers=workers)
+        analysis = pipeline.analyse_places(places, settings)
         results = pipeline.write_analysis(analysis, out.folder)
         out.record["notes"] = [*pipeline.differences(places), *analysis.notes]
         echo_results(results, title=", ".join(runs))
@@ -201,7 +183,7 @@ def review(
     *,
     port: Annotated[int | None, click.IntRange(0, 65535)] = None,
     no_browser: bool = False,
-    workers: shared.Workers = None,
+    workers: Annotated[shared.Count | None, shared.PROCESSES] = None,
 ) -> None:
     """Open a page that shows the frames of RUN, an output folder of `process`, with contacts to correct.
 

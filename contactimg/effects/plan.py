@@ -27,7 +27,6 @@ from contactimg.effects.output_change import EffectEstimate, change_sentence, re
 from contactimg.models.solution import InteractingSolution
 from contactimg.scene import Effects, Scene, Tolerance
 from contactimg.tables import EFFECTS
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
@@ -246,7 +245,6 @@ def decide(
     return tuple(decisions), tuple(warnings)
 
 
-@stage("planning")
 def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     """Decide which effects a scene calls for at a load.
 

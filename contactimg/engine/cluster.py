@@ -7,7 +7,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, wait
 from contextlib import chdir, contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
@@ -56,18 +56,6 @@ def installation() -> dict[str, str]:
     return {"contactimg": source_digest()[:12], "python": platform.python_version()} | versions
 
 
-def _difference(one: dict[str, str], other: dict[str, str]) -> str:
-    """Names of the packages that differ between two installations; empty if none does.
-
-    Examples
-    --------
-    >>> _difference({"numpy": "2.1.0", "scipy": "1.14"}, {"numpy": "2.2.0", "scipy": "1.14"})
-    'numpy 2.1.0 against 2.2.0'
-    """
-    names = [name for name in one | other if one.get(name) != other.get(name)]
-    return ", ".join(f"{name} {one.get(name)} against {other.get(name)}" for name in names)
-
-
 def _call(
     installed: dict[str, str], folder: Path, function: Callable[..., Any], file: str, *arguments: Any
 ) -> Any:
@@ -75,9 +63,11 @@ def _call(
 
     ``folder`` is the working directory of the command, in which relative paths are read.
     """
-    other = _difference(installed, installation())
-    if other:
-        raise ClusterError(f"the command and a worker of the cluster differ: {other}; install the same")
+    here = installation()
+    names = [name for name in installed if installed[name] != here.get(name)]
+    if names:
+        differ = ", ".join(f"{name} {installed[name]} against {here.get(name)}" for name in names)
+        raise ClusterError(f"the command and a worker of the cluster differ: {differ}; install the same")
     if not Path(file).is_file():
         raise ClusterError(
             f"a worker of the cluster does not see the files in {folder}, where the command was started; "
@@ -100,16 +90,13 @@ class Cluster:
 
     def __init__(self, client: "Client", place: str) -> None:
         self.client, self.place = client, place
+        self.folder = Path.cwd()  # of files for the workers, which all must see
         self._executor = client.get_executor(pure=False)
 
     def processes(self) -> int:
         """Threads of all workers now; one at least."""
         with self._failures_named():
             return max(1, sum(self.client.nthreads().values()))
-
-    def folder(self) -> Path:
-        """Where files for the workers lie: in the working directory, which all must see."""
-        return Path.cwd()
 
     def submit(self, function: Callable[..., Any], file: str, *arguments: Any) -> Future:
         """Hand a call to the workers that needs a file.
@@ -119,22 +106,21 @@ class Cluster:
         """
         with self._failures_named(), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Sending large graph", category=UserWarning)
-            return self._executor.submit(_call, installation(), Path.cwd(), function, file, *arguments)
+            return self._executor.submit(_call, installation(), self.folder, function, file, *arguments)
 
-    def seen(self, last: float) -> float:
-        """When there was a worker: now, or else the ``last`` time, unless that is too long ago."""
+    def wait(self, futures: list[Future[Any]]) -> None:
+        """Wait until calls have ended, in whatever way, as long as there are workers."""
         import dask
 
-        with self._failures_named():
-            if self.client.nthreads():
-                return time.monotonic()
-        limit = dask.config.get(PATIENCE)
-        if time.monotonic() - last > dask.utils.parse_timedelta(limit):
-            raise ClusterError(
-                f"the cluster at {self.place} has had no worker for {limit}; start workers and the same "
-                f"command again, or let dask wait longer, by its setting {PATIENCE}"
-            )
-        return last
+        limit, seen = dask.config.get(PATIENCE), time.monotonic()
+        while wait(futures, timeout=2.0).not_done:  # s, chosen by hand: how often workers are looked for
+            with self._failures_named():
+                seen = time.monotonic() if self.client.nthreads() else seen
+            if time.monotonic() - seen > dask.utils.parse_timedelta(limit):
+                raise ClusterError(
+                    f"the cluster at {self.place} has had no worker for {limit}; start workers and the same "
+                    f"command again, or let dask wait longer, by its setting {PATIENCE}"
+                )
 
     def named(self, error: BaseException) -> BaseException:
         """The error of a call, or what it says about the cluster."""

@@ -6,13 +6,14 @@ import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, wait
-from contextlib import contextmanager, suppress
-from functools import lru_cache, partial
+from contextlib import AbstractContextManager, contextmanager, suppress
+from contextvars import ContextVar
+from functools import lru_cache
 from itertools import islice
 from multiprocessing import parent_process
 from numbers import Integral
 from pathlib import Path
-from time import monotonic, perf_counter
+from time import perf_counter
 from typing import Any, TypeVar
 
 import cloudpickle
@@ -22,11 +23,13 @@ from loky.process_executor import BrokenProcessPool
 
 from contactimg.engine.cluster import WorkerEndedError, cluster_in_use
 from contactimg.engine.processes import end_workers, keep_workers, live_with_parent, workers_wait
-from contactimg.engine.progress import counted
+from contactimg.engine.progress import counted, holding
 from contactimg.errors import ContactimgError, InputError
-from contactimg.timings import collect_call, gather
+from contactimg.timings import Seconds, add, collect_call, is_collecting
 
 Result = TypeVar("Result")
+
+_workers: ContextVar[int | None] = ContextVar("contactimg_workers", default=None)
 
 START_SECONDS = 6.0
 """Time that calls must save before processes are started for them without being asked for. Measured: each
@@ -43,12 +46,17 @@ MOST_FAILURES = 8
 the calls, and each failure costs seconds, in which processes start."""
 
 
+def sharing(workers: int | None) -> AbstractContextManager[None]:
+    """Let so many processes share the calls of `in_parallel` inside the block; None: as around it."""
+    return holding(_workers, _workers.get() if workers is None else workers)
+
+
 def in_parallel(
     function: Callable[..., Result],
     arguments: Iterable[tuple[Any, ...]],
     *,
     count: int,
-    workers: int | None,
+    workers: int | None = None,
     lost: Callable[..., Result] | None = None,
     shown: str = "",
 ) -> Iterator[Result]:
@@ -62,10 +70,10 @@ def in_parallel(
         Taken as they are needed.
     count : int
         Number of calls.
-    workers : int or None
-        Processes. None: this process makes the first calls, and one process per core makes the others as soon
-        as that saves more time than the start of processes takes. On a cluster
-        (`contactimg.engine.cluster.on_cluster`) its workers take the calls instead.
+    workers : int, optional
+        Processes; default: those of the `sharing` around. Without any this process makes the first calls, and
+        one process per core makes the others as soon as that saves more time than the start of processes
+        takes. On a cluster (`contactimg.engine.cluster.on_cluster`) its workers take the calls instead.
     lost : callable, optional
         Called with the error and the arguments of a call that ended its worker among others and again alone:
         gives the result in its place. Default: the error is raised.
@@ -84,6 +92,7 @@ def in_parallel(
     -----
     Local workers end with this process, whatever ends it (`contactimg.engine.processes`).
     """
+    workers = _workers.get() if workers is None else workers
     if workers is not None and not (isinstance(workers, Integral) and workers >= 1):
         raise InputError(f"workers must be a whole number of processes, 1 or more, or None, got {workers!r}")
     items = iter(arguments)
@@ -105,10 +114,8 @@ def in_parallel(
                 yield from shared(_Processes(processes))
 
     def shared(takers: Any) -> Iterator[Result]:
-        """Results from workers; the stages of their processes are timed as well."""
-        timed_lost = None if lost is None else partial(collect_call, lost)
-        results = _in_order(takers, partial(collect_call, function), items, timed_lost)
-        return gather(results)
+        """Results from workers."""
+        return _in_order(takers, function, items, lost)
 
     asked = _Processes(processes) if workers is not None and processes > 1 else None
     takers = cluster_in_use.get() or asked
@@ -129,8 +136,8 @@ def _in_order(
     A process that ends takes all calls with it that were handed over. Each of these is made again alone when
     it is its turn: one that ends its process then too is the cause.
     """
-    calls, failures = deque[tuple[tuple[Any, ...], Future[Result]]](), 0
-    with _stored(function, workers.folder()) as name:
+    calls, failures = deque[tuple[tuple[Any, ...], Future[tuple[Result, Seconds]]]](), 0
+    with _stored((function, is_collecting()), workers.folder) as name:
         try:
             while True:
                 for item in islice(items, max(AHEAD * workers.processes() - len(calls), 0)):
@@ -142,7 +149,7 @@ def _in_order(
                     try:
                         result = _result(workers, future)
                     except WorkerEndedError:
-                        _settle(workers, [other for _, other in calls])
+                        workers.wait([other for _, other in calls])
                         result = _result(workers, workers.submit(_call, name, *item))
                     failures = 0
                 except WorkerEndedError as error:
@@ -159,24 +166,22 @@ def _in_order(
                 end_workers()
 
 
-def _settle(workers: Any, futures: list[Future[Any]]) -> None:
-    """Wait until calls have ended, in whatever way, as long as there are workers."""
-    seen = monotonic()
-    while wait(futures, timeout=2.0).not_done:  # s, chosen by hand: how often workers are looked for
-        seen = workers.seen(seen)
-
-
-def _result(workers: Any, future: Future[Result]) -> Result:
+def _result(workers: Any, future: Future[tuple[Result, Seconds]]) -> Result:
     """The result of a call when it is there; its error in the words of the workers."""
-    _settle(workers, [future])
+    workers.wait([future])
     try:
-        return future.result()
+        result, seconds = future.result()
     except Exception as error:
         raise workers.named(error) from None
+    add(seconds)
+    return result
 
 
 class _Processes:
     """Processes of this machine that take calls, started anew when one of them was ended."""
+
+    folder: Path | None = None
+    """Where files for the processes lie: in the usual folder of temporary files."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -198,19 +203,15 @@ class _Processes:
         keep_workers(executor)
         return executor
 
-    def folder(self) -> Path | None:
-        """Where files for the processes lie: None stands for the usual folder of temporary files."""
-        return None
-
     def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
         """Hand a call to the processes, to new ones if one of them ends while it is handed over."""
         with suppress(BrokenProcessPool):
             return self._executor().submit(function, *arguments)
         return self._executor().submit(function, *arguments)
 
-    def seen(self, last: float) -> float:
-        """Nothing is to be looked for: a process of this machine that has gone ends its calls."""
-        return last
+    def wait(self, futures: list[Future[Any]]) -> None:
+        """Wait until calls have ended: a process of this machine that has gone ends its calls."""
+        wait(futures)
 
     def named(self, error: BaseException) -> BaseException:
         if isinstance(error, BrokenProcessPool):
@@ -221,8 +222,8 @@ class _Processes:
 
 
 @contextmanager
-def _stored(function: Callable[..., Any], folder: Path | None) -> Iterator[str]:
-    """A file with a function, which each worker reads once: it may hold images.
+def _stored(call: tuple[Callable[..., Any], bool], folder: Path | None) -> Iterator[str]:
+    """A file with a function, and whether it is timed, which each worker reads once: it may hold images.
 
     The file is deleted when this process ends, whatever ends it.
     """
@@ -230,19 +231,20 @@ def _stored(function: Callable[..., Any], folder: Path | None) -> Iterator[str]:
     resource_tracker.register(name, "file")
     try:
         with os.fdopen(handle, "wb") as file:
-            cloudpickle.dump(function, file, protocol=pickle.HIGHEST_PROTOCOL)
+            cloudpickle.dump(call, file, protocol=pickle.HIGHEST_PROTOCOL)
         yield name
     finally:
         resource_tracker.maybe_unlink(name, "file")
 
 
-def _call(file: str, *arguments: Any) -> Any:
-    """Call the function of a file, within a process."""
-    return _function(file)(*arguments)
+def _call(file: str, *arguments: Any) -> tuple[Any, Seconds]:
+    """The result of the function of a file, in a worker, and the times of its steps if they are asked for."""
+    function, timed = _read(file)
+    return collect_call(function, *arguments) if timed else (function(*arguments), {})
 
 
 @lru_cache(1)
-def _function(file: str) -> Callable[..., Any]:
-    """The function of a file."""
-    function: Callable[..., Any] = pickle.loads(Path(file).read_bytes())  # noqa: S301 - written by the parent
-    return function
+def _read(file: str) -> tuple[Callable[..., Any], bool]:
+    """The content of a file."""
+    call: tuple[Callable[..., Any], bool] = pickle.loads(Path(file).read_bytes())  # noqa: S301 - by `_stored`
+    return call

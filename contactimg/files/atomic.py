@@ -13,7 +13,6 @@ import pandas as pd
 from pydantic_core import to_jsonable_python
 
 from contactimg.errors import InputError
-from contactimg.timings import stage
 
 
 @contextmanager
@@ -90,7 +89,6 @@ def read_bytes(path: str | Path) -> bytes:
         return Path(path).read_bytes()
 
 
-@stage("writing")
 def write_text(text: str, path: str | Path) -> None:
     r"""Write text as UTF-8 with line ends ``\n``, completely or not at all."""
     with replacing(path) as part:
@@ -111,7 +109,6 @@ def flush_to_disk(path: str | Path) -> None:
             os.close(handle)
 
 
-@stage("writing")
 def write_json(data: Mapping[str, Any], path: str | Path) -> None:
     """Write JSON: numpy numbers and arrays as numbers and lists, paths as text, NaN and infinity as ``null``.
 

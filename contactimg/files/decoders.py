@@ -30,7 +30,6 @@ from contactimg.files.atomic import replacing
 from contactimg.files.tables import METRES
 from contactimg.frame import Frame
 from contactimg.scene.sections import MAX_PIXELS
-from contactimg.timings import stage
 
 
 def check_size(columns: int, rows: int, samples: int = 1) -> None:
@@ -358,7 +357,6 @@ def _strip_alpha(page: Any, array: NDArray) -> NDArray:
     return array[..., 0] if grey else array[..., :3]
 
 
-@stage("writing")
 def write_frame(frame: Frame, path: Path) -> None:
     """Write a frame as a losslessly compressed TIFF (deflate) that keeps dtype and full scale.
 

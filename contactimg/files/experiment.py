@@ -25,7 +25,6 @@ from contactimg.files.sources import FrameSource, is_image, list_frames, named_f
 from contactimg.files.tables import in_western_code, read_asperities, read_loads
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import EDITS, LOADS
-from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
 
@@ -86,7 +85,6 @@ class Experiment:
         return dict(zip(self.loads["frame"], self.loads["load_N"].tolist(), strict=True))
 
 
-@stage("reading")
 def read_scene(path: str | Path) -> Scene:
     r"""Read a scene file.
 

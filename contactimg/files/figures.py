@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from contactimg.files.atomic import replacing
-from contactimg.timings import stage
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,7 +17,6 @@ FIGURE_FORMATS = ("png", "svg", "pdf")
 """Formats of every figure."""
 
 
-@stage("pictures")
 def write_figures(ax: "Axes", folder: str | Path, name: str, *, caption: str = "") -> None:
     """Write the figure that holds these axes as PNG, SVG and PDF, each completely or not at all.
 
@@ -61,7 +59,6 @@ def figure_bytes(ax: "Axes", kind: str, *, caption: str = "") -> bytes:
         return file.getvalue()
 
 
-@stage("pictures")
 def write_palette_image(indices: NDArray[np.uint8], palette: NDArray[np.uint8], path: str | Path) -> None:
     """Write an image of palette indices as PNG, completely or not at all.
 

@@ -23,7 +23,6 @@ from contactimg.errors import InputError
 from contactimg.files.atomic import first_names, flush_to_disk, write_json
 from contactimg.files.resume import PARTS_FOLDER, PartStore
 from contactimg.scene import Scene
-from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
 
@@ -38,7 +37,6 @@ PENDING_FOLDER = ".contactimg.commit"
 PROVENANCE_FILE = "provenance.json"
 
 
-@stage("provenance")
 def provenance(
     *,
     command: str,
@@ -288,7 +286,6 @@ class OutputFolder:
                     f"'{task}' does not replace; choose another output folder"
                 )
 
-    @stage("writing")
     def _commit(self) -> None:
         """Replace the files of the earlier run of the same command by the new ones.
 

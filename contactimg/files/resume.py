@@ -108,7 +108,6 @@ class PartStore:
         jobs: Sequence[tuple[Any, ...]],
         names: Sequence[str | None],
         *,
-        workers: int | None,
         lost: Callable[..., Result],
         shown: str = "",
     ) -> Iterator[Result]:
@@ -121,7 +120,7 @@ class PartStore:
         jobs : sequence of tuple
         names : sequence of str or None
             Of the parts; a result without one is not kept.
-        workers, lost
+        lost
             As for `contactimg.engine.parallel.in_parallel`.
         shown : str
             What a person is shown of the loop; then it is logged if a run that was ended has left some.
@@ -136,8 +135,8 @@ class PartStore:
             partial(_kept, function, str(self.folder)),
             ((name, *job) for name, job in zip(names, jobs, strict=True)),
             count=len(jobs),
-            workers=workers,
             lost=lambda error, _, *job: lost(error, *job),
+            shown=shown,
         )
 
 

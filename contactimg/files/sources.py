@@ -15,7 +15,6 @@ from contactimg.files import decoders
 from contactimg.frame import Frame
 from contactimg.optics.sensor import linearise
 from contactimg.scene import Camera
-from contactimg.timings import stage
 
 PathLike = str | os.PathLike[str]
 
@@ -60,7 +59,6 @@ class FrameSource:
     camera: Camera | None = None
     correct: Callable[[Frame], Frame] | None = None
 
-    @stage("reading")
     def read(self) -> Frame:
         """Read the frame.
 
@@ -133,7 +131,6 @@ def natural_key(text: PathLike) -> str:
     return "".join(parts) + "\0\0" + text
 
 
-@stage("reading")
 def list_frames(path: PathLike | Iterable[PathLike], *, folder: PathLike = ".") -> list[FrameSource]:
     """List the frames of a folder, a glob, a file, one of its images, or a list of these; reads no image.
 

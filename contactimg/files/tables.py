@@ -24,7 +24,6 @@ from contactimg.files.atomic import explaining, first_names, naming, read_bytes,
 from contactimg.pose.pose import LARGEST_LENGTH
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, Flag, Schema, flag_names
-from contactimg.timings import stage
 
 PER_NEWTON = {"N": 1.0, "mN": 1e3, "uN": 1e6, "µN": 1e6, "μN": 1e6}
 PER_NEWTON |= {"kg": 1 / constants.g, "g": 1e3 / constants.g, "mg": 1e6 / constants.g}
@@ -55,7 +54,6 @@ class OtherFormError(InputError):
     """A table is not of the form that its schema asks for."""
 
 
-@stage("reading")
 def read_table(
     path: str | Path, schema: Schema, *, required: Collection[str] | None = None, infinite: bool = False
 ) -> pd.DataFrame:
@@ -490,7 +488,6 @@ TableFormat = Literal["csv", "parquet"]
 FORMATS: tuple[str, ...] = get_args(TableFormat)
 
 
-@stage("writing")
 def encoded_rows(
     table: pd.DataFrame, schema: Schema, table_format: TableFormat = "csv"
 ) -> str | pd.DataFrame:
@@ -545,7 +542,6 @@ class TableWriter:
     def __exit__(self, *_error: object) -> None:
         self._file.close()
 
-    @stage("writing")
     def append(self, rows: str | pd.DataFrame) -> None:
         """Add the `encoded_rows` of this schema and format."""
         try:

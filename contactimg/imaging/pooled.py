@@ -13,7 +13,7 @@ such a rim of their own.
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -50,13 +50,11 @@ from contactimg.imaging.pixels.robust import (
 )
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
 from contactimg.imaging.profile.limits import (
-    FEWEST,
     FIT_BLUR_WIDTHS,
     LEAST_FRACTION,
     LEAST_VISIBLE,
     SAME_PLACE_RADII,
 )
-from contactimg.timings import stage
 
 SQUARE_PX = 4
 """Side of the squares on which frames are compared, and radius around a place that no frame shows from which
@@ -113,9 +111,9 @@ class Contacts:
         model = render_disks(disks, self.blur, (image.shape[0], image.shape[1]), profile=table)
         return np.asarray(image / np.maximum(1.0 + model, np.float32(DARKEST_FRACTION)), np.float32)
 
-    def moved(self, alignment: Alignment, shape: tuple[int, int]) -> "Contacts":
+    def moved(self, alignment: Alignment, shape: tuple[int, ...]) -> "Contacts":
         """The disks in the coordinates of the anchor, for the alignment of the frame against it."""
-        matrix, offset = alignment.to_reference(shape)
+        matrix, offset = alignment.to_reference((shape[0], shape[1]))
         places = self.disks[:, :2] @ matrix.T + offset
         return replace(self, disks=np.column_stack([places, self.disks[:, 2:]]))
 
@@ -198,7 +196,6 @@ class Placement:
     illumination: Illumination
 
     @classmethod
-    @stage("light")
     def of(
         cls, image: NDArray, anchor: NDArray, *, background_is: BackgroundLevel, registered: bool = False
     ) -> "Placement | None":
@@ -229,7 +226,6 @@ class Placement:
             return None
         return cls(difference.alignment, difference.illumination)
 
-    @stage("light")
     def view(self, image: NDArray, hidden: NDArray[np.float64]) -> View:
         """The image outside hidden disks (x, y, radius, px), as the anchor would show it."""
         shape, finite = (image.shape[0], image.shape[1]), np.isfinite(image)
@@ -250,31 +246,44 @@ class PlacedFrame:
     Parameters
     ----------
     contacts : Contacts
-    placement : Placement
+    placement : Placement or None
+        None for the anchor itself.
     digest : bytes
         Of the pixels: a copy of a frame has the same noise.
     used, light : ndarray or None
         Of the `Agreement`, once it is known.
-    correction : ndarray, shape (n,), or None
-        Of the radii, px.
     """
 
     contacts: Contacts
-    placement: Placement
+    placement: Placement | None
     digest: bytes
     used: Flags | None = None
     light: Values | None = None
-    correction: NDArray[np.float64] | None = None
+
+    @classmethod
+    def seen(
+        cls, image: NDArray, contacts: Contacts | None = None, placement: Placement | None = None
+    ) -> tuple["PlacedFrame", Values]:
+        """An image on the anchor, and the means over squares of what it shows; the anchor has no contacts."""
+        own = cls(contacts or Contacts(np.empty((0, 4)), np.empty((0, 3))), placement, digest_of(image))
+        return own, own.view(image).squares()
+
+    def corrected(self, correction: NDArray[np.float64]) -> "PlacedFrame":
+        """The frame with corrections of its radii, px."""
+        disks = self.contacts.disks + np.outer(correction, [0.0, 0.0, 1.0, 0.0])
+        return replace(self, contacts=replace(self.contacts, disks=disks))
 
     def view(self, image: NDArray) -> View:
         """The view of the image, its slow light corrected and only where it is used."""
         hidden = self.contacts.hidden + np.array([0.0, 0.0, EDGE_REACH_PX])
-        view = self.placement.view(self.contacts.divided_out(image), hidden)
+        flat = self.contacts.divided_out(image)
+        view = View.plain(flat) if self.placement is None else self.placement.view(flat, hidden)
         return view if self.used is None or self.light is None else view.restricted(self.used, self.light)
 
-    def on_anchor(self, shape: tuple[int, int]) -> Contacts:
+    def on_anchor(self, shape: tuple[int, ...]) -> Contacts:
         """Its contacts in the coordinates of the anchor."""
-        return self.contacts.moved(self.placement.alignment, shape)
+        placement = self.placement
+        return self.contacts if placement is None else self.contacts.moved(placement.alignment, shape)
 
 
 def digest_of(image: NDArray) -> bytes:
@@ -310,20 +319,6 @@ class Agreement:
     def left_out(self) -> Flags:
         """Views that do not agree with the others as a whole."""
         return np.asarray(~self.used.any(axis=(1, 2)))
-
-    def spots_of(self, view: int, contacts: Mapping[int, Contacts], *, sign: int) -> int:
-        """Places of more than one square where a view is brighter (sign -1: darker) than all that agree.
-
-        One of these must show the place outside its own contacts (on the anchor, by the number of the view).
-        """
-        bare = self.used & np.isfinite(self.deviation)
-        for n, own in contacts.items():
-            bare[n] &= ~self._squares_of(own)
-        agree, bare = (np.delete(flags, view, axis=0) for flags in (self.used, bare))
-        others = (agree.sum(axis=0) >= FEWEST) & bare.any(axis=0)
-        differs = (~self.used[view] & others & (sign * self.deviation[view] > 0)).astype(np.uint8)
-        areas = cv2.connectedComponentsWithStats(differs)[2][1:, cv2.CC_STAT_AREA]
-        return int(np.count_nonzero(areas > 1))
 
     def scatter_inside(self, contacts: Contacts, *, view: int) -> float:
         """Scatter of a view in the squares of its contacts (on the anchor), over that in the others."""

@@ -23,7 +23,6 @@ from contactimg.errors import InputError
 from contactimg.models.conditions import CELLS_PER_SPACING, ContactConditions
 from contactimg.models.coupling import Kernel, displacement_excess, layer_deficit
 from contactimg.models.fast_coupling import SINGLE_ACCURACY, FastCoupling
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
@@ -134,7 +133,6 @@ class GapField:
                 return self.undeformed(places) + sums.displacement(padded)[force.size :]
         return self.undeformed(places) + k.displacement(places[0], places[1], sources, force)
 
-    @stage("base gap")
     def smallest(self) -> BaseGap:
         """The smallest gap within the rectangle of the caps and the apex of the lens."""
         free, step = (np.zeros((2, 0)), 0.0) if not self.discs.size else self._free_nodes()

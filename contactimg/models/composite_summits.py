@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.surfaces import base_radius, composite_columns
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
@@ -38,7 +37,6 @@ class CompositeSummits:
     place: tuple[float, tuple[float, float]]
 
     @classmethod
-    @stage("candidates")
     def of(
         cls,
         asperities: "pd.DataFrame | CompositeSummits",

@@ -29,7 +29,6 @@ from contactimg.models.newton_iteration import (
 )
 from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.models.validity import close_pairs, nearest_neighbours, overlapping, unstable_pair
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
@@ -101,7 +100,6 @@ class ContactSolver:
     tolerance: float
     max_iterations: int
 
-    @stage("candidates")
     def solve(self, seed: Values | None) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
         """The candidates, their converged system and iterate, and the number of Newton steps.
 
@@ -213,7 +211,6 @@ class ContactSolver:
             or (self.method == "auto" and count <= MAX_DENSE_CANDIDATES)
         )
 
-    @stage("Newton")
     def _converge(
         self, problem: ScaledProblem, system: ContactSystem, at: Iterate, taken: int, *, rough: bool = False
     ) -> tuple[ContactSystem, Iterate, int]:

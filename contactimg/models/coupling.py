@@ -18,7 +18,6 @@ from scipy.linalg import lapack
 
 from contactimg.compiled import njit
 from contactimg.mechanics import layer
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -225,7 +224,6 @@ class Coupling:
     def check_definite(self, active: Rows, scale: Values) -> None:
         """Raise `NotPositiveDefinite` if the matrix of that system is not positive definite."""
 
-    @stage("coupling sums")
     def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
         """The neighbours' fields at every candidate, summed pair by pair.
 
@@ -272,7 +270,6 @@ class DenseCoupling(Coupling):
         """The whole matrix ``C``."""
         return self._with_rows(np.arange(self._x.size))
 
-    @stage("coupling sums")
     def _with_rows(self, rows: Rows) -> Values:
         """``C``, of which these rows have been computed."""
         k, missing = self._kernel, rows[~self._known[rows]]
@@ -282,7 +279,6 @@ class DenseCoupling(Coupling):
             self._known[missing] = True
         return self._matrix
 
-    @stage("coupling sums")
     def displacement(self, force: Values) -> Values:
         """``C q``, over the candidates that carry a force."""
         loaded = np.flatnonzero(force)

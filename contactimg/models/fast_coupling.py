@@ -30,7 +30,6 @@ from contactimg.models.coupling import (
     NewtonSystem,
     conjugate_gradients,
 )
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]
@@ -234,7 +233,6 @@ class FastCoupling(Coupling):
     the square root of the number of candidates: some 2 kB a candidate.
     """
 
-    @stage("coupling sums")
     def __init__(self, x: Values, y: Values, kernel: Kernel, accuracy: float = 1e-9) -> None:
         super().__init__(x, y, kernel)
         self._accuracy = accuracy
@@ -307,7 +305,6 @@ class FastCoupling(Coupling):
         turn = 2 * np.pi / (self._modes * self._cell)
         return np.exp(-1j * (self._modes // 4 - self._rim // 2) * turn * y).astype(self._complex)
 
-    @stage("coupling sums")
     def displacement(self, force: Values) -> Values:
         """``C q`` at every candidate."""
         to_modes, from_modes = self._plans

@@ -20,12 +20,10 @@ from contactimg.models.dense_balance import Balance, BalanceEquations
 from contactimg.models.greenwood_williamson import AsperityLayer, RingSolution, check_rings, ring_weights
 from contactimg.models.height_distributions import HeightLaw
 from contactimg.models.proof import refuse_beyond_floats, relative_error
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
 
-@stage("rings")
 @refuse_beyond_floats
 def solve_greenwood_tripp(
     heights: HeightLaw,

@@ -19,7 +19,6 @@ from contactimg.models.newton_iteration import MAX_DOUBLINGS
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.surfaces import LENGTH_RANGE_M
 from contactimg.tables import PROFILE
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
@@ -252,7 +251,6 @@ def ring_weights(r: Values) -> Values:
     return weights
 
 
-@stage("rings")
 @proof.refuse_beyond_floats
 def solve_greenwood_williamson(
     heights: HeightLaw,

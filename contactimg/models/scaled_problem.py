@@ -14,7 +14,6 @@ from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.conditions import ContactConditions
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
@@ -124,7 +123,6 @@ def check_choice(name: str, value: str, allowed: Collection[str]) -> None:
         raise InputError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
 
 
-@stage("candidates")
 def scale_problem(
     asperities: pd.DataFrame | CompositeSummits, setting: ContactConditions, *, depth: float | None = None
 ) -> ScaledProblem:

@@ -25,10 +25,8 @@ from .predict import predict_loads as predict_loads
 from .predict import write_predictions as write_predictions
 from .results import Calibrated as Calibrated
 from .results import reservations as reservations
-from .results import write_calibration as write_calibration
 from .results import write_results as write_results
 from .series import measure_parts as measure_parts
 from .simulate import plan_simulation as plan_simulation
 from .simulate import write_simulation as write_simulation
 from .tradeoff import measure_tradeoff as measure_tradeoff
-from .tradeoff import write_tradeoff as write_tradeoff

@@ -36,8 +36,6 @@ SMALLEST_BLUR_WIDTHS, LARGEST_BLUR_WIDTHS = 0.3, 6.0
 """Radii drawn: from contacts that no frame shows; up to at least where a contact shows its plateau."""
 CLASSES = 8
 """Classes of radii, equally wide in ln(radius)."""
-TRIES = 40
-"""Places that are tried for each contact."""
 REACH_PX, REACH = 1.5, 0.5
 """A drawn contact is found within the larger of this distance and this share of its radius."""
 LOCAL_PX = 5
@@ -69,9 +67,7 @@ class MeasurementCheck:
     failed: pd.DataFrame
 
 
-def check_experiment(
-    experiment: Experiment, *, seed: int = 1, workers: int | None = None
-) -> MeasurementCheck:
+def check_experiment(experiment: Experiment, *, seed: int = 1) -> MeasurementCheck:
     """Draw contacts of known radius into the frames of an experiment, and measure them again.
 
     Parameters
@@ -79,8 +75,6 @@ def check_experiment(
     experiment : Experiment
     seed : int
         Of the random radii, brightnesses and places.
-    workers : int, optional
-        Processes that share the frames.
 
     Returns
     -------
@@ -96,7 +90,7 @@ def check_experiment(
     _, sites = asperities_and_sites(experiment)
     options = FrameOptions.of(experiment.scene, sites)
     call = partial(_check_frame, options=options, seed=seed)
-    results = for_each_frame(experiment, call, workers=workers, shown="checking frames")
+    results = for_each_frame(experiment, call, shown="checking frames")
     nothing = "no frame shows contacts like which others could be drawn"
     tables, failed = measured_and_failed(results, nothing)
     drawn = DRAWN.joined(table for table, _ in tables)
@@ -128,8 +122,7 @@ def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
 def _sentence(drawn: pd.DataFrame, classes: pd.DataFrame, stated_px: float) -> str:
     """The sentence that the check says; ``stated_px`` is the detection limit of the frames."""
     share = classes["completeness"].to_numpy()
-    poor = np.flatnonzero(share < FOUND)
-    first = int(poor[-1]) + 1 if len(poor) else 0
+    first = int(np.max(np.flatnonzero(share < FOUND), initial=-1)) + 1
     if first == len(classes):
         return f"fewer than {100 * FOUND:.0f} % of the drawn contacts are found, whatever their radius"
     low = classes["low_px"].iloc[first]
@@ -181,31 +174,27 @@ def _blur(measurement: ImageMeasurement) -> float:
 
 def _choose(measurement: ImageMeasurement, rng: np.random.Generator) -> NDArray[np.float64]:
     """Places, radii and contrasts (grey levels) of contacts to draw, shape (n, 4)."""
-    own = measurement.disks[["x_px", "y_px", "radius_px"]].to_numpy(float)
-    rejected = measurement.rejected[["x_px", "y_px", "radius_px"]].to_numpy(float)
-    blur = _blur(measurement)
+    columns = ["x_px", "y_px", "radius_px"]
+    own, others = (
+        table[columns].dropna().to_numpy(float) for table in (measurement.disks, measurement.rejected)
+    )
+    blur, spread = _blur(measurement), np.nan_to_num(measurement.optics.spread)
     largest = max(float(np.quantile(own[:, 2], 0.95)), LARGEST_BLUR_WIDTHS * blur)
     count = int(np.clip(DRAWN_SHARE * len(own), LEAST_DRAWN, MOST_DRAWN))
     radii = np.exp(rng.uniform(np.log(SMALLEST_BLUR_WIDTHS * blur), np.log(largest), count))
-    spread = measurement.optics.spread
-    contrast = rng.normal(measurement.contrast, spread if np.isfinite(spread) else 0.0, count)
-    free = np.ones(measurement.difference.shape, np.uint8)
-    if measurement.foreground.frame_pair.valid is not None:
-        free &= measurement.foreground.frame_pair.valid
-    clear_disks(free, np.vstack([own, rejected[np.isfinite(rejected).all(axis=1)]]))
-    distance = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, 5)[1:-1, 1:-1].ravel()
-    chosen = np.empty((0, 4))
-    gap = CLEAR_BLUR_WIDTHS * blur
-    farthest = np.argsort(-distance, kind="stable")
-    within = np.searchsorted(-distance[farthest], -(radii + gap + 1.0))
-    for a, c, places in sorted(zip(radii, contrast, within, strict=True), reverse=True):
-        for place in farthest[rng.integers(0, places, TRIES)] if places else []:
-            row, column = divmod(int(place), measurement.difference.shape[1])
-            y, x = row + rng.uniform(-0.5, 0.5), column + rng.uniform(-0.5, 0.5)
-            if (np.hypot(chosen[:, 0] - x, chosen[:, 1] - y) > chosen[:, 2] + a + gap).all():
-                chosen = np.vstack([chosen, [x, y, a, c]])
-                break
-    return chosen
+    valid = measurement.foreground.frame_pair.valid
+    free = np.ones(measurement.difference.shape, np.uint8) if valid is None else valid.astype(np.uint8)
+    clear_disks(free, np.vstack([own, others]))
+    chosen = list[list[float]]()
+    for radius in np.sort(radii)[::-1].tolist():  # the widest find room first
+        distance = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+        places = np.flatnonzero(distance > radius + CLEAR_BLUR_WIDTHS * blur + 1.0)
+        if len(places):
+            row, column = divmod(int(rng.choice(places)), free.shape[1])
+            x, y = column + rng.uniform(-0.5, 0.5), row + rng.uniform(-0.5, 0.5)
+            chosen.append([x, y, radius, rng.normal(measurement.contrast, spread)])
+            clear_disks(free, np.array([chosen[-1]]))
+    return np.array(chosen).reshape(-1, 4)
 
 
 def draw_contacts(

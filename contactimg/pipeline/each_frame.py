@@ -11,7 +11,6 @@ from threadpoolctl import threadpool_limits
 
 from contactimg.engine.parallel import in_parallel
 from contactimg.engine.processes import end_if_asked
-from contactimg.engine.progress import counted
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameSource, PartStore, edits_file
 from contactimg.pipeline.inputs import read_reference
@@ -51,7 +50,6 @@ def for_each_frame(
     measure: Callable[..., Result],
     jobs: Sequence[tuple[Any, ...]] | None = None,
     *,
-    workers: int | None,
     store: PartStore | None = None,
     shown: str = "",
 ) -> Iterator[Result | FailedFrame]:
@@ -64,8 +62,6 @@ def for_each_frame(
         Called with frame, pixels of the reference (None without one) and the rest of the job.
     jobs : sequence of tuple, optional
         Each a `contactimg.files.FrameSource` and further arguments; default: every frame of the experiment.
-    workers : int or None
-        As for `contactimg.engine.parallel.in_parallel`.
     store : PartStore, optional
         Results that it holds are taken from it, the others are added; failures are not.
     shown : str
@@ -89,7 +85,7 @@ def for_each_frame(
             return FailedFrame.of(source.name, error)
 
     if store is None:
-        results = in_parallel(measured, iter(jobs), count=len(jobs), workers=workers, lost=_lost_frame)
+        results = in_parallel(measured, iter(jobs), count=len(jobs), lost=_lost_frame, shown=shown)
     else:
         call = measure if isinstance(measure, partial) else partial(measure)
         references = [_without_folder(source) for source in experiment.references]
@@ -98,8 +94,8 @@ def for_each_frame(
         edits = edits_file(experiment.scene)
         common = store.common(settings, [path for path in experiment.others if path != edits])
         names = [store.name(common, source.path, [_without_folder(source), *rest]) for source, *rest in jobs]
-        results = store.results(measured, jobs, names, workers=workers, lost=_lost_frame, shown=shown)
-    for result in counted(results, shown, len(jobs)):
+        results = store.results(measured, jobs, names, lost=_lost_frame, shown=shown)
+    for result in results:
         end_if_asked()
         yield result
 

@@ -119,12 +119,11 @@ def measure_frame(
         raise InputError(
             f"measure_frame: contrast must be a positive number of grey levels, got {contrast!r}"
         )
-    known = {"threshold": threshold, "blur_px": blur_px}
+    measure = {"method": method, "shape": shape, "threshold": threshold, "blur_px": blur_px}
     keys = {
         "camera": {"pixel_size_m": pixel_size, "linearity": linearity},
         "images": {"polarity": polarity},
-        "measure": {"method": method, "shape": shape}
-        | {name: value for name, value in known.items() if value is not None},
+        "measure": {name: value for name, value in measure.items() if value is not None},
         "effects": {"film": film},
     }
     scene = scene_from_dict(keys, name="measure_frame")
@@ -208,11 +207,12 @@ class MeasuredFrame:
 
     def log(self, before: str = "") -> None:
         """Log one line about the frame."""
-        if logger.isEnabledFor(logging.INFO):
-            numbers = (f"{key} {value:.4g}" for key, value in self.row.items() if isinstance(value, float))
-            count = self.row.get("n_contacts", pd.NA)
-            head = f"{self.row['frame']}: {self.row['status']}, {0 if pd.isna(count) else count} contacts, "
-            logger.info("%s%s", before, head + ", ".join(numbers))
+        numbers = ", ".join(
+            f"{key} {value:.4g}" for key, value in self.row.items() if isinstance(value, float)
+        )
+        count = self.row.get("n_contacts", pd.NA)
+        found = f"{self.row['status']}, {0 if pd.isna(count) else count} contacts, {numbers}"
+        logger.info("%s%s: %s", before, self.row["frame"], found)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,6 @@ from contactimg.pose.apex import SIGNIFICANT_STDS, STATED, Apex, find_apex, find
 from contactimg.pose.pairs import FEWEST_CONTACTS, PAIRING_FRACTION, pair_points, pairing_distance
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, NO_RESULT, OUTLINES, REJECTED, Flag, Schema, Status
-from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
 
@@ -55,7 +54,6 @@ Result = TypeVar("Result")
 # --- pose and apex
 
 
-@stage("pose")
 def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.PoseFit:
     """The pose of a series: the one that the contacts of a frame confirm, or the stated one.
 
@@ -71,50 +69,33 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
         As stated.
     """
     if sites is None or run.scene.measure.pose != "fit":
-        return fit.PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
-    targets = sites[["x_m", "y_m"]].to_numpy(float)
+        return fit.PoseFit(guess)
     shift = frame_shift(run.frames, run.frames["frame"].iloc[0])
     x_px, y_px = run.contacts["x_px"] - shift[0], run.contacts["y_px"] - shift[1]
     reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
-    pose = fit.fit_pose(x_px, y_px, targets, guess, largest_shift=reach)
-    found = pose if pose.fitted else fit.search_everywhere(x_px, y_px, targets, guess)
-    if found is not None and (not pose.fitted or found.pose.mirrored != guess.mirrored):
-        _say_where(found, guess, run.scene)
-    pose = found or pose
-    size = pose.pose.pixel_size
-    if abs(size - guess.pixel_size) > fit.LARGEST_SCALE_ERROR * guess.pixel_size:
+    found = fit.fit_pose(x_px, y_px, sites[["x_m", "y_m"]], guess, largest_shift=reach)
+    pose, known = found.pose, f"{found.n_matched} of {found.n_points} contacts fall on asperities"
+    turned, mirrored = np.abs(np.sin(pose.rotation - guess.rotation)), pose.mirrored != guess.mirrored
+    away = turned > np.sin(fit.LARGEST_TURN_RAD) or mirrored
+    if away or np.hypot(*np.subtract(pose.centre, guess.centre)) > reach:
+        stated = run.scene.camera is not None and run.scene.camera.centre is not None
+        place, flag = ", ".join(f"{value:.6g}" for value in pose.centre), str(pose.mirrored).lower()
+        keys = f"centre_m = [{place}], rotation_deg = {np.rad2deg(pose.rotation):.4g}, mirrored = {flag}"
+        exchanged = "; are x_m and y_m of the asperities exchanged?" if turned > EXCHANGED_SINE else ""
+        logger.log(
+            logging.WARNING if stated or away else logging.INFO,
+            "the camera does not look where [camera] says; %s with [camera] %s: used here%s",
+            *(known, keys, exchanged if mirrored else ""),
+        )
+    if abs(pose.pixel_size - guess.pixel_size) > fit.LARGEST_SCALE_ERROR * guess.pixel_size:
         logger.warning(
             "contacts fall on asperities with [camera] pixel_size_m = %.4g, not %.4g: used here; is "
             "the scene wrong, or the scale of x_m and y_m?",
-            size,
-            guess.pixel_size,
+            *(pose.pixel_size, guess.pixel_size),
         )
-    logger.info(
-        "pose %s: %d of %d contacts on an asperity, RMS %.3g m",
-        "fitted" if pose.fitted else "as given",
-        pose.n_matched,
-        pose.n_points,
-        pose.residual,
-    )
-    return pose
-
-
-def _say_where(found: fit.PoseFit, guess: Pose, scene: Scene) -> None:
-    """Log that the camera looks elsewhere: as a warning if the scene states where, or it is turned."""
-    turned = np.abs(np.sin(found.pose.rotation - guess.rotation))
-    mirrored = found.pose.mirrored != guess.mirrored
-    stated = scene.camera is not None and scene.camera.centre is not None
-    logger.log(
-        logging.WARNING if stated or mirrored or turned > np.sin(fit.LARGEST_TURN_RAD) else logging.INFO,
-        "the camera does not look where [camera] says; %d of %d contacts fall on asperities with [camera] "
-        "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here%s",
-        found.n_matched,
-        found.n_points,
-        ", ".join(f"{value:.6g}" for value in found.pose.centre),
-        np.rad2deg(found.pose.rotation),
-        str(found.pose.mirrored).lower(),
-        "; are x_m and y_m of the asperities exchanged?" if mirrored and turned > EXCHANGED_SINE else "",
-    )
+    said = f"fitted: {known}, RMS {found.residual:.3g} m" if found.fitted else "as given"
+    logger.info("pose %s", said)
+    return found
 
 
 def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -> Apex | None:
@@ -131,12 +112,12 @@ def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -
     return Apex(scene.indenter.apex) if stated else shown
 
 
-def shown_apex(run: files.Run, pose: Pose | None, asperities: pd.DataFrame | None) -> Apex | None:
+def shown_apex(run: files.Run, pose: Pose, asperities: pd.DataFrame | None) -> Apex | None:
     """The apex that the contacts of one frame of a run show, the frame that shows it best; None if none does.
 
     Without asperities it is the centre of the contacts.
     """
-    if pose is None or run.scene.indenter is None:
+    if run.scene.indenter is None:
         return None
     contacts, frames, lens = run.contacts, run.frames, run.scene.indenter.radius
     lost = frames.loc[frames["status"] == Status.NO_POSE, "frame"]
@@ -208,7 +189,6 @@ def _known(contacts: pd.DataFrame, column: str) -> pd.DataFrame:
     return pd.DataFrame(contacts[column].notna().groupby(contacts["frame"]).agg(known="sum", all="size"))
 
 
-@stage("pose")
 def with_pose(run: files.Run, sites: pd.DataFrame | None, pose: fit.PoseFit | None) -> files.Run:
     """The run with sample coordinates and asperities under a pose; as it is without one."""
     if pose is None:
@@ -229,7 +209,6 @@ def with_pose(run: files.Run, sites: pd.DataFrame | None, pose: fit.PoseFit | No
     return replace(run, contacts=located, frames=frames, pose=pose)
 
 
-@stage("forces")
 def with_forces(run: files.Run, sites: pd.DataFrame | None, law: LawPlan | None) -> files.Run:
     """The run with local forces where the elastic body and the asperity's radius are known, and with sums.
 
@@ -304,8 +283,6 @@ class MeasuredSeries:
         Apex and radius of the lens that the contacts show, None where they show none.
     law : LawPlan or None
         The law of the local forces, on which the contacts of all frames decide; None without forces.
-    workers : int or None
-        As for `contactimg.engine.parallel.in_parallel`, for what is done with blocks.
     """
 
     scene: Scene
@@ -315,7 +292,6 @@ class MeasuredSeries:
     apex: Apex | None = None
     shown: Apex | None = None
     law: LawPlan | None = None
-    workers: int | None = 1
 
     def posed(self, asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
         """The series with the pose and apex that the frame with most contacts gives, and the law of forces.
@@ -329,9 +305,8 @@ class MeasuredSeries:
         run = replace(self, parts=[self.parts[int(counts.fillna(0).argmax())]]).in_pixels
         shape = next(part.shape for part in self.parts if part.shape)
         pose = find_pose(run, self.sites, self.scene.pose(shape))
-        several = replace(self, parts=evenly_spread(self.parts, BLOCK_FRAMES))
-        located = with_pose(several.in_pixels, self.sites, pose)
-        shown = shown_apex(located, pose.pose, asperities)
+        several = replace(self, parts=evenly_spread(self.parts, BLOCK_FRAMES), pose=pose)
+        shown = shown_apex(several.located, pose.pose, asperities)
         apex = apex_of(self.scene, shown, asperities)
         posed = replace(self, pose=pose, apex=apex, shown=shown)
         if apex is not None and apex.known != STATED and asperities is not None:
@@ -362,7 +337,7 @@ class MeasuredSeries:
     def of_blocks(self, make: Callable[["MeasuredSeries"], Result]) -> Iterator[Result]:
         """The results of a function for the blocks, in order; several processes share the blocks."""
         count = -(-len(self.parts) // BLOCK_FRAMES)
-        return in_parallel(make, ((block,) for block in self.blocks()), count=count, workers=self.workers)
+        return in_parallel(make, ((block,) for block in self.blocks()), count=count)
 
     @cached_property
     def run(self) -> files.Run:

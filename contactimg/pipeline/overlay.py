@@ -50,9 +50,7 @@ class Comparison:
     left_out: dict[str, str]
 
 
-def compare_run(
-    run: Run, asperities: pd.DataFrame, *, min_radius_px: float = 1.0, workers: int | None = 1
-) -> Comparison:
+def compare_run(run: Run, asperities: pd.DataFrame, *, min_radius_px: float = 1.0) -> Comparison:
     """Predict the contacts of every frame with a load, coupled and uncoupled, and match them.
 
     Parameters
@@ -63,8 +61,6 @@ def compare_run(
         Asperity table.
     min_radius_px : float
         Smaller predicted contacts are not expected to be visible: they and their partners do not count.
-    workers : int or None
-        Processes that share the predictions.
 
     Returns
     -------
@@ -101,7 +97,7 @@ def compare_run(
     (rows, columns), contacts = pose.shape, run.contacts
     inside = contacts["x_px"].between(-0.5, columns - 0.5) & contacts["y_px"].between(-0.5, rows - 0.5)
     contacts = contacts[inside]
-    solutions = predict_in_view(surfaces, jobs, workers=workers)
+    solutions = predict_in_view(surfaces, jobs)
     # the solutions of a frame, one a model, follow each other
     for frame, *found in zip(frames["frame"], *[solutions] * len(COMPARED_MODELS), strict=True):
         models = dict(zip(COMPARED_MODELS, found, strict=True))
@@ -162,9 +158,7 @@ def compare_frame(
     return pairs, kinds, score
 
 
-def draw_comparison(
-    comparison: Comparison, run: Run, experiment: Experiment, folder: Path, *, workers: int | None
-) -> None:
+def draw_comparison(comparison: Comparison, run: Run, experiment: Experiment, folder: Path) -> None:
     """Draw measured and predicted contacts on each frame that a model has a solution for, as PNG files.
 
     Frames of the run that are no longer there have no picture.
@@ -190,4 +184,4 @@ def draw_comparison(
             yield frame, partial(draw_predicted, marked=marked, hertz_circle=circle)
 
     names, pixel_size = comparison.seen.keys(), pose.pixel_size
-    draw_frames(experiment, names, drawings(), folder, pixel_size=pixel_size, workers=workers)
+    draw_frames(experiment, names, drawings(), folder, pixel_size=pixel_size)

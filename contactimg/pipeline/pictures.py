@@ -32,7 +32,6 @@ from contactimg.plots.overlay import (
 )
 from contactimg.tables import Status
 from contactimg.tables.outlines import KINDS_OF_CONTACTS, REJECTED_COLOUR, Outline, kind_of
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
@@ -56,9 +55,7 @@ LEAST_SQUARE_PX = 3.0
 """Half side of the smallest square about a rejected candidate."""
 
 
-def draw_overlays(
-    series: MeasuredSeries, experiment: Experiment, folder: Path, *, workers: int | None
-) -> None:
+def draw_overlays(series: MeasuredSeries, experiment: Experiment, folder: Path) -> None:
     """Draw contacts and rejected candidates on every frame that could be measured, as PNG files.
 
     Parameters
@@ -67,14 +64,12 @@ def draw_overlays(
     experiment : Experiment
     folder : Path
         Is made.
-    workers : int or None
-        Processes that share the frames.
     """
     pixel_size = None if series.pose is None else series.pose.pose.pixel_size
     names = [part.row["frame"] for part in series.parts if part.row["status"] != Status.FAILED]
     shown = (one for block in series.blocks() for one in block.run.by_frame())
     drawings = ((name, partial(draw_measured, shown=tables)) for name, tables in shown)
-    draw_frames(experiment, names, drawings, folder, pixel_size=pixel_size, workers=workers)
+    draw_frames(experiment, names, drawings, folder, pixel_size=pixel_size)
 
 
 def draw_frames(
@@ -84,7 +79,6 @@ def draw_frames(
     folder: Path,
     *,
     pixel_size: float | None,
-    workers: int | None,
 ) -> None:
     """Read frames of an experiment again, and write what a function draws of each, as PNG files.
 
@@ -98,8 +92,6 @@ def draw_frames(
     folder : Path
         Is made.
     pixel_size : float or None, m
-    workers : int or None
-        Processes that share the frames.
     """
     folder.mkdir()
     sources = {source.name: source for source in experiment.frames if source.name in names}
@@ -109,16 +101,14 @@ def draw_frames(
         """Read one frame again and draw it; its name and its load, where that is known, are the title."""
         load = experiment.load_of(name)
         title = f"{name}, {1e3 * load:g} mN" if np.isfinite(load) else name
-        with stage("pictures"):
-            view = View(stretch, title=title, pixel_size=pixel_size)
-            picture = drawing(sources[name].read().image, view=view)
-            write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(name)}.png")
+        view = View(stretch, title=title, pixel_size=pixel_size)
+        picture = drawing(sources[name].read().image, view=view)
+        write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(name)}.png")
 
     jobs = (job for job in drawings if job[0] in sources)
-    deque(in_parallel(draw, jobs, count=len(sources), workers=workers, shown="drawing overlays"), maxlen=0)
+    deque(in_parallel(draw, jobs, count=len(sources), shown="drawing overlays"), maxlen=0)
 
 
-@stage("pictures")
 def series_stretch(sources: Sequence[FrameSource]) -> tuple[float, float]:
     """Grey levels that are shown black and white in every frame of a series."""
     levels = []

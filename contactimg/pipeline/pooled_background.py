@@ -8,7 +8,7 @@ frame is then measured on the mean of the others.
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, TypeVar
 
 import cv2
@@ -58,6 +58,9 @@ the noise is known to 0.6 %."""
 
 OF_ELLIPSES = ("semi_major_std_px", "semi_minor_std_px", "angle_std_rad")
 
+REFERENCE = -1
+"""Number of the reference among the views; those of the frames are their places in the series."""
+
 PlacedView = tuple[pooled.PlacedFrame, NDArray[np.float32]]
 """A frame on the anchor, and the means over squares of what it shows of the background."""
 
@@ -70,34 +73,29 @@ class Pool:
     ----------
     background : PooledBackground
         Sums of all views, the rings of the wrong radii taken out.
-    brightness : ndarray, shape (rows, columns)
-        Of the anchor, smooth, grey levels.
     views : tuple of PlacedFrame
+        With corrected radii.
     options : FrameOptions
     source : str
         Whose coordinates the background has, if not those of the reference.
     remark : str
         On all frames of the series; empty where there is nothing to say.
-    differing : set of str
+    differing : list of str
         Names of the frames that differ from the others.
     needed : bool
         It is used whether or not it gains: it was asked for, or the reference is at fault.
-    spots : int
-        Spots of the reference that look like contacts and that no frame confirms.
     before : dict
         Name of a frame that was measured before -> its noise (grey levels) and the median uncertainty of its
         radii (px).
     """
 
     background: pooled.PooledBackground
-    brightness: NDArray[np.float32]
     views: tuple[pooled.PlacedFrame, ...]
     options: FrameOptions
     source: str
     remark: str
-    differing: set[str]
+    differing: list[str]
     needed: bool
-    spots: int
     before: dict[str, tuple[float, float]]
 
     def gains(self, after: Mapping[int, MeasuredFrame]) -> bool:
@@ -110,11 +108,10 @@ class Pool:
         """The sums without the view of an image (or of a copy of it), and the contacts of the other views."""
         digest, background, others = pooled.digest_of(image), self.background, []
         for own in self.views:
-            if own.digest != digest:
-                others.append(own.on_anchor(self.brightness.shape))
-            elif own.correction is not None:
-                view, sums = contribute_view(Frame(image), None, own, brightness=self.brightness)
-                background = background.without_rings(sums.templates, -own.correction).plus(view, -1)
+            if own.digest == digest:
+                background = background.plus(own.view(image), -1)
+            else:
+                others.append(own.on_anchor(background.count.shape))
         return background, others
 
 
@@ -207,13 +204,13 @@ def contacts_of(part: MeasuredFrame, options: FrameOptions) -> pooled.Contacts:
     return replace(contacts, contrast=contrast, blur=blur, film=film) if known else contacts.left_out()
 
 
-def spots_in_contact(parts: Iterable[MeasuredFrame], reference: NDArray | None) -> int:
-    """Contacts and other candidates of a frame, the most of any, that the reference shows, too.
+def fault_of_reference(parts: Iterable[MeasuredFrame], reference: NDArray | None) -> str:
+    """Why the reference cannot serve: it shows contacts and other candidates of a frame, too; else empty.
 
     Twice what chance makes is taken off: what the same places have on the reference turned by half a turn.
     """
     if reference is None:
-        return 0
+        return ""
     (rows, columns), counts = reference.shape, [0]
     smooth = pooled.smooth_brightness(reference)
     fine = cv2.blur(np.where(np.isfinite(reference), reference, smooth).astype(np.float32), (3, 3))
@@ -232,7 +229,8 @@ def spots_in_contact(parts: Iterable[MeasuredFrame], reference: NDArray | None) 
             least = BRIGHT_FRACTION * np.pi * np.maximum(radius, 2.0) ** 2
             shown.append(int(np.count_nonzero(bright > least)))
         counts.append(shown[0] - 2 * shown[1])
-    return max(counts)
+    spots = max(counts)
+    return f"the reference shows {spots} spots like contacts" if spots >= FEWEST_FALSE_SPOTS else ""
 
 
 def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
@@ -246,7 +244,6 @@ def pool_background(
     options: FrameOptions,
     parts: Mapping[int, MeasuredFrame],
     *,
-    workers: int | None,
     fault: str = "",
 ) -> Pool | None:
     """The background that the frames of a series show together.
@@ -260,8 +257,6 @@ def pool_background(
     options : FrameOptions
     parts : mapping of int to MeasuredFrame
         Frames of these numbers as measured with the reference of the experiment, or without one.
-    workers : int or None
-        As for `contactimg.engine.parallel.in_parallel`.
     fault : str
         Why the reference of the scene is left out, if it is.
 
@@ -275,21 +270,21 @@ def pool_background(
     if not (enough if wish == "auto" else wish == "pooled" and count > 1):
         return None
     try:
-        anchored = _place_views(experiment, options, parts, workers)
-        agreement, has_reference = anchored.agreement, bool(anchored.references)
+        anchor, source, shown, agreement = _place_views(experiment, options, parts)
         views = {
             k: replace(own, used=agreement.used[n], light=agreement.light[n])
-            for n, (k, (own, _)) in enumerate(anchored.shown.items(), start=has_reference)
+            for n, (k, (own, _)) in enumerate(shown.items())
             if not agreement.left_out[n]
         }
+        reference = views.pop(REFERENCE, None)
         if len(views) < FEWEST_VIEWS:
             raise FrameError(f"only {len(views)} different frames show it and agree on it")
-        brightness, equations = pooled.smooth_brightness(anchored.image), list[pooled.RimSums]()
+        brightness, equations = pooled.smooth_brightness(anchor), list[pooled.RimSums]()
         total = pooled.PooledBackground.empty(brightness.shape)
-        for view in anchored.first:
-            total = total.plus(view.restricted(agreement.used[0], agreement.light[0]), anchored.references)
+        if reference is not None:
+            total = total.plus(reference.view(anchor), len(experiment.references))
         call = partial(contribute_view, brightness=brightness)
-        for result in _each(experiment, call, views, workers).values():
+        for result in _each(experiment, call, views).values():
             if isinstance(result, FailedFrame):
                 raise FrameError(str(result.row["message"]))
             total = total.plus(result[0])
@@ -301,57 +296,29 @@ def pool_background(
         logger.info("the background is not pooled: %s", error)
         return None
     remark = ""
-    if has_reference and agreement.left_out[0]:
+    if REFERENCE in shown and reference is None:
         remark = "the reference differs from all frames: left out of the pooled background"
-    elif fault or (experiment.references and not has_reference):
+    elif fault or (experiment.references and REFERENCE not in shown):
         remark = f"{fault or 'the reference does not show the surface of the frames'}: not used"
-    placed = zip(views.values(), corrections, strict=True)
     return Pool(
         background=total,
-        brightness=brightness,
-        views=tuple(replace(own, correction=correction) for own, correction in placed),
+        views=tuple(map(pooled.PlacedFrame.corrected, views.values(), corrections)),
         options=options,
-        source=anchored.source,
+        source=source,
         remark=remark,
-        differing={experiment.frames[k].name for k in anchored.shown.keys() - views.keys()},
+        differing=[experiment.frames[k].name for k in shown if k != REFERENCE and k not in views],
         needed=bool(fault) or wish == "pooled",
-        spots=agreement.spots_of(0, anchored.contacts, sign=anchored.sign) if has_reference else 0,
         before={str(part.row["frame"]): _noise_and_std(part) for part in parts.values()},
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Anchored:
-    """The anchor, of how many references it is the mean, whose coordinates it has, and the frames on it."""
-
-    image: NDArray
-    references: int
-    source: str
-    sign: int
-    shown: dict[int, PlacedView]
-
-    @property
-    def first(self) -> list[pooled.View]:
-        """The view of the reference."""
-        return [pooled.View.plain(self.image)] if self.references else []
-
-    @property
-    def contacts(self) -> dict[int, pooled.Contacts]:
-        """The contacts of each frame, by the number of its view."""
-        shown = enumerate(self.shown.values(), start=bool(self.references))
-        return {n: own.on_anchor(self.image.shape) for n, (own, _) in shown}
-
-    @cached_property
-    def agreement(self) -> pooled.Agreement:
-        """Where the views agree, the reference first."""
-        squares = [*(view.squares() for view in self.first), *(squares for _, squares in self.shown.values())]
-        return pooled.compare_views(squares, sign=self.sign)
-
-
 def _place_views(
-    experiment: Experiment, options: FrameOptions, parts: Mapping[int, MeasuredFrame], workers: int | None
-) -> _Anchored:
-    """The anchor, and the frames on it; a `FrameError` if too few show its surface."""
+    experiment: Experiment, options: FrameOptions, parts: Mapping[int, MeasuredFrame]
+) -> tuple[NDArray, str, dict[int, PlacedView], pooled.Agreement]:
+    """The anchor, whose coordinates it has, the views on it, the reference first, and where these agree.
+
+    A `FrameError` says if too few frames show its surface.
+    """
     frames, usable = experiment.frames, [k for k, part in parts.items() if is_measured(part)]
     light = sum(np.sign(parts[k].row["contrast"]) * parts[k].row["n_contacts"] for k in usable)
     sign = 1 if light >= 0 else -1  # whether most contacts are brighter than the background
@@ -364,38 +331,40 @@ def _place_views(
 
         def placed(frame: Frame, _reference: NDArray | None, own: pooled.Contacts) -> PlacedView | None:
             placement = pooled.Placement.of(frame.image, anchor, background_is=level, registered=registered)
-            if placement is None:
-                return None
-            on_anchor = pooled.PlacedFrame(own, placement, pooled.digest_of(frame.image))
-            return on_anchor, on_anchor.view(frame.image).squares()
+            return None if placement is None else pooled.PlacedFrame.seen(frame.image, own, placement)
 
-        found = _each(experiment, placed, contacts, workers)
+        found = _each(experiment, placed, contacts)
         shown = {k: one for k, one in found.items() if one is not None and not isinstance(one, FailedFrame)}
         first = {own.digest: k for k, (own, _) in reversed(shown.items())}
         return {k: one for k, one in shown.items() if first[one[0].digest] == k}
 
-    reference, anchored = read_reference(experiment), None
+    reference, source, shown = read_reference(experiment), "", dict[int, PlacedView]()
     if reference is not None and np.ptp(reference[np.isfinite(reference)]) > 0:
-        shown, count = place(contacts, reference), len(experiment.references)
-        anchored = _Anchored(reference, count, "", sign, shown)
-    if anchored is None or len(contacts) > 2 * len(anchored.shown):
+        anchor = reference
+        shown = {REFERENCE: pooled.PlacedFrame.seen(anchor)} | place(contacts, anchor)
+    if len(contacts) > 2 * len(shown.keys() - {REFERENCE}):
         least = min(contacts, key=lambda k: float(np.sum(parts[k].contacts["radius_px"] ** 2)))
-        image = contacts[least].divided_out(frames[least].read().image)
+        anchor = contacts[least].divided_out(frames[least].read().image)
         source = f" in the coordinates of {frames[least].name}"
-        anchored = _Anchored(image, 0, source, sign, place(contacts, image))
-    if len(anchored.shown) < FEWEST_VIEWS:
-        raise FrameError(f"only {len(anchored.shown)} different frames show it")
-    scatter = [anchored.agreement.scatter_inside(own, view=n) for n, own in anchored.contacts.items()]
-    if np.median(scatter) > ROUGH_RATIO:  # below 1 if contacts show the surface as the model says
+        shown = place(contacts, anchor)
+    own = {k: one.contacts for k, (one, _) in shown.items() if k != REFERENCE}
+    if len(own) < FEWEST_VIEWS:
+        raise FrameError(f"only {len(own)} different frames show it")
+    agree = partial(pooled.compare_views, sign=sign)
+    agreement = agree([squares for _, squares in shown.values()])
+    scatter = [
+        agreement.scatter_inside(one.on_anchor(anchor.shape), view=n)
+        for n, (k, (one, _)) in enumerate(shown.items())
+        if k != REFERENCE
+    ]
+    if np.median(scatter) > ROUGH_RATIO:  # below 1 if contacts show the surface as modelled
         logger.info("contacts do not show the surface as their surroundings do: they are left out")
-        hidden = {k: own.contacts.left_out() for k, (own, _) in anchored.shown.items()}
-        anchored = replace(anchored, shown=place(hidden, anchored.image))
-    return anchored
+        shown |= place({k: disks.left_out() for k, disks in own.items()}, anchor)
+        agreement = agree([squares for _, squares in shown.values()])
+    return anchor, source, shown, agreement
 
 
-def _each(
-    experiment: Experiment, call: Callable[..., Any], arguments: dict[int, Any], workers: int | None
-) -> dict[int, Any]:
+def _each(experiment: Experiment, call: Callable[..., Any], arguments: dict[int, Any]) -> dict[int, Any]:
     """The results of a call for frames of these numbers, each with its argument."""
     jobs = [(experiment.frames[k], argument) for k, argument in arguments.items()]
-    return dict(zip(arguments, for_each_frame(experiment, call, jobs, workers=workers), strict=True))
+    return dict(zip(arguments, for_each_frame(experiment, call, jobs), strict=True))

@@ -37,7 +37,6 @@ def predict_loads(
     model: Model,
     coupling: Coupling,
     annulus: float,
-    workers: int | None = 1,
 ) -> list[Prediction]:
     """Predict the contacts of a scene at each load.
 
@@ -55,8 +54,6 @@ def predict_loads(
         other effects act only where ``[effects]`` switches them on.
     annulus : float
         Width of the profile's annuli (interacting model), m.
-    workers : int or None
-        Processes that share the loads, as for `contactimg.engine.parallel.in_parallel`.
 
     Returns
     -------
@@ -84,7 +81,7 @@ def predict_loads(
         _refuse_beyond_averages(scene, model, coupling)
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
     jobs = [(load,) for load in loads]
-    found = list(in_parallel(partial(_found, predict), jobs, count=len(jobs), workers=workers))
+    found = list(in_parallel(partial(_found, predict), jobs, count=len(jobs)))
     errors = [one for one in found if isinstance(one, ContactimgError)]
     if len(errors) == len(found):
         raise errors[0]
@@ -121,7 +118,6 @@ def predict_in_view(
     surfaces: Mapping[str, tuple[Scene, pd.DataFrame]],
     jobs: Sequence[tuple[str, str, float, FieldOfView | None]],
     *,
-    workers: int | None,
     shown: str = "predicting contacts",
 ) -> Iterator[Prediction | ContactimgError]:
     """Predict the contacts in the field of view of several frames; without a solution, the reason is given.
@@ -132,7 +128,7 @@ def predict_in_view(
         Name -> scene and asperities.
     jobs : sequence of (str, str, float, FieldOfView or None)
         Name of a surface, of a frame, its load (N), and what the camera sees; None sees everything.
-    workers, shown
+    shown
         As for `contactimg.engine.parallel.in_parallel`.
     """
 
@@ -144,7 +140,7 @@ def predict_in_view(
         contacts = see_contacts(contacts, field.pose, shift_px=field.shift_px)
         return replace(found, contacts=contacts.reset_index(drop=True))
 
-    return in_parallel(seen, jobs, count=len(jobs), workers=workers, shown=shown)
+    return in_parallel(seen, jobs, count=len(jobs), shown=shown)
 
 
 def choice_sentence(prediction: Prediction) -> str:

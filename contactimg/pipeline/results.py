@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.files import CALIBRATION_FILE, write_figures, write_json, write_table
+from contactimg.files import write_figures, write_table
 from contactimg.plots import caption_of
 from contactimg.scene import Scene
 from contactimg.tables import Schema, Status
@@ -61,21 +61,6 @@ class Calibrated:
     tables: dict[str, tuple[Schema, pd.DataFrame]]
     figures: dict[str, "Axes"]
     failed: bool = False
-
-
-def write_calibration(result: Calibrated, folder: Path, *, frames: list[Mapping[str, Any]]) -> None:
-    """Write calibration.json, the tables and the figures.
-
-    Parameters
-    ----------
-    result : Calibrated
-    folder : Path
-        Exists.
-    frames : list of mapping
-        The inputs with their sha256, as `provenance` lists them.
-    """
-    write_json(result.record | {"frames": frames}, folder / CALIBRATION_FILE)
-    write_results(folder, result.tables, result.figures)
 
 
 def alike_remarks(

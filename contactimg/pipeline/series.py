@@ -9,6 +9,7 @@ from functools import partial
 import pandas as pd
 
 from contactimg import files
+from contactimg.engine.parallel import sharing
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
 from contactimg.imaging.fit.pooling import pool_edges, pool_optics
@@ -19,15 +20,13 @@ from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measur
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus, read_reference
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.pooled_background import (
-    FEWEST_FALSE_SPOTS,
     FEWEST_FRAMES,
     MOST_VIEWS,
-    Pool,
     evenly_spread,
+    fault_of_reference,
     is_measured,
     measure_on_pool,
     pool_background,
-    spots_in_contact,
 )
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene
@@ -65,12 +64,11 @@ def measure_series(scene: Scene, *, workers: int | None = None) -> files.Run:
     if not isinstance(scene, Scene):
         raise InputError(f"measure_series needs a Scene, got {scene!r}; contactimg.read_scene reads one")
     settle(doubts_about_scene(scene), scene.folder)
-    return measure_parts(files.open_experiment(scene), workers=workers).run
+    with sharing(workers):
+        return measure_parts(files.open_experiment(scene)).run
 
 
-def measure_parts(
-    experiment: files.Experiment, *, workers: int | None = None, store: files.PartStore | None = None
-) -> MeasuredSeries:
+def measure_parts(experiment: files.Experiment, *, store: files.PartStore | None = None) -> MeasuredSeries:
     """Measure every frame of an opened experiment; see `measure_series`.
 
     With a ``store``, frames that it contains are not measured again, and a long series takes little memory.
@@ -78,11 +76,11 @@ def measure_parts(
     scene = experiment.scene
     check_modulus(scene)
     asperities, sites = asperities_and_sites(experiment)
-    parts = _measure_frames(experiment, FrameOptions.of(scene, sites), workers=workers, store=store)
+    parts = _measure_frames(experiment, FrameOptions.of(scene, sites), store=store)
     for k, part in enumerate(parts):  # own_optics is the largest part of a frame
         row = part.row | {"load_N": experiment.load_of(part.row["frame"])}
         parts[k] = replace(part, row=row, own_optics=None)
-    return MeasuredSeries(scene, parts, sites, workers=workers).posed(asperities)
+    return MeasuredSeries(scene, parts, sites).posed(asperities)
 
 
 def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
@@ -108,7 +106,7 @@ def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
 
 
 def _measure_frames(
-    experiment: files.Experiment, options: FrameOptions, *, workers: int | None, store: files.PartStore | None
+    experiment: files.Experiment, options: FrameOptions, *, store: files.PartStore | None
 ) -> list[MeasuredFrame]:
     """Measure the frames, on a pooled background where that gains; some again with optics of the others.
 
@@ -133,7 +131,7 @@ def _measure_frames(
         again = "again: " if optics.keys() & parts.keys() else ""
         jobs = [(frames[k], own, edits.get(frames[k].name, ())) for k, own in optics.items()]
         shown = "" if again else "measuring frames"
-        results = for_each_frame(experiment, call, jobs, workers=workers, store=store, shown=shown)
+        results = for_each_frame(experiment, call, jobs, store=store, shown=shown)
         found: dict[int, MeasuredFrame] = {}
         for k, result in zip(optics, results, strict=True):
             part = MeasuredFrame.of(result)
@@ -148,16 +146,17 @@ def _measure_frames(
     shapes = Counter(part.shape for part in parts.values() if part.shape)
     if len(shapes) != 1 or shapes.total() < FEWEST_FRAMES:
         parts |= measured(alone, {k: None for k in numbers if k not in parts})
-    if not _of_usual_shape(parts):
-        raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
     usual = _of_usual_shape(parts)
-    pool = pool_background(experiment, options, usual, workers=workers)
-    if fault := _fault_of_reference(experiment, usual, pool):
+    if not usual:
+        raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
+    asked = experiment.scene.images.background == "reference"
+    fault = "" if asked else fault_of_reference(usual.values(), read_reference(experiment))
+    if fault:
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
         parts |= measured(alone, dict.fromkeys(parts))
         usual = _of_usual_shape(parts)
-        pool = pool_background(experiment, options, usual, workers=workers, fault=fault)
+    pool = pool_background(experiment, options, usual, fault=fault)
     call, (common, lent) = alone, _lent_optics(usual, method)
     if pool is not None:
         on_pool = partial(measure_on_pool, pool=pool)
@@ -178,17 +177,6 @@ def _measure_frames(
     elif fault:
         parts = {k: part.with_remarks(f"{fault}: not used") for k, part in parts.items()}
     return _in_order(parts, frames)
-
-
-def _fault_of_reference(
-    experiment: files.Experiment, parts: Mapping[int, MeasuredFrame], pool: Pool | None
-) -> str:
-    """Why the reference is left out; empty where it may serve, or has to as the scene says."""
-    if experiment.scene.images.background == "reference":
-        return ""
-    spots = spots_in_contact(parts.values(), read_reference(experiment))
-    spots = max(spots, 0 if pool is None else pool.spots)
-    return f"the reference shows {spots} spots like contacts" if spots >= FEWEST_FALSE_SPOTS else ""
 
 
 def _lent_optics(

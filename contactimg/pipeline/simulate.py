@@ -82,9 +82,7 @@ def explicit_switches(scene: Scene) -> Scene:
     return scene.with_effects(switches)
 
 
-def write_simulation(
-    scene: Scene, asperities: pd.DataFrame | None, folder: Path, *, workers: int | None = 1
-) -> None:
+def write_simulation(scene: Scene, asperities: pd.DataFrame | None, folder: Path) -> None:
     """Write synthetic frames with loads, asperities, truth and scene, ready for `process`.
 
     Asperities touch by the interacting model; without any, the smooth sphere touches by JKR. The same scene
@@ -99,8 +97,6 @@ def write_simulation(
         Asperity table; None for a smooth flat.
     folder : Path
         Exists.
-    workers : int or None
-        As for `contactimg.engine.parallel.in_parallel`.
 
     Raises
     ------
@@ -138,7 +134,7 @@ def write_simulation(
         return render_contacts(contacts, scene, sphere_radius=radii, **how)
 
     jobs, truth = zip(loads.to_dict("records"), seeds[1:], strict=True), list[pd.DataFrame]()
-    for rendered in in_parallel(render, jobs, count=count, workers=workers, shown="making frames"):
+    for rendered in in_parallel(render, jobs, count=count, shown="making frames"):
         write_frame(rendered.frame, folder / rendered.frame.name)
         truth.append(rendered.contacts)
     write_table(loads, LOADS.filled(loads), folder / "loads.csv")

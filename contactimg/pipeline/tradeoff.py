@@ -1,19 +1,15 @@
-"""Accuracy against computing time for a scene: read its files, measure its knobs, write table and figure."""
+"""Accuracy against computing time for a scene: read its files, measure its knobs."""
 
 from collections.abc import Sequence
 from contextlib import suppress
 from math import inf, nan
-from pathlib import Path
 
 import numpy as np
 
 from contactimg.errors import InputError, finite_number
 from contactimg.files import open_experiment
 from contactimg.pipeline.inputs import largest_load, read_reference, scene_asperities
-from contactimg.pipeline.results import write_results
-from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene
-from contactimg.tables import TRADEOFF
 from contactimg.tradeoff.knobs import Case, OwnFrame, applicable_knobs
 from contactimg.tradeoff.measure import Knob, Tradeoff, run_knobs
 
@@ -97,9 +93,3 @@ def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
     known = np.isfinite(loads) & np.isfinite(load)
     row = int(np.argmin(np.where(known, np.abs(loads - load), inf))) if known.any() else len(loads) - 1
     return OwnFrame(experiment.frames[row].read(), read_reference(experiment), float(loads[row]))
-
-
-def write_tradeoff(tradeoff: Tradeoff, folder: Path) -> None:
-    """Write tradeoff.csv and the figure of the choices, as PNG, SVG and PDF."""
-    ax = plot_tradeoff(tradeoff.table, relative=tradeoff.relative)
-    write_results(folder, {"tradeoff": (TRADEOFF, tradeoff.table)}, {"tradeoff": ax})

@@ -23,3 +23,4 @@ from .overlay import HERTZ as HERTZ
 from .overlay import MEASURED as MEASURED
 from .overlay import UNCOUPLED as UNCOUPLED
 from .overlay import crop_to as crop_to
+from .tradeoff import plot_tradeoff as plot_tradeoff

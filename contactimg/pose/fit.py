@@ -5,7 +5,6 @@ Once the pairs are known, the pose follows from linear least squares; finding th
 comes first.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -18,7 +17,6 @@ from scipy.special import bdtrc
 from contactimg.errors import InputError
 from contactimg.pose.pairs import (
     FEWEST_CONTACTS,
-    MAD_TO_STD,
     MIN_PAIRING_PX,
     OUTLIER_SIGMA,
     ROUNDS,
@@ -34,17 +32,13 @@ MIN_PAIRS = 3
 """Theory: two pairs determine a similarity; a third one tests it."""
 
 NEARLY_ALL = 0.9
-"""The search ends with a pose that explains this fraction of the points, and two poses are ambiguous if one
-explains this fraction of what the other does (a lattice). A frame with fewer contacts
-on asperities gets a remark. Chosen by hand; sensitivity not measured."""
+"""The search ends where this fraction of the voting contacts agree, and two poses are ambiguous if one
+explains this fraction of what the other does (a lattice). A frame with fewer contacts on asperities gets a
+remark. Chosen by hand; sensitivity not measured."""
 
 SIGNIFICANT_FRACTION = 0.5
 """A pose must explain this fraction of the points to replace the guess, or to agree with a prediction.
 Chosen: a right one explains 0.9, one with a wrong apex next to nothing."""
-
-CHANCE_SIGMA = 5.0
-"""False-alarm rate: a pose must exceed the matches expected by chance by this many Poisson standard
-deviations."""
 
 VOTING_POINTS = 40
 """Contacts that vote, those closest together: few turn little when the rotation is a step off. Chosen: all
@@ -79,7 +73,7 @@ class PoseFit:
     fitted : bool
         False if the guess was kept.
     n_points, n_matched : int
-        Points given, and points that fall on a target.
+        Points given, and points that fall on a target of the fitted pose.
     residual : float
         RMS distance of the matched pairs, m (nan if none).
     length_relative_std : float
@@ -87,10 +81,10 @@ class PoseFit:
     """
 
     pose: Pose
-    fitted: bool
-    n_points: int
-    n_matched: int
-    residual: float
+    fitted: bool = False
+    n_points: int = 0
+    n_matched: int = 0
+    residual: float = np.nan
     length_relative_std: float = 0.0
 
 
@@ -99,11 +93,9 @@ def fit_pose(
 ) -> PoseFit:
     """Find the camera's pose from measured contacts and the asperities they belong to.
 
-    The pairs are found by voting: for each rotation and scale on a grid around the guess, a histogram counts
-    the shifts between points and targets, and its fullest cell gives a candidate if it has more votes than
-    any before. Candidates are refined by least squares on one-to-one pairs, those closest to the guess first,
-    until one explains nearly all points.
-    If no candidate is significant, the guess is kept and ``fitted`` is False.
+    It is looked for near the guess, then anywhere over the sample, in the end also at quarter turns. The
+    pairs are found by voting: for each rotation and scale on a grid, a histogram counts the shifts between
+    contacts and targets. Those with the most votes are refined by least squares on one-to-one pairs.
 
     Parameters
     ----------
@@ -114,78 +106,125 @@ def fit_pose(
     guess : Pose
         The pose as the scene states it.
     largest_shift : float, m
-        Largest error of the place of the image centre; rotation and scale may err by `LARGEST_TURN_RAD` and
-        `LARGEST_SCALE_ERROR`, and the image may be mirrored.
+        Error of the place of the image centre up to which a pose is near the guess. Rotation and scale may
+        err by `LARGEST_TURN_RAD` and `LARGEST_SCALE_ERROR`, and the image may be mirrored.
 
     Returns
     -------
     PoseFit
+        The guess, and ``fitted`` is False, if no pose is significant, or if several far from the guess
+        explain the contacts equally well.
 
     Raises
     ------
     InputError
         If a place is not finite.
+
+    Notes
+    -----
+    A pose is significant if it explains `SIGNIFICANT_FRACTION` of the contacts, and if so many matches would
+    be chance with a probability below `FALSE_ALARM_RATE`, all positions and rotations that were tried
+    counted.
     """
-    points, spots, gate = _in_plane(x_px, y_px, targets, guess)
-    best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan)
-    if min(len(points), len(spots)) < MIN_PAIRS:
-        return best
-    tree, centre, most = KDTree(as_real(spots)), complex(*guess.centre), MIN_PAIRS - 1
-    for alpha, mirrored in _grid(float(np.abs(points).max()) * guess.pixel_size, guess, gate):
-        moved = alpha * oriented(points, mirrored) + centre
-        near = KDTree(as_real(moved))
-        pairs = near.sparse_distance_matrix(tree, largest_shift + gate, output_type="coo_matrix")
-        count, shift = _vote(spots[pairs.col] - moved[pairs.row], gate)
-        if count <= most:
-            continue
-        most = count
-        fit = refine(points, spots, guess, (alpha, centre + shift, mirrored), gate)
-        if fit.n_matched > best.n_matched:
-            best = fit
-        if best.n_matched >= NEARLY_ALL * len(points):
-            break
-    expected = len(points) * _chance(spots, gate)
-    by_chance = expected + CHANCE_SIGMA * np.sqrt(expected)
-    significant = best.n_matched >= max(MIN_PAIRS, SIGNIFICANT_FRACTION * len(points), by_chance)
-    return best if significant else replace(best, pose=guess, fitted=False, length_relative_std=0.0)
-
-
-def _in_plane(
-    x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, guess: Pose
-) -> tuple[Points, Points, float]:
-    """Contacts from the centre of the image (px) and targets (m) as complex numbers; pairing distance (m)."""
-    spots = np.asarray(targets, float).reshape(-1, 2)
-    points = np.column_stack([x_px, y_px]) - guess.image_centre
-    for places in (points, spots):
-        if not np.isfinite(places).all():
-            wrong = places[~np.isfinite(places)][0]
+    places = np.column_stack([x_px, y_px]) - guess.image_centre, np.asarray(targets, float).reshape(-1, 2)
+    for one in places:
+        if not np.isfinite(one).all():
+            wrong = one[~np.isfinite(one)][0]
             raise InputError(f"a pose needs finite x_px, y_px and targets, got {wrong}; leave these rows out")
-    return as_complex(points), as_complex(spots), pairing_distance(spots, guess)
+    gate, (points, spots) = pairing_distance(places[1], guess), map(as_complex, places)
+    searches = ((largest_shift, (0,)), (np.inf, (0,)), (np.inf, (1, 2, 3)))
+    enough = min(len(points), len(spots)) >= MIN_PAIRS
+    fits = (_search(points, spots, guess, gate, where) for where in searches if enough)
+    return next((found for found in fits if found is not None), PoseFit(guess, n_points=len(points)))
 
 
-def _chance(spots: Points, gate: float) -> float:
-    """Probability that a point falls on a target that has nothing to do with it."""
-    area = np.ptp(spots.real) * np.ptp(spots.imag)
-    return float(min(len(spots) * np.pi * gate**2 / area, 1.0)) if area > 0 else 1.0
+def _search(
+    points: Points, spots: Points, guess: Pose, gate: float, where: tuple[float, tuple[int, ...]]
+) -> PoseFit | None:
+    """The pose that explains most contacts, if it is significant and, wherever it may be, the only one.
+
+    ``where`` tells how far from the guess its centre may be (m), and at which quarter turns.
+    """
+    (reach, quarter_turns), tree = where, KDTree(as_real(spots))
+    if near := np.isfinite(reach):
+        middle, grid = points, _grid(points, guess, gate, quarter_turns)
+    else:
+        middle, grid = _voters(points, guess, gate, quarter_turns)
+    centre, votes = complex(*guess.centre), list[tuple[int, complex, complex, bool]]()
+
+    def shifts(alpha: complex, mirrored: bool) -> Points:  # noqa: FBT001
+        moved = alpha * oriented(middle, mirrored)
+        if not near:
+            return (spots - moved[:, None]).ravel()
+        about = KDTree(as_real(moved + centre))
+        pairs = about.sparse_distance_matrix(tree, reach + gate, output_type="coo_matrix")
+        return spots[pairs.col] - moved[pairs.row]
+
+    for factor in grid:
+        votes.append((*_vote(shifts(*factor), gate), *factor))
+        if votes[-1][0] >= NEARLY_ALL * len(middle):
+            break
+    most = sorted(votes, key=lambda vote: -vote[0])[:REFINED_CANDIDATES]
+    starts = [(alpha, beta, mirrored) for _, beta, alpha, mirrored in most]
+    fits = [_refine(points, spots, guess, start, gate) for start in starts]
+    best, (alpha, beta, mirrored) = max(zip(fits, starts, strict=True), key=lambda pair: pair[0].n_matched)
+    # as many shifts were tried as pairing distances fit into the area
+    area = float(np.ptp(spots.real) * np.ptp(spots.imag))
+    chance = min(len(spots) * np.pi * gate**2 / area, 1.0) if area > 0 else 1.0
+    trials = len(votes) * min(area, np.pi * reach**2) / gate**2
+    by_chance = bdtrc(best.n_matched - 1, len(points), chance) * trials
+    if best.n_matched < SIGNIFICANT_FRACTION * len(points) or by_chance > FALSE_ALARM_RATE:
+        return None
+    if near:
+        return best
+    # on a lattice another shift explains as much
+    left = shifts(alpha, mirrored)
+    _, other = _vote(left[np.abs(left - beta) > 2 * gate], gate)
+    fits.append(_refine(points, spots, guess, (alpha, other, mirrored), gate))
+    as_good = [fit.pose for fit in fits if fit.n_matched > NEARLY_ALL * best.n_matched]
+    return None if any(_differs(pose, best.pose, gate) for pose in as_good) else best
+
+
+def _voters(
+    points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
+) -> tuple[Points, list[tuple[complex, bool]]]:
+    """Points that vote, and what they vote on: fewer points where these would be too many poses."""
+    count = min(VOTING_POINTS, len(points))
+    distance = KDTree(as_real(points)).query(as_real(points), k=[count])[0]
+    ranked = points[np.argsort(np.abs(points - points[np.argmin(distance)]))]
+    while True:
+        grid = _grid(ranked[:count] - ranked[:count].mean(), guess, gate, quarter_turns)
+        if len(grid) <= MOST_VOTES or count <= FEWEST_CONTACTS:
+            return ranked[:count], grid[:MOST_VOTES]
+        count -= 5
+
+
+def _differs(one: Pose, other: Pose, gate: float) -> bool:
+    """Whether two poses show the middle or a corner of the image at places apart."""
+    corners = np.array([[0.0, 0.0], one.image_centre, 2 * one.image_centre]).T
+    apart = np.subtract(one.to_sample(*corners), other.to_sample(*corners))
+    return bool(np.hypot(*apart).max() > gate)
 
 
 def _grid(
-    reach: float, guess: Pose, gate: float, quarter_turns: tuple[int, ...] = (0,)
-) -> Iterator[tuple[complex, bool]]:
+    points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
+) -> list[tuple[complex, bool]]:
     """Factors of poses that are turned and scaled against the guess, mirrored or not, nearest to it first.
 
-    No step moves a point within ``reach`` (m) by more than a pairing distance.
+    No step moves one of the points (px) by more than a pairing distance.
     """
+    reach = max(float(np.abs(points).max()) * guess.pixel_size, gate)
     turns, scales = (
-        np.linspace(-limit, limit, 2 * int(np.ceil(limit * max(reach, gate) / gate)) + 1)
+        np.linspace(-limit, limit, 2 * int(np.ceil(limit * reach / gate)) + 1)
         for limit in (LARGEST_TURN_RAD, LARGEST_SCALE_ERROR)
     )
-    grid = sorted(product(turns, scales), key=lambda item: abs(item[0]) + abs(item[1]))
+    grid, factors = sorted(product(turns, scales), key=lambda item: abs(item[0]) + abs(item[1])), []
     mirrors = (guess.mirrored, not guess.mirrored)
     for mirrored, quarter, (turn, scale) in product(mirrors, quarter_turns, grid):
         # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
         angle = (guess.rotation + quarter * np.pi / 2 + turn) * (1 if mirrored else -1)
-        yield complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle)), mirrored
+        factors.append((complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle)), mirrored))
+    return factors
 
 
 def _vote(shifts: Points, cell: float) -> tuple[int, complex]:
@@ -202,7 +241,7 @@ def _vote(shifts: Points, cell: float) -> tuple[int, complex]:
     return close.size, complex(np.median(close.real), np.median(close.imag))
 
 
-def refine(
+def _refine(
     points: Points, spots: Points, guess: Pose, start: tuple[complex, complex, bool], gate: float
 ) -> PoseFit:
     """Least squares on one-to-one pairs: pair and fit in turn until the pairs no longer change."""
@@ -216,8 +255,9 @@ def refine(
         pairs = now
         design = np.column_stack([turned[i], np.ones(len(i))])
         alpha, beta = np.linalg.lstsq(design, spots[j])[0]
-        robust_std = MAD_TO_STD * float(np.median(distance))
-        reach = min(gate, max(OUTLIER_SIGMA * robust_std, MIN_PAIRING_PX * guess.pixel_size))
+        left = np.abs(alpha * turned[i] + beta - spots[j])
+        std = float(np.median(left)) / np.sqrt(2 * np.log(2))  # of a coordinate: Rayleigh's law
+        reach = min(gate, max(OUTLIER_SIGMA * std, MIN_PAIRING_PX * guess.pixel_size))
     size, turn = float(abs(alpha)), float(np.angle(alpha) if mirrored else -np.angle(alpha))
     centre = (float(beta.real), float(beta.imag))
     return PoseFit(
@@ -266,87 +306,3 @@ def common_shift(points: ArrayLike, targets: ArrayLike, *, near: float, far: flo
     pairs = KDTree(points).sparse_distance_matrix(KDTree(targets), far, output_type="coo_matrix")
     _, shift = _vote(as_complex(points[pairs.row] - targets[pairs.col]), near)
     return np.array([shift.real, shift.imag])
-
-
-# --- anywhere over the sample, where the stated pose leads nowhere
-
-
-def search_everywhere(x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, guess: Pose) -> PoseFit | None:
-    """Search the pose among all positions over the sample: first as turned as stated, then at quarter turns.
-
-    Parameters
-    ----------
-    x_px, y_px : array_like, shape (n,)
-        Contact centres.
-    targets : array_like, shape (m, 2)
-        Where contacts can be, in sample coordinates, m.
-    guess : Pose
-        Its pixel size must be right to `LARGEST_SCALE_ERROR`; its centre is not used.
-
-    Returns
-    -------
-    PoseFit or None
-        None if no pose is significant, or several explain the contacts equally well.
-
-    Notes
-    -----
-    Votes of the contacts that lie closest together, for each rotation and scale on a grid, as in `fit_pose`.
-    A pose is accepted if so many matches would be chance with a probability
-    below `FALSE_ALARM_RATE`, all positions and rotations that were tried counted.
-    """
-    points, spots, gate = _in_plane(x_px, y_px, targets, guess)
-    if min(len(points), len(spots)) < MIN_PAIRS:
-        return None
-    both = (_best_pose(points, spots, guess, gate, quarter_turns) for quarter_turns in ((0,), (1, 2, 3)))
-    return next((found for found in both if found is not None), None)
-
-
-def _best_pose(
-    points: Points, spots: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
-) -> PoseFit | None:
-    """The pose that explains most contacts, if it is significant and the only one."""
-    middle, grid = _voters(points, guess, gate, quarter_turns)
-    if not grid:
-        return None
-
-    def shifts(alpha: complex, mirrored: bool) -> Points:  # noqa: FBT001
-        return (spots - alpha * oriented(middle, mirrored)[:, None]).ravel()
-
-    candidates = [(*_vote(shifts(*factor), gate), *factor) for factor in grid]
-    candidates.sort(key=lambda candidate: -candidate[0])
-    starts = [(alpha, beta, mirrored) for _, beta, alpha, mirrored in candidates[:REFINED_CANDIDATES]]
-    fits = [refine(points, spots, guess, start, gate) for start in starts]
-    best, (alpha, beta, mirrored) = max(zip(fits, starts, strict=True), key=lambda pair: pair[0].n_matched)
-    chance = _chance(spots, gate)
-    trials = len(grid) * len(spots) * np.pi / chance  # as many shifts as pairing distances fit into the area
-    if bdtrc(best.n_matched - 1, len(points), chance) * trials > FALSE_ALARM_RATE:
-        return None
-    # on a lattice another shift explains as much
-    left = shifts(alpha, mirrored)
-    _, other = _vote(left[np.abs(left - beta) > 2 * gate], gate)
-    fits.append(refine(points, spots, guess, (alpha, other, mirrored), gate))
-    as_good = [fit.pose for fit in fits if fit.n_matched > NEARLY_ALL * best.n_matched]
-    return None if any(_differs(pose, best.pose, gate) for pose in as_good) else best
-
-
-def _voters(
-    points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
-) -> tuple[Points, list[tuple[complex, bool]]]:
-    """Points that vote, and what they vote on; nothing if there are too few of them."""
-    places = as_real(points)
-    distance = KDTree(places).query(places, k=[min(VOTING_POINTS, len(points))])[0]
-    densest = points[np.argmin(distance)]
-    ranked = points[np.argsort(np.abs(points - densest))]
-    for count in range(min(VOTING_POINTS, len(points)), FEWEST_CONTACTS - 1, -5):
-        reach = float(np.abs(ranked[:count] - ranked[:count].mean()).max()) * guess.pixel_size
-        grid = list(_grid(reach, guess, gate, quarter_turns))
-        if len(grid) <= MOST_VOTES:
-            return ranked[:count], grid
-    return ranked[:0], []
-
-
-def _differs(one: Pose, other: Pose, gate: float) -> bool:
-    """Whether two poses show the middle or a corner of the image at places apart."""
-    corners = np.array([[0.0, 0.0], one.image_centre, 2 * one.image_centre]).T
-    apart = np.subtract(one.to_sample(*corners), other.to_sample(*corners))
-    return bool(np.hypot(*apart).max() > gate)

@@ -10,7 +10,6 @@ from scipy.spatial import KDTree
 from contactimg.errors import InputError
 from contactimg.pose.pose import Pose
 from contactimg.tables import CONTACTS, MATCHES
-from contactimg.timings import stage
 
 PAIRING_FRACTION = 0.15
 """Pairing distance over the median spacing of the targets. Chosen by hand; sensitivity not measured."""
@@ -99,7 +98,6 @@ def median_spacing(points: NDArray[np.float64]) -> float:
     return float(np.median(np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]))
 
 
-@stage("matching")
 def match_contacts(
     measured: pd.DataFrame, predicted: pd.DataFrame, *, max_distance: float | None = None
 ) -> pd.DataFrame:

@@ -22,7 +22,6 @@ from contactimg.optics.synthetic_background import dust_shadow, light_falloff, s
 from contactimg.render.contacts import contact_spots, place_contacts
 from contactimg.render.smooth import smooth_contact, smooth_contact_spot
 from contactimg.scene import Scene, Simulate
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 Shift = tuple[float, float]
@@ -123,7 +122,6 @@ def render_frame(
     return render_contacts(contacts, scene, rng=rng, sphere_radius=sphere_radius, name=name).frame
 
 
-@stage("rendering")
 def render_reference(scene: Scene, *, rng: np.random.Generator, name: str = "reference") -> Frame:
     """Render the frame without contact: light, texture and dust of the scene, with new noise.
 
@@ -193,7 +191,6 @@ def render_smooth_contact(
     return _render(smooth_contact(load, scene, name=name), scene, rng, name, smooth_contact_spot)
 
 
-@stage("rendering")
 def _render(
     contacts: pd.DataFrame, scene: Scene, rng: np.random.Generator, name: str, spots_of: Callable[..., Spots]
 ) -> Rendered:

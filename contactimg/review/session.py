@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg import files
+from contactimg.engine.parallel import sharing
 from contactimg.engine.progress import shown_by
 from contactimg.errors import InputError
 from contactimg.pipeline.measured_series import write_run
@@ -284,8 +285,8 @@ class Session:
         record = files.provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)
         top = Path(self._scratch.name)
         store = files.PartStore(top / "frames", record, resumes=False)
-        with shown_by(lambda _text, _count: nullcontext(advance)):
-            series = measure_parts(experiment, workers=self._workers, store=store)
+        with shown_by(lambda _text, _count: nullcontext(advance)), sharing(self._workers):
+            series = measure_parts(experiment, store=store)
         folder = top / f"tables_{self.jobs.state.number}"
         folder.mkdir()
         write_run(series, folder)

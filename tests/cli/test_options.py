@@ -86,9 +86,8 @@ def test_a_unit_adds_no_digits(value):
 
 
 OPTIONS = """
-analyse: --annulus-mm --calibration --cluster --confidence --friction-std-N --load-max-N --load-min-N
-    --load-relative-std --load-std-N --load-tolerance --min-contacts --min-radius-px --models/--no-models
-    -o/--output --smooth --workers
+analyse: --annulus-mm --calibration --cluster --friction-std-N --load-relative-std --load-std-N
+    --load-tolerance --min-radius-px --models/--no-models -o/--output --smooth --workers
 asperities: --depth --form --height-unit --min-height-um -o/--output --pixel-size-um
 calibrate jkr: --cluster --frames --loads --no-plausibility -o/--output --pixel-size-um --polarity
     --reference --scene --workers

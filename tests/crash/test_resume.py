@@ -148,7 +148,7 @@ def squares(store, names, calls, numbers=range(3)):
         return number**2
 
     jobs = [(number,) for number in numbers]
-    return list(store.results(square, jobs, names, workers=1, lost=None))
+    return list(store.results(square, jobs, names, lost=None))
 
 
 def test_a_result_that_is_whole_is_not_computed_again_and_a_damaged_one_is(tmp_path, caplog):
@@ -224,8 +224,8 @@ def stored(tiny_series, tmp_path):
 
 def test_frames_leave_their_tables_in_the_store(stored):
     experiment, store = stored
-    kept = series.measure_parts(experiment, workers=1, store=store)
-    held = series.measure_parts(experiment, workers=1)
+    kept = series.measure_parts(experiment, store=store)
+    held = series.measure_parts(experiment)
     for part, whole in zip(kept.parts, held.parts, strict=True):
         assert Path(part.where).parent == store.folder
         for name in ("contacts", "rejected", "outlines"):
@@ -238,7 +238,7 @@ def test_frames_leave_their_tables_in_the_store(stored):
 
 
 def test_blocks_of_frames_give_the_tables_of_all(tiny_series, tmp_path, monkeypatch):
-    parts = series.measure_parts(open_experiment(read_scene(tiny_series)), workers=1)
+    parts = series.measure_parts(open_experiment(read_scene(tiny_series)))
     whole = parts.run
     monkeypatch.setattr(measured_series, "BLOCK_FRAMES", 1)
     for folder in ("alone", "together"):
@@ -252,5 +252,5 @@ def test_blocks_of_frames_give_the_tables_of_all(tiny_series, tmp_path, monkeypa
 
 def test_of_a_frame_in_a_store_little_stays_in_memory(stored):
     experiment, store = stored
-    parts = series.measure_parts(experiment, workers=1, store=store).parts
+    parts = series.measure_parts(experiment, store=store).parts
     assert all(len(pickle.dumps(part)) < MOST_BYTES for part in parts)

@@ -48,8 +48,8 @@ def test_commands_give_the_same_bytes(parts, tiny_series, tmp_path, monkeypatch)
     place = [open_place(here / "process")]
     _, frames = grouped(place, tolerance=0.05)
     with on_cluster(str(parts.file)):  # what `analyse` computes besides sums and figures
-        (one, _), _ = predict_places(place, frames, "coupled", workers=None)
-    (other, _), _ = predict_places(place, frames, "coupled", workers=1)
+        (one, _), _ = predict_places(place, frames, "coupled")
+    (other, _), _ = predict_places(place, frames, "coupled")
     pd.testing.assert_frame_equal(one, other, check_exact=True)
 
 
@@ -139,7 +139,7 @@ def test_a_frame_that_ends_its_workers_fails_and_the_others_are_kept(parts, tiny
     parts.workers += [parts.start_worker(), parts.start_worker()]
     with on_cluster(str(parts.file)) as cluster:
         wait_until(lambda: cluster.processes() == 3)
-        first, lost, last = for_each_frame(experiment, deadly_frame, workers=None)
+        first, lost, last = for_each_frame(experiment, deadly_frame)
     assert (first, last) == ("frame_1.tif", "frame_3.tif")
     assert isinstance(lost, FailedFrame)
     assert lost.row["status"] == "failed"

@@ -15,7 +15,7 @@ from small_series import copy_of
 from contactimg import read_scene
 from contactimg.engine import parallel
 from contactimg.engine.cluster import WorkerEndedError
-from contactimg.engine.parallel import in_parallel
+from contactimg.engine.parallel import in_parallel, sharing
 from contactimg.engine.processes import ending_cleanly
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import open_experiment
@@ -49,6 +49,18 @@ def test_workers_are_a_whole_number(workers):
         in_parallel(abs, [(1,)], count=1, workers=workers)
 
 
+def test_the_block_around_says_how_many_processes_share_the_calls():
+    def processes():
+        return set(in_parallel(process_of, [(0.05,)] * 8, count=8))
+
+    assert processes() == {os.getpid()}
+    with sharing(2):
+        assert len(processes()) == 2
+        with sharing(None):  # as around
+            assert os.getpid() not in processes()
+    assert processes() == {os.getpid()}
+
+
 def test_a_process_ended_once_from_outside_costs_nothing(tmp_path):
     assert squares(partial(once_deadly, tmp_path)) == [k**2 for k in range(COUNT)]
     assert (tmp_path / "mark").exists()
@@ -70,8 +82,8 @@ class EndedOnce:
             future.set_result(function(name, number))
         return future
 
-    processes, folder = (lambda _: 2), (lambda _: None)
-    seen, named = (lambda _, last: last), (lambda _, error: error)
+    processes, folder = (lambda _: 2), None
+    wait, named = (lambda _, _futures: None), (lambda _, error: error)
 
 
 def test_calls_that_ended_with_a_process_are_made_again_once_and_no_other():
@@ -157,7 +169,7 @@ def test_an_end_that_is_asked_for_within_a_callback_of_c_is_not_lost(
         return frame.name
 
     with pytest.raises(KeyboardInterrupt), ending_cleanly():
-        list(for_each_frame(experiment, measure, workers=1))
+        list(for_each_frame(experiment, measure))
     assert measured == ["frame_1.tif"]
 
 
@@ -171,7 +183,7 @@ def test_a_frame_that_ended_its_process_fails_and_the_others_are_kept(small_seri
 
     monkeypatch.setattr(each_frame, "in_parallel", ending)
     experiment = open_experiment(read_scene(small_series))
-    parts = list(for_each_frame(experiment, lambda frame, _reference: frame.name, workers=2))
+    parts = list(for_each_frame(experiment, lambda frame, _reference: frame.name))
     assert len(parts) == 3
     assert (parts[0], parts[2]) == ("frame_1.tif", "frame_3.tif")
     assert isinstance(parts[1], FailedFrame)

@@ -53,7 +53,7 @@ def analysed(folder: Path, size: dict, seed: int = 7) -> tuple[Analysis, Place, 
     write_simulation(scene, need_asperities(scene, "a sheared series"), folder)
     assert main(["process", str(folder), "--quiet", "--no-pictures", "--workers", "1"]) == 0
     place = open_place(folder / "contactimg_out")
-    analysis = analyse_places([place], AnalysisOptions(models=False), workers=1)
+    analysis = analyse_places([place], AnalysisOptions(models=False))
     return analysis, place, pd.read_csv(folder / "truth.csv")
 
 

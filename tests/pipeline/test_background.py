@@ -19,11 +19,11 @@ from contactimg.files import (
 )
 from contactimg.frame import Frame
 from contactimg.imaging.fit.disks import render_disks
+from contactimg.pipeline import frame as frame_module
 from contactimg.pipeline import pooled_background as background_module
 from contactimg.pipeline.inputs import read_reference
 from contactimg.pipeline.series import measure_parts, measure_series
 from contactimg.scene import scene_from_dict
-from contactimg.timings import collect
 
 SHAPE = (300, 320)
 
@@ -179,7 +179,7 @@ def test_measured_again_on_the_pooled_background_only_where_something_changed(se
         patch.setattr(background_module, "measure_scene_frame", counting)
         for _ in range(2):
             store = PartStore(tmp_path / "store", record, resumes=False)
-            runs.append(measure_parts(experiment, workers=1, store=store).run)
+            runs.append(measure_parts(experiment, store=store).run)
             calls.append("end")
     assert calls.index("end") >= 7
     assert calls[calls.index("end") :] == ["end", "end"]
@@ -209,7 +209,7 @@ def test_a_frame_that_fails_on_the_pooled_background_keeps_its_measurement(
     np.testing.assert_allclose(frames["area_m2"], whole, rtol=0.01)
 
 
-def test_of_a_long_series_only_the_frames_of_the_pool_are_measured_twice(tmp_path):
+def test_of_a_long_series_only_the_frames_of_the_pool_are_measured_twice(tmp_path, monkeypatch):
     loads = np.linspace(0.02, 0.06, 20).tolist()
     folder = write_small_series(tmp_path / "long", loads_N=loads, shape=list(SHAPE), seed=24)
     # one frame out of focus: it is measured once more, with optics of its own
@@ -217,9 +217,15 @@ def test_of_a_long_series_only_the_frames_of_the_pool_are_measured_twice(tmp_pat
     rng = np.random.default_rng(1)
     soft = cv2.GaussianBlur(source.read().image.astype(float), (0, 0), 2.0) + rng.normal(0, 1.5, SHAPE)
     write_frame(Frame(np.clip(np.rint(soft), 0, 255).astype(np.uint8)), source.path)
-    with collect() as timings:
-        run = measured(folder)
-    assert timings.calls["quality"] == 16 + 20 + 1
+    names, measure = [], frame_module.measure_prepared
+
+    def counting(frame, *arguments, **options):
+        names.append(frame.name)
+        return measure(frame, *arguments, **options)
+
+    monkeypatch.setattr(frame_module, "measure_prepared", counting)
+    run = measured(folder)
+    assert len(names) == 16 + 20
     refused = run.frames["frame"][run.frames["message"].str.contains("which were not used")]
     assert refused.tolist() == ["frame_02.tif"]
     message = run.frames["message"]

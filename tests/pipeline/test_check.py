@@ -34,7 +34,7 @@ def experiment_of(scenes, folder, **measure):
 @pytest.mark.parametrize("world", FOREIGN)
 def test_drawn_contacts_tell_the_errors_of_the_frames_own(world, tmp_path):
     scene = make_scene(world, 140, 51)
-    result = check_experiment(experiment_of([scene], tmp_path), workers=1)
+    result = check_experiment(experiment_of([scene], tmp_path))
     disks = measure_image(scene.frame, scene.reference, polarity=scene.polarity, linearity=0.0).disks
     truth = scene.truth[scene.truth.required].reset_index(drop=True)
     pairs = match(truth, disks)
@@ -56,10 +56,8 @@ def test_drawn_contacts_tell_the_errors_of_the_frames_own(world, tmp_path):
 
 def test_a_blur_that_is_set_wrong_shows_as_bias(tmp_path):
     scene = make_scene("plain", 140, 51)
-    right = check_experiment(experiment_of([scene], tmp_path), workers=1).drawn
-    wrong = check_experiment(
-        experiment_of([scene], tmp_path, method="threshold", threshold=0.3), workers=1
-    ).drawn
+    right = check_experiment(experiment_of([scene], tmp_path)).drawn
+    wrong = check_experiment(experiment_of([scene], tmp_path, method="threshold", threshold=0.3)).drawn
     bias = [
         float((part["measured_px"] - part["radius_px"])[part["radius_px"] > 4].mean())
         for part in (right, wrong)
@@ -71,7 +69,7 @@ def test_a_blur_that_is_set_wrong_shows_as_bias(tmp_path):
 
 def test_classes_count_every_drawn_contact_once_and_the_same_seed_draws_the_same(tmp_path):
     experiment = experiment_of([make_scene("plain", 25, 51)], tmp_path)
-    result, again = (check_experiment(experiment, workers=1) for _ in range(2))
+    result, again = (check_experiment(experiment) for _ in range(2))
     assert result.classes["drawn"].sum() == len(result.drawn)
     assert result.classes["found"].sum() == result.drawn["found"].sum()
     assert "are found" in result.sentence
@@ -88,4 +86,4 @@ def test_frames_without_contacts_are_refused_with_the_reason(tmp_path):
     }
     experiment = open_experiment(scene_from_dict(data, folder=str(tmp_path)))
     with pytest.raises(InputError, match="no frame shows contacts like which others could be drawn"):
-        check_experiment(experiment, workers=1)
+        check_experiment(experiment)

@@ -202,7 +202,7 @@ def switched(folder, **effects):
 
 def under_other_laws(folder, switch):
     """The sums of a folder's frames, measured once, with a law of the forces switched on and off."""
-    series = measure_parts(open_experiment(read_scene(folder)), workers=1)
+    series = measure_parts(open_experiment(read_scene(folder)))
     for state in ("on", "off"):
         effects = series.scene.effects.model_copy(update={switch: state})
         one = replace(series, scene=series.scene.model_copy(update={"effects": effects}))

@@ -163,7 +163,7 @@ def tiny(tmp_path_factory):
 
 def shear_of(place):
     notes = []
-    return analyse_shear([place], notes, load_tolerance=0.05, workers=1), notes
+    return analyse_shear([place], notes, load_tolerance=0.05), notes
 
 
 def test_runs_without_tangential_loads_have_the_table_alone(tiny):
@@ -173,7 +173,7 @@ def test_runs_without_tangential_loads_have_the_table_alone(tiny):
 
 
 def test_rows_of_several_places_have_the_name_of_theirs(tiny):
-    found = analyse_shear([tiny, replace(tiny, name="other")], [], load_tolerance=0.05, workers=1)
+    found = analyse_shear([tiny, replace(tiny, name="other")], [], load_tolerance=0.05)
     assert found.followed["place"].unique().tolist() == [tiny.name, "other"]
     schema, table = found.table()
     assert (table.columns[-1], list(schema.columns)[-1]) == ("place", "place")

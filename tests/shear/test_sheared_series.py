@@ -113,7 +113,7 @@ def test_analyse_writes_the_table_and_figures(sheared, tmp_path):
 
 def test_without_images_the_limit_is_that_of_detection(sheared):
     place = replace(sheared[2], experiment=None)
-    found = analyse_places([place], AnalysisOptions(models=False), workers=1).sheared
+    found = analyse_places([place], AnalysisOptions(models=False)).sheared
     away = found.followed[~found.followed["touches"]]
     limits = place.frames.set_index("frame")["detection_limit_px"] * place.pose.pixel_size
     assert away["radius_upper_m"].to_numpy() == pytest.approx(away["frame"].map(limits).to_numpy())

@@ -17,7 +17,6 @@ from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Flags, Mask, Values
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, MAD_TO_STD, median, robust_std
 from contactimg.imaging.profile.limits import FEW, LEAST_FRACTION
-from contactimg.timings import stage
 
 Places = NDArray[np.int64] | slice
 
@@ -271,7 +270,6 @@ class DifferenceImage:
         return f"rotated by {degrees:.3f} degrees and scaled by {scale:.5f} against the reference; corrected"
 
 
-@stage("light")
 def plain_difference(image: Values) -> DifferenceImage:
     """A difference image in which nothing was registered or corrected: all of it counts as background."""
     blocks = np.zeros_like(block_means(image))

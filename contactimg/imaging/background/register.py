@@ -34,7 +34,6 @@ from contactimg.imaging.pixels.robust import (
     robust_std,
 )
 from contactimg.imaging.profile.limits import ITERATIONS
-from contactimg.timings import stage
 
 # Pixels for each independent value after the smoothing. Theory: the noise-equivalent area of a Gaussian.
 CORRELATED_PX = 4.0 * np.pi * SMOOTHING_PX**2
@@ -68,7 +67,6 @@ FEWEST_PLACES = 4
 AGREEMENT_BINS = 0.5  # largest misfit of the shift of a tile to a common rotation. Accuracy: a bin
 
 
-@stage("registration")
 def align(
     frame: NDArray,
     reference: NDArray,

@@ -37,7 +37,6 @@ from contactimg.imaging.pixels.field_of_view import EDGE_REACH_PX, LIT_SHARE
 from contactimg.imaging.pixels.masks import Mask, Values, exclude
 from contactimg.imaging.pixels.robust import finite_values, median, quantile
 from contactimg.imaging.profile.limits import ROUNDS
-from contactimg.timings import stage
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
 SMOOTH_RATIO = 0.1  # noise of a reference over the scatter of the frame below which it was smoothed. By hand
@@ -66,7 +65,6 @@ class _Images:
     rounding: float
 
 
-@stage("light")
 def remove_background(
     frame: NDArray, reference: NDArray, *, valid: Mask = None, polarity: str = "auto", **registration: bool
 ) -> tuple[DifferenceImage, int]:

@@ -39,7 +39,6 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import FEWEST, SHOWN_BLUR_WIDTHS, SMALL_AREA_PX2
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.tables import Flag, Reason
-from contactimg.timings import stage
 
 DEFAULT_FRACTION = 0.5
 """Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""
@@ -169,7 +168,6 @@ def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> floa
     return by_light if by_light < LEAST_VARIANCE_PX2**0.5 else estimate_blur(foreground.image, plateau)
 
 
-@stage("counting")
 def count_contacts(
     image: NDArray[np.float32], *, fraction: float, plateau: float, noise: float
 ) -> tuple[Columns, Columns]:

@@ -49,7 +49,6 @@ from contactimg.imaging.profile.limits import (
     POOR_CHI_SQUARE,
     REACH_BLUR_WIDTHS,
 )
-from contactimg.timings import stage
 
 MOST_DISKS_PER_PX2 = 1.0 / 40.0
 """Disks over pixels at most: three times as many as contacts of two pixels in radius in a close packing."""
@@ -62,7 +61,6 @@ OVER_SURROUNDINGS = 0.8
 no polynomial describes leaves ridges, on which 0.5 takes specks for contacts; 1 loses faint contacts."""
 
 
-@stage("detection")
 def assemble_disks(
     problem: FitProblem, seen: SignedImage, *, blur: float, free_blur: bool, shapes: str
 ) -> "Assembly":

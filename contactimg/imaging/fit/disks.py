@@ -41,7 +41,6 @@ from contactimg.imaging.profile.limits import (
     SUSPICIOUS_CHI_SQUARE,
     USUAL_CHI_SQUARE,
 )
-from contactimg.timings import stage
 
 FAINTEST_BESIDE = 0.4
 """Contrast over the expected one below which a disk beside another is part of it. By hand."""
@@ -223,7 +222,6 @@ def erase_disks(problem: FitProblem, fit: FittedDisks, erased: NDArray[np.bool_]
     draw_disks(fit.model, fit.disks, fit.blur, drawn, ~erased, pairs, problem.profile)
 
 
-@stage("fit")
 def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     problem: FitProblem,
     disks: NDArray[np.float64],

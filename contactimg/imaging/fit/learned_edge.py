@@ -51,7 +51,6 @@ from contactimg.imaging.profile.edge_shape import (
 )
 from contactimg.imaging.profile.limits import FEW, FEWEST, ITERATIONS, ROUGH_STD, ROUNDS, SETTLED_SIGMA
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
-from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 Refine = Callable[[FitProblem, FittedDisks, OpticsPrior], JointFit]
@@ -305,7 +304,6 @@ class EdgeSearch:
             found[name] = Option(step, float(odds), wald)
         return found
 
-    @stage("edge")
     def learn(self) -> EdgeFit:
         """Learn the edge of a frame's contacts, and fit them with it.
 

@@ -41,7 +41,6 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting, film_table
 from contactimg.imaging.profile.limits import FEW, FEWEST, ITERATIONS, LEAST_NOISE_FRACTION, ROUGH_STD
 from contactimg.imaging.profile.optics import Halo, KnownEdge
-from contactimg.timings import stage
 
 BINNED_BLUR_PX = 1.6
 """Smallest blur in binned pixels: frames with one twice as wide are binned. Accuracy: that of the profile
@@ -107,7 +106,6 @@ class FrameFit:
     contradicts_prior: bool = False
 
 
-@stage("quality")
 def measure_by_fit(
     foreground: Foreground,
     *,

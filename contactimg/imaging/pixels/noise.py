@@ -16,7 +16,6 @@ from scipy import special
 from contactimg.imaging.pixels.blocks import is_background, sample_background, strips
 from contactimg.imaging.pixels.masks import Flags, Values
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST_VALUES, MANY, SAMPLE, noise_std, robust_std
-from contactimg.timings import stage
 
 LARGEST_LAG = 10
 """Distance of pixels up to which their covariance is measured, px. Chosen by hand; sensitivity not
@@ -121,7 +120,6 @@ def _autocorrelation(*, rim: bool) -> NDArray[np.float64]:
     return np.asarray(power @ special.j0(np.outer(k, LAGS)) / power.sum(axis=1, keepdims=True))
 
 
-@stage("contrast")
 def estimate_noise(image: Values, background: Flags) -> float:
     """Robust standard deviation of a background pixel, grey levels.
 

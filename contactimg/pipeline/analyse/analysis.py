@@ -13,7 +13,7 @@ import pandas as pd
 from contactimg.analysis.annuli import annulus_edges, sum_moments
 from contactimg.analysis.area_power_law import area_by_load, fit_area_law, frame_areas
 from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contact_law, pressure_points
-from contactimg.analysis.estimates import Estimate
+from contactimg.analysis.estimates import COVERAGE, Estimate
 from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress, stress_by_velocity
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, fit_power_law
@@ -53,10 +53,6 @@ class AnalysisOptions:
     ----------
     annulus : float, m
         Width of an annulus.
-    confidence : float
-        Of every interval.
-    load_range : (float, float), N
-        Loads that enter the exponent of A(P).
     load_tolerance : float
         Largest relative difference of loads that are averaged as one.
     load_relative_std, load_std : float
@@ -66,8 +62,6 @@ class AnalysisOptions:
     min_radius_px : float
         Radius of the smallest contacts, measured or predicted, that count in annuli: contacts that the camera
         cannot resolve must not count for the models only. Areas A(P) include all contacts.
-    min_contacts : float
-        Fewest contacts to expect in an annulus that enters the laws against the local pressure.
     models : bool
         Whether the coupled, uncoupled and Greenwood-Tripp models are solved too.
     smooth : Place or None
@@ -75,14 +69,11 @@ class AnalysisOptions:
     """
 
     annulus: float = 2.5e-4
-    confidence: float = 0.95
-    load_range: tuple[float, float] = (0.0, np.inf)
     load_tolerance: float = 0.05
     load_relative_std: float = 0.0
     load_std: float = 0.0
     friction_std: float = 0.0
     min_radius_px: float = 1.0
-    min_contacts: float = 5
     models: bool = True
     smooth: Place | None = None
 
@@ -125,9 +116,7 @@ class Analysis:
     notes: tuple[str, ...]
 
 
-def analyse_places(
-    places: Sequence[Place], options: AnalysisOptions, *, workers: int | None = None
-) -> Analysis:
+def analyse_places(places: Sequence[Place], options: AnalysisOptions) -> Analysis:
     """Analyse the runs of one or several places of a sample.
 
     Parameters
@@ -136,8 +125,6 @@ def analyse_places(
         From `open_place`, each folder once: one surface under one lens. Where they differ in lens, rubber or
         asperities a warning says so.
     options : AnalysisOptions
-    workers : int, optional
-        Processes that share the model solutions.
 
     Returns
     -------
@@ -161,16 +148,15 @@ def analyse_places(
         notes.append(f"no model curves: {'; '.join(lacking)}")
     elif options.models:
         for model in COMPARED_MODELS:
-            seen[model], left_out = predict_places(places, seen[own][1], model, workers=workers)
+            seen[model], left_out = predict_places(places, seen[own][1], model)
             notes += left_out
         for place in places if own == "measured" else ():
             _doubt_match(place, *seen["coupled"], options.min_radius_px)
     groups = seen[own][1].groupby("group")
     averages = [_average_load(part, places, seen, options, notes) for _, part in groups]
-    shearing = {"load_tolerance": options.load_tolerance, "confidence": options.confidence}
-    sheared = analyse_shear(places, notes, **shearing, workers=workers)
+    sheared = analyse_shear(places, notes, load_tolerance=options.load_tolerance)
     stress = None if friction.empty else fit_or_note(notes, "friction", _shear_stress, friction, options)
-    points = [_points(average, density, options.min_contacts) for average in averages]
+    points = [_points(average, density) for average in averages]
     area, area_laws = _areas(places, seen, averages, options, notes)
     return Analysis(
         area=area,
@@ -179,7 +165,7 @@ def analyse_places(
         pressure_law=PRESSURE_LAW.joined(points),
         friction=friction,
         area_laws=area_laws,
-        contact_laws=_contact_laws(averages, own, options, notes),
+        contact_laws=_contact_laws(averages, own, notes),
         shear_stress=stress,
         smooth_stress=smooth_stress,
         velocity_law=_velocity_law(friction, options, notes),
@@ -333,14 +319,14 @@ POINT_COLUMNS = {"r": "r_m", "n": "n_contacts"} | {
 """Columns of `contactimg.analysis.contacts_against_pressure.pressure_points` -> those of the table."""
 
 
-def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.DataFrame:
+def _points(average: LoadAverage, density: float) -> pd.DataFrame:
     """Density and mean radius against the local pressure, columns of `contactimg.tables.PRESSURE_LAW`."""
     parts = [pd.DataFrame()]
     for model, places in average.moments.items():
         if model == "uncoupled" or not places:
             continue
         sums = sum_moments(places.values())
-        found = pressure_points(sums, min_contacts=min_contacts, by_those_beside=True)
+        found = pressure_points(sums, by_those_beside=True)
         ratios = {f"density_ratio{std}": found[f"density{std}"] / density for std in ("", "_std")}
         parts.append(found.assign(**ratios, frame=average.name, model=model, load_N=average.load))
     points = pd.concat(parts).rename(columns=POINT_COLUMNS)
@@ -359,7 +345,7 @@ def _areas(
 ) -> tuple[pd.DataFrame, dict[str, PowerLaw]]:
     """Areas of each load, and exponents of A(P), measured and of every model."""
     density, tables, laws = _density(places[0]), list[pd.DataFrame](), dict[str, PowerLaw]()
-    stated = {name: getattr(options, name) for name in ("load_relative_std", "load_std", "confidence")}
+    stated = {name: getattr(options, name) for name in ("load_relative_std", "load_std")}
     for model, (contacts, frames) in seen.items():
         parts = []
         for name, centre in ((place.name, place.centre) for place in places):
@@ -371,8 +357,7 @@ def _areas(
         spread = np.hypot(options.load_relative_std * table["load_N"], options.load_std)
         tables.append(table.assign(load_std_N=spread / np.sqrt(table["n_frames"].astype(float))))
         cell = LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS
-        chosen = areas[areas["load"].between(*options.load_range)]
-        law = fit_or_note(notes, f"A(P), {model}", fit_area_law, chosen, load_cell=cell, **stated)
+        law = fit_or_note(notes, f"A(P), {model}", fit_area_law, areas, load_cell=cell, **stated)
         laws |= {} if law is None else {model: law}
     rings = [("gt", one.load, one.ring_area) for one in averages if np.isfinite(one.ring_area)]
     tables.append(AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"])))
@@ -380,14 +365,13 @@ def _areas(
 
 
 def _contact_laws(
-    averages: list[LoadAverage], own: str, options: AnalysisOptions, notes: list[str]
+    averages: list[LoadAverage], own: str, notes: list[str]
 ) -> dict[tuple[str, str], BrokenLaw]:
     """Density and mean radius against the local pressure, of the runs and of the coupled model."""
 
     def law(quantity: str, model: str) -> BrokenLaw:
         loads = [average.moments[model] for average in averages if average.moments[model]]
-        chosen = {"min_contacts": options.min_contacts, "confidence": options.confidence}
-        return fit_contact_law(loads, quantity, **chosen)
+        return fit_contact_law(loads, quantity)
 
     models = [model for model in averages[0].moments if model != "uncoupled"]
     if not any(place["n_forces"].any() for average in averages for place in average.moments[own].values()):
@@ -412,7 +396,7 @@ def _friction_table(places: Sequence[Place]) -> pd.DataFrame:
 def _shear_stress(friction: pd.DataFrame, options: AnalysisOptions) -> ShearStress:
     """The shear stress of all frames that slide; those of velocity 0 show static forces."""
     sliding = friction[~(friction["velocity_m_s"] == 0)]
-    return fit_shear_stress(sliding, friction_std=options.friction_std, confidence=options.confidence)
+    return fit_shear_stress(sliding, friction_std=options.friction_std)
 
 
 def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[str]) -> PowerLaw | None:
@@ -425,7 +409,7 @@ def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[
         return None
     x, y, y_std = (stress[name] for name in ("velocity_m_s", "stress_Pa", "stress_std_Pa"))
     # of one frame without a stated error nothing is known: no weights
-    return fit_power_law(x, y, y_std=0.0 if y_std.isna().any() else y_std, confidence=options.confidence)
+    return fit_power_law(x, y, y_std=0.0 if y_std.isna().any() else y_std)
 
 
 # --- numbers, tables and figures
@@ -479,7 +463,7 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
         add(fit, "shear_stress_velocity_exponent", speed.exponent, "1", note)
     for quantity, found, unit, note, n_points in analysis.sheared.rows():
         fit = {"model": "measured", "n_points": n_points, "n_places": n_places}
-        add(fit | {"confidence": analysis.sheared.confidence}, quantity, found, unit, note)
+        add(fit | {"confidence": COVERAGE}, quantity, found, unit, note)
     return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))
 
 

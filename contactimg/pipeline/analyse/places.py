@@ -287,9 +287,7 @@ def annuli_of(
     return mean
 
 
-def predict_places(
-    places: Sequence[Place], frames: pd.DataFrame, model: str, *, workers: int | None = None
-) -> tuple[Tables, list[str]]:
+def predict_places(places: Sequence[Place], frames: pd.DataFrame, model: str) -> tuple[Tables, list[str]]:
     """Solve a model for frames of places and keep the contacts in the field of view.
 
     Parameters
@@ -299,8 +297,6 @@ def predict_places(
     frames : DataFrame
         Their frames with a load, from `grouped`.
     model : {"coupled", "uncoupled"}
-    workers : int, optional
-        Processes that share the solutions.
 
     Returns
     -------
@@ -319,7 +315,7 @@ def predict_places(
     jobs = [
         (row["place"], row["frame"], row["load_N"], known[row["place"]].field(row["frame"])) for row in shots
     ]
-    solutions = predict_in_view(surfaces, jobs, workers=workers, shown=f"solving the {model} model")
+    solutions = predict_in_view(surfaces, jobs, shown=f"solving the {model} model")
     for row, found in zip(shots, solutions, strict=True):
         if isinstance(found, ModelRangeError | ConvergenceError):
             notes.append(f"{row['place']}, {row['frame']}: the {model} model is left out: {found}")

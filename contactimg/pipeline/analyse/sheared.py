@@ -37,14 +37,11 @@ class Sheared:
     laws : tuple of ShearLaws
         One a place and normal load that has tangential loads.
     beta : RateLaw or None
-    confidence : float
-        Of the intervals.
     """
 
     followed: pd.DataFrame
     laws: tuple[ShearLaws, ...] = ()
     beta: RateLaw | None = None
-    confidence: float = 0.95
 
     def rows(self) -> list[tuple[str, Estimate, str, str, int]]:
         """Quantity, its estimate, unit, note and number of points, for results.csv."""
@@ -62,7 +59,7 @@ class Sheared:
                 if axis is not None
             ]
             if total.start.value > total.rate.value * law.largest**2:
-                sigma = fit_strength(total, law.largest, confidence=self.confidence)
+                sigma = fit_strength(total, law.largest)
                 note = "Q/A(Q) of the largest tangential load: sigma, if the contact slides there"
                 fits.append(("shear_strength_at_largest", sigma, "Pa", note))
             rows += [(name, found, unit, note + at, total.n_points) for name, found, unit, note in fits]
@@ -85,8 +82,6 @@ def analyse_shear(
     notes: list[str],
     *,
     load_tolerance: float,
-    confidence: float = 0.95,
-    workers: int | None = None,
 ) -> Sheared:
     """The contacts of places by asperity, and their laws; what cannot be fitted is added to the notes.
 
@@ -100,7 +95,7 @@ def analyse_shear(
                 notes.append(f"{place.name}: no laws under shear: no contact has an asperity")
             continue
         table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
-        limits = _upper_limits(place, table, workers=workers)
+        limits = _upper_limits(place, table)
         table = table.assign(radius_upper_m=limits)
         tables.append(table if len(places) == 1 else table.assign(place=place.name))
         if not place.loads["tangential_N"].any():
@@ -113,7 +108,7 @@ def analyse_shear(
         said = f"{place.name}: no laws under shear: no frame at rest has a normal and a tangential load"
         for _, part in resting.groupby(group_loads(loads, tolerance=load_tolerance)):
             try:
-                laws.append(fit_shear_laws(part, place.frames, direction=angle, confidence=confidence))
+                laws.append(fit_shear_laws(part, place.frames, direction=angle))
             except ContactimgError as error:
                 said = f"{place.name}: {error}"
         notes += [said] if len(laws) == before else []
@@ -123,11 +118,11 @@ def analyse_shear(
                 'process with [measure] shape = "ellipse"'
             )
     followed = FOLLOWED.joined(tables)
-    beta = fit_or_note(notes, "beta", fit_beta, laws, confidence=confidence) if laws else None
-    return Sheared(followed, tuple(laws), beta, confidence)
+    beta = fit_or_note(notes, "beta", fit_beta, laws) if laws else None
+    return Sheared(followed, tuple(laws), beta)
 
 
-def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> Values:
+def _upper_limits(place: Place, table: pd.DataFrame) -> Values:
     """Upper limit of the radius in each row without a contact, m; NaN in the others and outside the image."""
     limits = np.full(len(table), np.nan)
     if place.pose is None:
@@ -161,7 +156,7 @@ def _upper_limits(place: Place, table: pd.DataFrame, *, workers: int | None) -> 
         image, valid = seen.image * np.float32(seen.frame_pair.unit), seen.frame_pair.valid
         return limit_radii(image, spots, contacts=contacts, **numbers, valid=valid)
 
-    measured = for_each_frame(experiment, unseen, jobs, workers=workers, shown=doing)
+    measured = for_each_frame(experiment, unseen, jobs, shown=doing)
     for index, found in zip(rows, measured, strict=True):
         if isinstance(found, FailedFrame):
             logger.warning("limits of contacts are those of detection: %s", found.row["message"])

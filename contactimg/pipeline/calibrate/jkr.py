@@ -8,9 +8,15 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.calibration.jkr import FALSE_ALARM_RATE, JkrCalibration, calibrate_jkr, check_loads
+from contactimg.calibration.jkr import (
+    FALSE_ALARM_RATE,
+    JkrCalibration,
+    calibrate_jkr,
+    check_loads,
+    mean_axis_ratio,
+    mean_centre,
+)
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
@@ -26,7 +32,6 @@ from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.laws import LINE_POINTS
 from contactimg.plots.numbers import number_with_interval
 from contactimg.pose.apex import SIGNIFICANT_STDS
-from contactimg.pose.pairs import MAD_TO_STD, OUTLIER_SIGMA
 from contactimg.scene import Scene
 from contactimg.tables import CIRCLES, FAILED
 
@@ -40,9 +45,6 @@ CURVATURE_STD_PER_EXCESS = 0.75 / 3**0.5
 excess of the axis ratio over 1. Theory: the axes of Hertz's ellipse are as the radii of curvature to the
 power 2/3, and the geometric mean of these acts on the mean axis; a radius measured along some direction lies
 evenly between the two."""
-
-LEAST_ELLIPSE_STD = 1e-4
-"""Least uncertainty of an axis ratio, so that no frame outweighs all others. Chosen by hand."""
 
 NO_FILM = Opening(np.inf, np.inf, 0.0)
 
@@ -69,15 +71,13 @@ class CircleSeries:
     rival: pd.DataFrame | None = None
 
 
-def measure_circles(experiment: Experiment, *, workers: int | None = None) -> CircleSeries:
+def measure_circles(experiment: Experiment) -> CircleSeries:
     """Measure the contact circle of every frame of a smooth contact.
 
     Parameters
     ----------
     experiment : Experiment
         Of a scene with a camera and an indenter.
-    workers : int, optional
-        Processes that share the frames.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def measure_circles(experiment: Experiment, *, workers: int | None = None) -> Ci
         row: dict[str, object] = {"frame": frame.name} | {name: getattr(measurement, name) for name in names}
         return row, sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
 
-    parts = list(for_each_frame(experiment, sample, workers=workers, shown="measuring frames"))
+    parts = list(for_each_frame(experiment, sample, shown="measuring frames"))
     sampled = [samples for _, samples in measured_and_failed(parts, "no frame shows a contact circle")[0]]
     by_size = sorted(sampled, key=lambda one: one.circle.radius_px)
     # the frames with the middle, the smallest and the largest contact
@@ -156,79 +156,16 @@ def _with_circle(
     return row | found
 
 
-def mean_axis_ratio(table: pd.DataFrame) -> tuple[float, float]:
-    """Larger over smaller axis of the mean of the contacts' ellipses, and its standard uncertainty.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns of `CIRCLES`; each ellipse is weighted by its uncertainty.
-
-    Returns
-    -------
-    float, float
-        1 and 0 if no frame tells. Under a lens of unequal curvature the ellipse is the same at all loads. The
-        uncertainty includes the scatter between frames.
-    """
-    good = table[np.isfinite(table["axis_ratio"])]
-    if good.empty:
-        return 1.0, 0.0
-    excess, own = good["axis_ratio"].to_numpy(float) - 1, good["axis_ratio_std"].to_numpy(float)
-    vectors = excess * np.exp(2j * good["angle_rad"].to_numpy(float))
-    weight = 1 / np.maximum(own, LEAST_ELLIPSE_STD) ** 2
-    mean = complex(weight @ vectors / weight.sum())
-    n = len(good)
-    scatter = float(np.sqrt(weight @ np.abs(vectors - mean) ** 2 / weight.sum() / max(2 * (n - 1), 1)))
-    return 1 + abs(mean), float(np.hypot(1 / np.sqrt(weight.sum()), scatter))
-
-
-def mean_centre(table: pd.DataFrame) -> tuple[CoverageEstimate, CoverageEstimate, bool]:
-    """Centre of the apparent contact over all frames of a series, and whether it moves with the sample.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns of `CIRCLES`.
-
-    Returns
-    -------
-    CoverageEstimate, CoverageEstimate, px
-        Its x and y, in the pixels of the reference where the contact moves with the sample, else in those of
-        the frames: whichever centres scatter less.
-    bool
-
-    Notes
-    -----
-    Weighted by the uncertainties of the circles; outlying centres have less weight. The uncertainty includes
-    the scatter of the centres.
-    """
-    good = table[np.isfinite(table["x_px"])]
-    still = good[["x_px", "y_px"]].to_numpy(float)
-    shift = good[["shift_x_px", "shift_y_px"]].fillna(0.0).to_numpy(float)
-    own = good["centre_std_px"].to_numpy(float)
-    candidates = []
-    for points, moves in ((still, False), (still - shift, True)):
-        median = np.median(points, axis=0)
-        variance = own**2 + (MAD_TO_STD * float(np.median(np.abs(points - median)))) ** 2
-        far = np.sum((points - median) ** 2, axis=1) / np.maximum(variance, 1e-12)
-        weight = 1 / np.maximum(variance, 1e-12) / (1 + far / OUTLIER_SIGMA**2)
-        candidates.append((weight @ points / weight.sum(), float(np.sqrt(1 / weight.sum())), moves))
-    middle, std, moves = min(candidates, key=lambda candidate: candidate[1])
-    x, y = (CoverageEstimate.of_normal(float(place), std) for place in middle)
-    return x, y, moves and bool(shift.any())
-
-
 # --- the calibration
 
 
-def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated:
+def run_jkr(experiment: Experiment) -> Calibrated:
     """Modulus, work of adhesion and centre from frames of the smooth contact.
 
     Parameters
     ----------
     experiment : Experiment
         With loads; opened so that negative ones may be.
-    workers : int, optional
 
     Returns
     -------
@@ -240,7 +177,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None) -> Calibrated
         If the loads and circles determine nothing; the message says why.
     """
     check_loads(experiment.loads["load_N"])
-    series, scene = measure_circles(experiment, workers=workers), experiment.scene
+    series, scene = measure_circles(experiment), experiment.scene
     table = series.table
     chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])
     failed = table["message"][table["status"] == FAILED]

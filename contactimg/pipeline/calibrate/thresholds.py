@@ -58,9 +58,7 @@ class ThresholdSeries:
     failed: pd.DataFrame
 
 
-def measure_thresholds(
-    experiment: Experiment, thresholds: ArrayLike = THRESHOLDS, *, workers: int | None = None
-) -> ThresholdSeries:
+def measure_thresholds(experiment: Experiment, thresholds: ArrayLike = THRESHOLDS) -> ThresholdSeries:
     """Count the pixels of every frame above each of many thresholds.
 
     Parameters
@@ -69,8 +67,6 @@ def measure_thresholds(
         Of a scene with a camera; forces need the elastic body and the asperities' radii as well.
     thresholds : array_like, shape (m,)
         Fractions of the contact contrast, between 0 and 1.
-    workers : int, optional
-        Processes that share the frames.
 
     Returns
     -------
@@ -100,7 +96,7 @@ def measure_thresholds(
         counted = (count_again(measurement.foreground, float(level)).disks for level in levels)
         return [part.with_contacts(CONTACTS.conform(disks.assign(frame=frame.name))) for disks in counted]
 
-    results = for_each_frame(experiment, count, workers=workers, shown="measuring frames")
+    results = for_each_frame(experiment, count, shown="measuring frames")
     measured, failed = measured_and_failed(results, "no frame could be measured")
     half, parts = int(np.abs(levels - 0.5).argmin()), list(zip(*measured, strict=True))
     asperities, sites = asperities_and_sites(experiment)
@@ -173,14 +169,13 @@ def _result(
     return Calibrated(record, tables, figures, failed=len(series.failed) > 0)
 
 
-def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Calibrated:
+def run_threshold(experiment: Experiment) -> Calibrated:
     """The threshold of slope 1 on a sample of known modulus.
 
     Parameters
     ----------
     experiment : Experiment
         Of a scene with the modulus and its uncertainty, and asperities of known radii.
-    workers : int, optional
 
     Returns
     -------
@@ -193,7 +188,7 @@ def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Cali
     """
     scene, modulus = experiment.scene, _stated_modulus(experiment)
     relative = modulus.std / modulus.value
-    series, load = _with_forces(measure_thresholds(experiment, THRESHOLDS, workers=workers))
+    series, load = _with_forces(measure_thresholds(experiment, THRESHOLDS))
     errors = LoadCell.stated(scene.load).errors(relative)
     notes = _notes(series) + cell_notes(scene)
     slopes = np.maximum([load_slope(row, load).value for row in series.forces], np.finfo(float).tiny)
@@ -225,9 +220,7 @@ def run_threshold(experiment: Experiment, *, workers: int | None = None) -> Cali
     return _result(record, series, found.forces, figures, **curve, area_m2=series.areas.sum(axis=1))
 
 
-def run_modulus(
-    experiment: Experiment, *, threshold: CoverageEstimate | None, workers: int | None = None
-) -> Calibrated:
+def run_modulus(experiment: Experiment, *, threshold: CoverageEstimate | None) -> Calibrated:
     """The modulus of slope 1 of the forces that `process` finds; they are proportional to it.
 
     Parameters
@@ -236,7 +229,6 @@ def run_modulus(
         Of a scene with asperities of known radii; its modulus and uncertainty are those measured before.
     threshold : CoverageEstimate or None
         The calibrated threshold, which is kept; None for the disk method.
-    workers : int, optional
 
     Returns
     -------
@@ -249,7 +241,7 @@ def run_modulus(
     parts = {"measure": kept, "elastic": {"young_modulus_std": 0.0}}  # the forces as such, not those of E
     sought = {name: getattr(scene, name).model_copy(update=keys) for name, keys in parts.items()}
     fixed = replace(experiment, scene=scene.model_copy(update=sought))
-    run = measure_parts(fixed, workers=workers).run
+    run = measure_parts(fixed).run
     good = run.frames["contrast"].fillna(0.0) > 0
     forces = np.where(_lacks_forces(run), np.nan, run.frames["force_sum_N"].to_numpy(float))[good]
     areas, frames = run.frames.loc[good, "area_m2"].to_numpy(float), run.frames[good].reset_index(drop=True)
@@ -279,20 +271,19 @@ def run_modulus(
     return _result(record, series, tuned, {"forces": plot_forces(load, tuned, fitted=fitted)})
 
 
-def run_plateau(experiment: Experiment, *, workers: int | None = None) -> Calibrated:
+def run_plateau(experiment: Experiment) -> Calibrated:
     """The two thresholds between which the total area changes marginally, and areas with error bars.
 
     Parameters
     ----------
     experiment : Experiment
         Of a scene with a camera; loads are not needed.
-    workers : int, optional
 
     Returns
     -------
     Calibrated
     """
-    series = measure_thresholds(experiment, THRESHOLDS, workers=workers)
+    series = measure_thresholds(experiment, THRESHOLDS)
     found, notes = find_plateau(series.thresholds, series.areas), _notes(series)
     if not found.marginal:
         notes.append(

@@ -74,7 +74,7 @@ def test_analysis_leaves_tables_figures_and_where_they_come_from(run, tmp_path):
 
 def test_measured_and_rendered_contacts_say_the_same(run):
     # the frames were rendered from the contacts of the coupled model
-    found = analyse_places([open_place(run)], AnalysisOptions(), workers=1)
+    found = analyse_places([open_place(run)], AnalysisOptions())
     measured, own = (found.area_laws[model].exponent for model in ("measured", "coupled"))
     assert abs(measured.value - own.value) < own.std
     table = found.profile.set_index(["frame", "r_m"])
@@ -331,7 +331,7 @@ def model(small_series, tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_prediction_can_be_analysed_like_a_measurement(model):
-    found = analyse_places([open_place(model)], AnalysisOptions(), workers=1)
+    found = analyse_places([open_place(model)], AnalysisOptions())
     for name in ("exponent", "amplitude"):
         predicted, own = (getattr(found.area_laws[model], name).value for model in ("predicted", "coupled"))
         assert predicted == pytest.approx(own, rel=1e-9)
@@ -361,7 +361,7 @@ def test_averages_of_a_statistical_model_are_predicted_areas(small_series, tmp_p
 def test_what_the_camera_cannot_show_must_not_count_on_one_side(run):
     def contacts(smallest):
         options = AnalysisOptions(annulus=1e-2, min_radius_px=smallest)
-        table = analyse_places([open_place(run)], options, workers=1).profile
+        table = analyse_places([open_place(run)], options).profile
         return table.set_index(["model", "frame"])["density_per_m2"]
 
     fair, naive = contacts(1.0), contacts(0.0)

@@ -10,6 +10,7 @@ from small_series import break_measurement, copy_of
 
 import contactimg.effects.optics as optics_module
 from contactimg.analysis.estimates import CoverageEstimate
+from contactimg.calibration.jkr import mean_centre
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.files import (
@@ -22,7 +23,7 @@ from contactimg.files import (
 )
 from contactimg.frame import Frame
 from contactimg.pipeline.calibrate import thresholds
-from contactimg.pipeline.calibrate.jkr import mean_centre, measure_circles
+from contactimg.pipeline.calibrate.jkr import measure_circles
 from contactimg.pipeline.calibrate.thresholds import measure_thresholds
 from contactimg.pipeline.results import frame_notes
 from contactimg.pipeline.series import measure_parts
@@ -197,7 +198,7 @@ def test_a_circle_half_of_which_no_light_reaches_is_measured_on_the_other_half(s
         image = frame.image.copy()
         image[:, :dark] = 0
         write_frame(Frame(image, frame.name, frame.full_scale), path)
-    found = measure_circles(open_experiment(read_scene(folder), pulled=True), workers=1).table
+    found = measure_circles(open_experiment(read_scene(folder), pulled=True)).table
     off = found["radius_px"] - truth["radius_px"]
     assert (off.abs() < 5.0 * found["radius_std_m"] / 48e-6).all()
     assert (found["arc"] < 0.6).all()
@@ -210,8 +211,8 @@ def test_calibrations_prepare_frames_as_process_does(small_series, tmp_path):
     for effects in ({}, {"position_drift": "off", "dust": "off", "saturation": "off"}):
         with_scene(folder, effects=effects)
         experiment = open_experiment(read_scene(folder))
-        frames = measure_parts(experiment, workers=1).run.frames
-        series = measure_thresholds(experiment, [0.5], workers=1)
+        frames = measure_parts(experiment).run.frames
+        series = measure_thresholds(experiment, [0.5])
         columns = ["contrast", "noise", "shift_x_px", "shift_y_px", "n_contacts"]
         pd.testing.assert_frame_equal(series.frames[columns], frames[columns])
         np.testing.assert_allclose(series.areas[0], frames["area_m2"], rtol=1e-12)
@@ -233,7 +234,7 @@ def test_a_bar_counts_at_no_threshold(small_series, tmp_path):
     )  # frame_1 shows no plateau
     experiment = open_experiment(read_scene(folder))
     run, series = (
-        measure_parts(experiment, workers=1).run,
+        measure_parts(experiment).run,
         measure_thresholds(experiment, [0.3, 0.5, 0.7]),
     )
     assert run.rejected["reason"].str.startswith("long").sum() == 2
@@ -249,8 +250,8 @@ def test_circles_are_measured_on_frames_prepared_as_process_does(sharp_frames, t
     with_scene(folder, images={"frames": loads["frame"].tolist()})
     with_scene(folder, effects={"position_drift": "off"}, measure={"method": "threshold"})
     experiment = open_experiment(read_scene(folder))
-    circles = measure_circles(experiment, workers=1).table
-    frames = measure_parts(experiment, workers=1).run.frames
+    circles = measure_circles(experiment).table
+    frames = measure_parts(experiment).run.frames
     columns = ["frame", "shift_x_px", "shift_y_px"]
     pd.testing.assert_frame_equal(circles[columns], frames[columns])
     assert (frames["shift_x_px"] == 0).all()
@@ -265,7 +266,7 @@ def test_full_scale_is_that_of_the_scene_in_every_command(measure, monkeypatch, 
     for switch, full_scale in (("auto", 255), ("off", np.inf)):
         scene = scene_from_dict(base | {"effects": {"saturation": switch}}, folder=str(tmp_path))
         with pytest.raises(InputError, match=r"frame_1.tif: cannot be measured \(ZeroDivisionError: "):
-            measure(open_experiment(scene), workers=1)
+            measure(open_experiment(scene))
         assert seen.pop()["full_scale"] == full_scale
 
 
@@ -408,9 +409,9 @@ def test_the_modulus_is_that_of_the_forces_of_process_with_their_uncertainty(sma
     folder = copy_of(small_series, tmp_path / "frames")
     with_scene(folder, images={"frames": "frame_3.tif"}, load={"gain_std": 0.0})
     experiment = open_experiment(read_scene(folder))
-    (row,) = measure_parts(experiment, workers=1).run.frames.to_dict("records")
+    (row,) = measure_parts(experiment).run.frames.to_dict("records")
     stated, relative = experiment.scene.elastic, row["force_sum_std_N"] / row["force_sum_N"]
-    record = thresholds.run_modulus(experiment, threshold=None, workers=1).record
+    record = thresholds.run_modulus(experiment, threshold=None).record
     assert record["method"] == "disk"
     value = stated.young_modulus * row["load_N"] / row["force_sum_N"]
     assert record["young_modulus"]["value"] == pytest.approx(value, rel=1e-12)
@@ -419,7 +420,7 @@ def test_the_modulus_is_that_of_the_forces_of_process_with_their_uncertainty(sma
     assert record["young_modulus"]["std"] == pytest.approx(own * value, rel=1e-6)
     # at a threshold that is not calibrated its distance from the rims is most of it, and its error
     higher = CoverageEstimate.of_normal(0.6, 0.0)
-    found = thresholds.run_modulus(experiment, threshold=higher, workers=1).record["young_modulus"]
+    found = thresholds.run_modulus(experiment, threshold=higher).record["young_modulus"]
     assert 0.05 < found["value"] / value - 1 < 2 * found["std"] / value < 1.5
 
 
