@@ -25,6 +25,7 @@ from contactimg.imaging.detect.components import (
 from contactimg.imaging.detect.inscribed_disks import SMALLEST_PAIR_PX2, disks_in_mask, is_round
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.kernels.pairs import hidden
+from contactimg.imaging.pixels.robust import CLIP_SIGMA
 from contactimg.imaging.profile.limits import NOISY_RATIO
 
 
@@ -38,8 +39,8 @@ def split_components(
     image, level
         As for `contactimg.imaging.detect.components.label_components`.
     noise : float
-        Standard deviation of a pixel: it notches components that hardly exceed the level, which are smoothed
-        before disks are inscribed.
+        Standard deviation of a pixel: it notches components that hardly exceed the level. Disks are inscribed
+        in these behind a blur, above half of their own height.
 
     Returns
     -------
@@ -58,7 +59,7 @@ def split_components(
     """
     components, runs = label_runs(image, level)
     several = components["area"] >= SMALLEST_PAIR_PX2
-    notched = components["flux"] < components["area"] * (level + 0.5 * NOISY_RATIO * noise)
+    notched = components["peak"] < level + (0.5 * NOISY_RATIO + CLIP_SIGMA) * noise
     candidates = np.flatnonzero(several & ~is_round(components, image.shape))
     counts, found = np.ones(len(components), np.int64), [np.empty(0, components.dtype)]
     for number in candidates.tolist():
@@ -66,10 +67,12 @@ def split_components(
         window = image[box]
         members = mask_of_component(runs, number, (box[0].start, box[1].start), window.shape)
         alone = smooth = np.where(members > 0, window, np.float32(0.0))
+        half = level
         if notched[number]:
             own = np.where((members > 0) | (window <= level), window, np.float32(0.0))
             smooth = cv2.GaussianBlur(own, (0, 0), DEFAULT_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
-        disks, _ = disks_in_mask((smooth > level).astype(np.uint8), cut)
+            half = min(level, 0.5 * float(smooth.max()))
+        disks, _ = disks_in_mask((smooth > half).astype(np.uint8), cut)
         disks = disks[~hidden(disks)]
         if len(disks) < 2:
             continue
