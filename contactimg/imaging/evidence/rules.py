@@ -412,7 +412,7 @@ def find_dust(foreground: Foreground, places: NDArray[np.float64], blur: float) 
     rows = np.flatnonzero(dip > AGREEMENT_SIGMA * foreground.noise)
     if len(rows):
         own, other = (
-            foreground.sign * measure_rise(np.asarray(image, np.float32), places[rows], blur)
+            foreground.sign * measure_rise(np.ascontiguousarray(image), places[rows], blur)
             for image in (pair.frame, pair.reference)
         )
         dust[rows] = (own > other) & (own < -other)
