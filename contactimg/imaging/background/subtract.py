@@ -262,11 +262,13 @@ def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReferenc
     Where neither strips nor all rows of the image tell the alignment well, a far search comes first. It may
     find a faint texture that is too weak for the rest.
     """
+    # small blocks are the sign of a crowd: it leaves strips too little, and all rows tell what can be told
+    crowded = side_of(placed.illumination.background.shape, placed.images.frame.shape) < BLOCK
     for all_rows in dict.fromkeys((whole, True)):
         residual = placed.align(all_rows=all_rows)
-        if residual.good:
+        if residual.good or (crowded and all_rows and residual.known and residual.consistent):
             return *_approach(placed, residual, all_rows=all_rows), False
-        if not residual.known:  # nor do all rows tell it where there is nothing to find
+        if not (residual.known or crowded):  # nor do all rows tell it where there is nothing to find
             break
     frame = placed.images.frame
     shift, textured = search_alignment(
