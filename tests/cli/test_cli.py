@@ -190,9 +190,10 @@ def other_size(path):
 
 
 @pytest.mark.parametrize("spoil", [truncated, text_file, other_size])
-def test_a_bad_frame_is_named_and_the_others_are_measured(series, finished, tmp_path, spoil):
+def test_a_bad_frame_is_named_and_the_others_are_measured(series, finished, tmp_path, capsys, spoil):
     spoil(series / "frame_2.tif")
     assert process(series, "-o", tmp_path / "out") == 1
+    assert capsys.readouterr().err.startswith("contactimg: frame_2.tif: ")
     frames = frames_of(tmp_path / "out")
     assert frames.loc["frame_2.tif", "status"] == "failed"
     assert "frame_2.tif" in frames.loc["frame_2.tif", "message"]
