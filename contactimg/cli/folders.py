@@ -168,7 +168,7 @@ def check(
     scene: str | None,
     stated: shared.Stated,
     output: shared.Output = None,
-    seed: int = 1,
+    seed: Annotated[int, click.IntRange(min=0)] = 1,
 ) -> int:
     """Draw contacts of known radius into the frames of FOLDER, measure them again, and say what comes out.
 
