@@ -10,7 +10,6 @@ from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_table, say
 from contactimg.cli.scenes import scene_at
 from contactimg.errors import InputError
-from contactimg.files.atomic import naming
 from contactimg.scene import scene_from_dict
 
 if TYPE_CHECKING:
@@ -212,7 +211,7 @@ def _wanted(law: str, least: float | None, largest: float | None, strength: floa
     table = files.read_table(law, tables.WANTED_LAW, required=("load_N",))
     areas = table["area_m2"].notna().all()
     column = table["area_m2" if areas else "friction_N"].to_numpy(float)
-    with naming(law):
+    with files.naming(law):
         whole = WantedLaw(table["load_N"].to_numpy(float), column).over(1.0 if areas else strength)
         return whole.between(least, largest)
 
