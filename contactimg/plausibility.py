@@ -159,8 +159,11 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
     for row in (int(ratios.argmin()), int(ratios.argmax())):
         said, key = f"radius_m of asperity {row} over the median", "radius_m of one asperity over the median"
         yield from doubt_about(key, ratios[row], said=said, hint="is it in another unit than the others?")
-    columns = "are columns swapped, or in different units?"
-    yield from doubt_about("height_m over radius_m of the asperities", height / radius, hint=columns)
+    columns = "are columns swapped, in different units, or heights of the wrong sign?"
+    upright = -1.0 if asperities["height_m"].max() < 0 else 1.0
+    yield from doubt_about(
+        "height_m over radius_m of the asperities", upright * height / radius, hint=columns
+    )
     points = asperities[["x_m", "y_m"]].to_numpy(float)
     if spacing := mean_spacing(asperities):
         cure, key = "are x_m, y_m and radius_m in metres?", "radius_m of the asperities over their distance"
