@@ -57,7 +57,7 @@ class Frame:
         if self.image.ndim != 2 or self.image.size == 0:
             raise FrameError(
                 f"{self.name or 'frame'}: an image must have two dimensions (rows, columns) "
-                f"and at least one pixel, got shape {self.image.shape}"
+                f"and at least one pixel, got shape {self.image.shape}; contactimg.read_frames reads files"
             )
         if self.image.dtype not in (np.uint8, np.uint16, np.float32, np.float64):
             raise FrameError(

@@ -39,6 +39,8 @@ RANGES = {
     "the median of radius_m of the asperities": (1e-9, 0.05),
     # light resolves 0.2 um, sampled ten times at most
     "pixel_size_m": (2e-8, 5e-4),
+    # chosen: random asperities differ by a few tens, a slip of a unit in one row by 1000
+    "radius_m of one asperity over the median": (1 / 300, 300.0),
     # a cap is no higher than its sphere
     "height_m over radius_m of the asperities": (0.0, 1.0),
     # an output that may change by all of itself is not asked for
@@ -152,9 +154,16 @@ def doubts_about_scene(
 def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]:
     """Columns and units of the asperities; apex and camera outside the sample."""
     height, radius = (float(asperities[name].abs().median()) for name in ("height_m", "radius_m"))
-    yield from doubt_about("the median of radius_m of the asperities", float(asperities["radius_m"].median()))
-    columns = "are columns swapped, or in different units?"
-    yield from doubt_about("height_m over radius_m of the asperities", height / radius, hint=columns)
+    yield from doubt_about("the median of radius_m of the asperities", radius)
+    ratios = asperities["radius_m"].to_numpy(float) / radius
+    for row in (int(ratios.argmin()), int(ratios.argmax())):
+        said, key = f"radius_m of asperity {row} over the median", "radius_m of one asperity over the median"
+        yield from doubt_about(key, ratios[row], said=said, hint="is it in another unit than the others?")
+    columns = "are columns swapped, in different units, or heights of the wrong sign?"
+    upright = -1.0 if asperities["height_m"].max() < 0 else 1.0
+    yield from doubt_about(
+        "height_m over radius_m of the asperities", upright * height / radius, hint=columns
+    )
     points = asperities[["x_m", "y_m"]].to_numpy(float)
     if spacing := mean_spacing(asperities):
         cure, key = "are x_m, y_m and radius_m in metres?", "radius_m of the asperities over their distance"

@@ -183,12 +183,12 @@ def _calibrate(
     ``used`` holds the earlier results that it builds on, for the provenance; the calibration ``other_frames``
     must not have used the same ones.
     """
-    experiment = files.open_experiment(scene_of_folder(folder, stated, scene_file=scene), pulled=pulled)
+    described, inputs = scene_of_folder(folder, stated, scene_file=scene)
+    experiment = files.open_experiment(described, pulled=pulled)
+    inputs += experiment.inputs
     options = {name: value for name, value in used.items() if value not in ({}, None)}
     main_files = [files.CALIBRATION_FILE]
-    with shared.results_in(
-        output, folder, experiment.scene, experiment.inputs, options=options, main_files=main_files
-    ) as out:
+    with shared.results_in(output, folder, described, inputs, options=options, main_files=main_files) as out:
         # a dark frame, a flat field or a mask may be that of every sample
         images = {source.path.name for source in (*experiment.frames, *experiment.references)}
         used_before = {one.get("sha256") for one in other_frames.get("frames", [])}

@@ -76,7 +76,7 @@ def process(
 
     def measure(folder: str, output: str | Path | None) -> int:
         """Measure the frames of one folder; return the exit code."""
-        described = scene_of_folder(folder, stated, scene_file=scene, calibration=record)
+        described, inputs = scene_of_folder(folder, stated, scene_file=scene, calibration=record)
         option = {"kind": "threshold"} if "threshold" in stated.get("measure", {}) else {}
         for given, name in ((record, str(calibration)), (option, "--threshold")):
             refuse_idle(given, name, method=described.measure.method)
@@ -89,7 +89,7 @@ def process(
             output,
             folder,
             described,
-            experiment.inputs,
+            [*inputs, *experiment.inputs],
             options=used,
             main_files=files.RUN_TABLES,
             then="overlay" if predictable else "",
@@ -168,7 +168,7 @@ def check(
     scene: str | None,
     stated: shared.Stated,
     output: shared.Output = None,
-    seed: int = 1,
+    seed: Annotated[int, click.IntRange(min=0)] = 1,
 ) -> int:
     """Draw contacts of known radius into the frames of FOLDER, measure them again, and say what comes out.
 
@@ -190,9 +190,10 @@ def check(
     seed
         Of the random radii and places.
     """
-    experiment = files.open_experiment(scene_of_folder(folder, stated, scene_file=scene))
-    main_files = ["check.csv", "drawn.csv"]
-    with shared.results_in(output, folder, experiment.scene, experiment.inputs, main_files=main_files) as out:
+    described, inputs = scene_of_folder(folder, stated, scene_file=scene)
+    experiment, main_files = files.open_experiment(described), ["check.csv", "drawn.csv"]
+    inputs += experiment.inputs
+    with shared.results_in(output, folder, described, inputs, main_files=main_files) as out:
         result = pipeline.check_experiment(experiment, seed=seed)
         found = {"check": (tables.CHECK, result.classes), "drawn": (tables.DRAWN, result.drawn)}
         pipeline.write_results(out.folder, found, {"check": plots.plot_check(result.drawn, result.classes)})

@@ -33,11 +33,12 @@ def is_quiet() -> bool:
     return context is not None and context.meta.get(QUIET, False)
 
 
-def say(*sentences: str) -> None:
-    """Print the sentences that are not empty, one a line."""
+def say(*sentences: str, fault: bool = False) -> None:
+    """Print the sentences that are not empty, one a line; of a quiet command those of a fault, as errors."""
+    quiet = is_quiet()
     for sentence in sentences:
-        if sentence and not is_quiet():
-            click.echo(sentence)
+        if sentence and (fault or not quiet):
+            click.echo(f"contactimg: {sentence}" if quiet else sentence, err=quiet)
 
 
 @contextmanager
@@ -80,7 +81,7 @@ def echo_frames(run: "pd.DataFrame", *, title: str) -> None:
 
     Of a long run the first ones are printed, and how many more there are.
     """
-    from contactimg.tables import Status
+    from contactimg.tables import FAILED, Status
 
     frames = run.head(1000)  # chosen: more than anybody reads there
     load, force = frames["load_N"], frames["force_sum_N"]
@@ -99,25 +100,28 @@ def echo_frames(run: "pd.DataFrame", *, title: str) -> None:
     say(*(f'"{status}": {status.cure}' for status in said))
     if len(run) > len(frames):
         counts = ", ".join(f"{count:,} {status}" for status, count in run["status"].value_counts().items())
-        say(f"and {len(run) - len(frames):,} more frames, in frames.csv; of all {len(run):,}: {counts}")
+        more = f"and {len(run) - len(frames):,} more frames, in frames.csv; of all {len(run):,}: {counts}"
+        say(more, fault=FAILED in counts)
 
 
 def _echo_messages(frames: "pd.DataFrame") -> None:
     """Print what several frames have in common once, and one line of each frame that is not "ok"."""
     from contactimg.pipeline.results import alike_remarks
+    from contactimg.tables import FAILED, NO_RESULT
 
     fine = set(frames.loc[frames["status"] == "ok", "frame"])
+    useless = NO_RESULT if frames["status"].isin(NO_RESULT).all() else {FAILED}
+    faulty = set(frames.loc[frames["status"].isin(useless), "frame"])
     whole = logging.getLogger("contactimg").isEnabledFor(logging.INFO)
     untold = 0
     for those, said in alike_remarks(frames, exact=(frames["status"] == "ok") | whole):
         many = "all frames" if len(those) == len(frames) else f"{len(those)} frames from {those[0]} on"
         text = f"{those[0] if len(those) == 1 else many}: {said}"
-        if whole:
-            say(text)
-        elif len(those) == 1 and those[0] in fine:
+        if len(those) == 1 and those[0] in fine and not whole:
             untold += 1
-        else:
-            say(textwrap.shorten(text, WIDTH_OF_FILES, placeholder=" ... (--verbose)"))
+            continue
+        shown = text if whole else textwrap.shorten(text, WIDTH_OF_FILES, placeholder=" ... (--verbose)")
+        say(shown, fault=not faulty.isdisjoint(those))
     if untold:
         say(f"remarks on {untold} of these frames are in frames.csv; --verbose prints them")
 

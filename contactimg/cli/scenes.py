@@ -25,8 +25,8 @@ def scene_of_folder(
     *,
     scene_file: str | None = None,
     calibration: Mapping[str, Any] = MappingProxyType({}),
-) -> Scene:
-    """The scene of a folder of frames.
+) -> tuple[Scene, list[Path]]:
+    """The scene of a folder of frames, and the scene file if there is one.
 
     Parameters
     ----------
@@ -47,11 +47,11 @@ def scene_of_folder(
     folder = Path(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; give the folder that holds the frames")
-    if scene_file is not None:
-        read = files.read_scene(scene_file)
+    file = Path(scene_file or folder / files.SCENE_FILE)
+    inputs = [file] if scene_file or file.exists() else []
+    if inputs:
+        read = files.read_scene(file)
         data = _placed(deepcopy(read.source), folder, first=folder, other=Path(read.folder))
-    elif (folder / files.SCENE_FILE).exists():
-        data = deepcopy(files.read_scene(folder).source)
     else:
         found = files.recognise_folder(folder, frames_named="frames" in stated.get("images", {}))
         data = found.keys
@@ -59,7 +59,7 @@ def scene_of_folder(
             say(f"{folder}: not used: {', '.join(found.ignored)}")
     apply_calibration(data, calibration, sets_method="method" not in stated.get("measure", {}))
     given = _placed(deepcopy(stated), folder, first=Path(), other=folder)
-    return _plausible(data, given, folder)
+    return _plausible(data, given, folder), inputs
 
 
 def scene_at(path: str | Path, stated: Stated) -> tuple[Scene, list[Path]]:

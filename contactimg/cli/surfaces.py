@@ -32,14 +32,14 @@ def asperities(
     form: Literal["plane", "sphere", "none"] = "plane",
     min_height_um: shared.NonNegative = 0.0,
     depth: Annotated[float, click.FloatRange(min=0, max=1, min_open=True)] = 0.5,
-) -> None:
+) -> int:
     """Find the summits on MAP and write their heights and radii of curvature with uncertainties.
 
     MAP is a matrix of heights (.npy, or text with one line a row), or a TIFF of one channel. NaN and empty
     cells are holes. Writes asperities.csv, which [asperities] file in a scene reads; x and y count from the
     centre of the map.
 
-    Exit codes: 0 done, 2 nothing done.
+    Exit codes: 0 done; 1 done, but pixel size or unit is probably a slip; 2 nothing done.
 
     \b
     Examples:
@@ -59,6 +59,7 @@ def asperities(
     depth
         How far down the sphere is fitted, as a share of the height of the summit.
     """
+    from contactimg.plausibility import doubts_about_scene, warn_of
     from contactimg.summits import find_summits
 
     pixel = None if pixel_size_um is None else pixel_size_um * 1e-6
@@ -82,6 +83,7 @@ def asperities(
             )
     for warning in found.warnings:
         click.echo(f"contactimg: {warning}", err=True)
+    return int(warn_of(doubts_about_scene(scene_from_dict({}), found.table), map_file))
 
 
 # --- design
@@ -209,8 +211,9 @@ def _wanted(law: str, least: float | None, largest: float | None, strength: floa
     table = files.read_table(law, tables.WANTED_LAW, required=("load_N",))
     areas = table["area_m2"].notna().all()
     column = table["area_m2" if areas else "friction_N"].to_numpy(float)
-    whole = WantedLaw(table["load_N"].to_numpy(float), column).over(1.0 if areas else strength)
-    return whole.between(least, largest)
+    with files.naming(law):
+        whole = WantedLaw(table["load_N"].to_numpy(float), column).over(1.0 if areas else strength)
+        return whole.between(least, largest)
 
 
 def _echo_law(found: "DesignedSurface", height_error_um: float) -> None:

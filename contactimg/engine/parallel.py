@@ -71,9 +71,10 @@ def in_parallel(
     count : int
         Number of calls.
     workers : int, optional
-        Processes; default: those of the `sharing` around. Without any this process makes the first calls, and
-        one process per core makes the others as soon as that saves more time than the start of processes
-        takes. On a cluster (`contactimg.engine.cluster.on_cluster`) its workers take the calls instead.
+        Processes, no more than calls; default: those of the `sharing` around. Without any this process makes
+        the first calls, and one process per core makes the others as soon as that saves more time than the
+        start of processes takes. On a cluster (`contactimg.engine.cluster.on_cluster`) its workers take the
+        calls instead.
     lost : callable, optional
         Called with the error and the arguments of a call that ended its worker among others and again alone:
         gives the result in its place. Default: the error is raised.
@@ -96,9 +97,8 @@ def in_parallel(
     if workers is not None and not (isinstance(workers, Integral) and workers >= 1):
         raise InputError(f"workers must be a whole number of processes, 1 or more, or None, got {workers!r}")
     items = iter(arguments)
-    processes = cpu_count() if workers is None else workers
-    if parent_process() is not None:  # a process that was started for calls starts none
-        processes = 1
+    several = parent_process() is None  # a process that was started for calls starts none
+    processes = min(cpu_count() if workers is None else workers, max(count, 1)) if several else 1
 
     def alone() -> Iterator[Result]:
         """Results from this process, until several processes are the faster ones for what is left."""
@@ -117,7 +117,7 @@ def in_parallel(
         """Results from workers."""
         return _in_order(takers, function, items, lost)
 
-    asked = _Processes(processes) if workers is not None and processes > 1 else None
+    asked = _Processes(processes) if several and workers is not None and workers > 1 else None
     takers = cluster_in_use.get() or asked
     return counted(alone() if takers is None else shared(takers), shown, count)
 

@@ -1,3 +1,4 @@
+from .atomic import naming as naming
 from .atomic import replacing as replacing
 from .atomic import write_json as write_json
 from .atomic import write_text as write_text

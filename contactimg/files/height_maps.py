@@ -85,7 +85,11 @@ def _text_matrix(text: str) -> Values:
     separator = next((mark for mark in ("\t", ";") if mark in first), None if spaced else ",")
     if separator != "," and "." not in first:
         text = text.replace(",", ".")  # decimal commas
-    matrix = np.genfromtxt(io.StringIO(text), delimiter=separator, loose=False, ndmin=2)
+    try:
+        matrix = np.genfromtxt(io.StringIO(text), delimiter=separator, loose=False, ndmin=2)
+    except ValueError as error:
+        first = str(error).splitlines()[:2][-1].strip()  # below its heading; one line of text a row
+        raise ValueError(f"{first}; begin lines that are no row of heights with #") from None
     if separator and np.isnan(matrix[:, -1]).all():  # a separator at the end of each line
         matrix = matrix[:, :-1]
     return matrix

@@ -168,7 +168,8 @@ def list_frames(path: PathLike | Iterable[PathLike], *, folder: PathLike = ".") 
     if len(names) < len(sources):
         name, count = names.most_common(1)[0]
         paths = [str(source.path) for source in sources if source.name == name]
-        raise InputError(f"{count} frames are called {name} ({paths[0]} and {paths[1]}); rename one of them")
+        cure = "name it once" if paths[0] == paths[1] else "rename one of them"
+        raise InputError(f"{count} frames are called {name} ({paths[0]} and {paths[1]}); {cure}")
     return sources
 
 

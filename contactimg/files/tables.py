@@ -38,6 +38,7 @@ _UNITS = {  # ending in another unit -> ending in the schema, how many make one 
     **{f"_{unit}": ("_N", count) for unit, count in PER_NEWTON.items()},
     **{f"_{unit}": ("_m", count) for unit, count in _PER_METRE.items()},
     **{f"_{unit}_s": ("_m_s", count) for unit, count in _PER_METRE.items()},
+    **{f"_{unit}2": ("_m2", count**2) for unit, count in _PER_METRE.items()},
 }
 _Places = dict[str, tuple[int, float]]
 """Column of a schema -> its place in a row, and the divisor of its numbers."""
@@ -64,7 +65,7 @@ def read_table(
     path : str or Path
         Text in UTF-8 or UTF-16 with a header. Cells are separated by commas, semicolons or tabs, whichever
         the header has most; with semicolons or tabs a decimal comma is accepted. A column may be in another
-        unit that its name states: mm, um or nm for m, mN or uN for N (load_mN, x_um).
+        unit that its name states: mm, um or nm for m, mN or uN for N (load_mN, x_um, area_mm2).
     schema : Schema
         The columns to read; blank lines are skipped.
     required : collection of str, optional

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.errors import ConvergenceError, InputError, ModelRangeError
+from contactimg.errors import ConvergenceError, InputError, ModelRangeError, finite_number
 from contactimg.mechanics.layer import LARGEST_RATIO
 from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, AsperityLaw, LayerLaw, asperity_law
 from contactimg.models.composite_summits import CompositeSummits
@@ -124,7 +124,7 @@ def solve_interacting(
     check_choice("coupling", coupling, COUPLINGS)
     check_choice("law", law, LAWS)
     check_choice("method", method, METHODS)
-    if load is not None and load < 0:
+    if load is not None and (load := finite_number(load, "load", "N")) < 0:
         raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
     conditions = ContactConditions(
         indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation, poisson_ratio

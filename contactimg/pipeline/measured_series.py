@@ -174,13 +174,14 @@ def locate_frames(
 def _noted(frames: pd.DataFrame, notes: Mapping[Any, str], status: Status | None = None) -> pd.DataFrame:
     """The frames with notes added to the messages of those named.
 
-    A ``status``, which leaves no result to rely on, takes the place of every one that leaves a result.
+    A ``status``, which leaves no result to rely on, takes the place of every one that leaves a result; its
+    note then stands first.
     """
-    messages = [
-        "; ".join(filter(None, [message, notes.get(name, "")]))
-        for name, message in zip(frames["frame"], frames["message"], strict=True)
-    ]
     changed = ~frames["status"].isin(NO_RESULT) & frames["frame"].isin(list(notes)) & (status is not None)
+    messages = [
+        "; ".join(filter(None, (notes.get(name, ""), message)[:: 1 if first else -1]))
+        for name, message, first in zip(frames["frame"], frames["message"], changed, strict=True)
+    ]
     return frames.assign(message=messages, status=frames["status"].mask(changed, status))
 
 
@@ -205,7 +206,8 @@ def with_pose(run: files.Run, sites: pd.DataFrame | None, pose: fit.PoseFit | No
             "pixel_size_m and centre_m, and [indenter] apex_m"
             for name, found, count in few.itertuples()
         }
-        frames = _noted(_noted(frames, notes), dict.fromkeys(lost.index, ""), Status.NO_POSE)
+        told = {name: notes.pop(name) for name in lost.index}
+        frames = _noted(_noted(frames, notes), told, Status.NO_POSE)
     return replace(run, contacts=located, frames=frames, pose=pose)
 
 

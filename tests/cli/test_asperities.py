@@ -101,6 +101,16 @@ def test_predict_reads_the_table(heights, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("scale", "said"),
+    [(("1500", "um"), "was it given in µm"), (("1.5", "mm"), "height_m over radius_m"), (("1.5", "um"), "")],
+)
+def test_a_slip_of_a_unit_is_named_with_the_table(heights, tmp_path, capsys, scale, said):
+    command = ["asperities", str(written(tmp_path, heights, "npy")), "--quiet", "-o", str(tmp_path / "out")]
+    assert main([*command, "--pixel-size-um", scale[0], "--height-unit", scale[1]]) == bool(said)
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("file", "options", "sentence"),
     [
         (("map.txt", SMALL), ["--pixel-size-um", "1"], "unit of its heights; state it with --height-unit"),
@@ -109,6 +119,11 @@ def test_predict_reads_the_table(heights, tmp_path, capsys):
         (("map.npy", "no numpy file"), [], "cannot be read as a height map"),
         (("map.sur", "no surface"), [], "cannot be read as a height map"),
         (("map.txt", "a b c\n" * 20), [], "cannot be read as a height map"),
+        (
+            ("map.txt", "nrows 30\n" + SMALL * 2),
+            SCALE,
+            "Line #2 (got 5 columns instead of 2); begin lines that",
+        ),
         (("map.txt", "# from the profilometer\n"), [], "as a height map (it holds no number)"),
         (("map.txt", "PK\3\4\0\0"), [], "map.txt: is an Excel workbook or another zip file, not text"),
         (("map.txt", "1, 2, 3, 4\n" * 20), SCALE, "rows and columns, got the shape (20, 4)"),

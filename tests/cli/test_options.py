@@ -124,3 +124,12 @@ def test_every_option_is_there(line):
         command = command.get_command(click.Context(command), name)
     there = {"/".join([*param.opts, *param.secondary_opts]) for param in command.params}
     assert there >= {*options.split(), "--quiet", "--verbose", "--timings"}
+
+
+@pytest.mark.parametrize("name", ["check", "design"])
+def test_a_seed_is_not_negative(name):
+    seed = next(
+        param for param in commands.get_command(click.Context(commands), name).params if param.name == "seed"
+    )
+    with pytest.raises(click.BadParameter, match="not in the range x>=0"):
+        seed.type.convert("-1", seed, None)

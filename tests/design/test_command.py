@@ -76,6 +76,19 @@ def test_what_is_not_possible_is_one_sentence(tmp_path, monkeypatch, capsys, wor
     assert {path.name for path in tmp_path.iterdir()} == {"friction.csv"}
 
 
+def test_a_table_may_be_in_other_units_and_its_faults_name_it(tmp_path, capsys):
+    path = tmp_path / "law.csv"
+    words = ["design", "--law", str(path), *SURFACE, "-o", str(tmp_path / "out")]
+    path.write_text("load_mN;area_mm2\n10;0,05\n300;1,5\n", encoding="utf-8")
+    assert main([*words, "--tolerance", "0.9"]) == 0
+    assert read_table(tmp_path / "out" / "law.csv", DESIGNED)["wanted_area_m2"].iloc[-1] == pytest.approx(
+        1.5e-6
+    )
+    path.write_text("load_N,area_m2\n0.3,1.5e-6\n0.1,6e-7\n", encoding="utf-8")
+    assert main(words) == 2
+    assert "law.csv: a law needs two points or more with increasing load_N" in capsys.readouterr().err
+
+
 def test_constants_come_from_a_scene_or_options(tmp_path, capsys):
     (tmp_path / "scene.toml").write_text("[indenter]\nradius_m = 0.1\n", encoding="utf-8")
     words = ["--law", "A = 5e-6 P", "--max-load-N", "1", *SURFACE[:4]]

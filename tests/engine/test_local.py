@@ -61,6 +61,18 @@ def test_the_block_around_says_how_many_processes_share_the_calls():
     assert processes() == {os.getpid()}
 
 
+def test_no_more_processes_are_started_than_there_are_calls(monkeypatch):
+    started, start = set(), parallel.get_reusable_executor
+
+    def counting(*, max_workers, **options):
+        started.add(max_workers)
+        return start(max_workers=max_workers, **options)
+
+    monkeypatch.setattr(parallel, "get_reusable_executor", counting)
+    assert list(in_parallel(abs, [(-1,), (-2,)], count=2, workers=50)) == [1, 2]
+    assert started == {2}
+
+
 def test_a_process_ended_once_from_outside_costs_nothing(tmp_path):
     assert squares(partial(once_deadly, tmp_path)) == [k**2 for k in range(COUNT)]
     assert (tmp_path / "mark").exists()

@@ -712,6 +712,8 @@ def test_two_frames_of_one_name(tmp_path, levels):
         InputError, match=r"^2 frames are called a\.tif \(.*one.*and.*two.*\); rename one of them$"
     ):
         read_frames(f"{tmp_path}/*/a.tif")
+    with pytest.raises(InputError, match=r"^2 frames are called a\.tif .*; name it once$"):
+        list_frames([tmp_path / "one" / "a.tif"] * 2)
 
 
 def test_listing_reads_no_image_and_reading_keeps_none(tmp_path, levels, monkeypatch):

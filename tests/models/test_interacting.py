@@ -276,6 +276,7 @@ def test_refusals(patch):
         ({}, "exactly one of load and indentation"),
         ({"load": 1.0, "indentation": 1.0}, "exactly one"),
         ({"load": -1.0}, "load must not be negative"),
+        ({"load": [1.0, 2.0]}, "load must be a number of N"),
         ({"load": np.nan}, "load must be finite"),
         ({"load": 1.0, "coupling": "strong"}, "coupling must be one of"),
         ({"load": 1.0, "law": "cone"}, "law must be one of"),

@@ -375,7 +375,7 @@ def _contact_laws(
 
     models = [model for model in averages[0].moments if model != "uncoupled"]
     if not any(place["n_forces"].any() for average in averages for place in average.moments[own].values()):
-        notes.append("no profiles of pressure and no laws against it: no contact has a force")
+        notes.append("no profiles and no laws of the pressure: no contact above min_radius_px has a force")
         return {}
     keys = [(quantity, model) for quantity in QUANTITIES for model in models]
     laws = {key: fit_or_note(notes, f"{key[0]} against pressure, {key[1]}", law, *key) for key in keys}
