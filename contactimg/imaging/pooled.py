@@ -20,7 +20,7 @@ from functools import partial
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse, special
+from scipy import sparse
 from scipy.sparse.linalg import cg
 from scipy.spatial import cKDTree
 
@@ -48,6 +48,7 @@ from contactimg.imaging.pixels.robust import (
     finite_values,
     robust_std,
 )
+from contactimg.imaging.profile.blurred_disk import disk_table, look_up
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
 from contactimg.imaging.profile.limits import (
     FIT_BLUR_WIDTHS,
@@ -139,9 +140,8 @@ class Contacts:
         near = (np.abs(r - a) < FIT_BLUR_WIDTHS * s) & inside
         near[near] = used[py[near], px[near]]
         contact, px, py, r, a = (part[near] for part in (contact, px, py, r, a))
-        slope = a / s**2 * np.exp(-((r - a) ** 2) / (2 * s**2)) * special.i0e(r * a / s**2)
-        covered = special.ndtr((a - r) / s)
-        value = brightness[py, px] * self.contrast * slope / (1.0 + self.contrast * covered)
+        covered, slope = look_up(disk_table().values, r[:, None], a[:, None], s, 2)[..., 0]
+        value = brightness[py, px] * self.contrast * (slope / s) / (1.0 + self.contrast * covered)
         at = (py * used.shape[1] + px, contact)
         return sparse.csc_array((value.astype(np.float32), at), (used.size, len(x)))
 

@@ -7,7 +7,6 @@ differ from their neighbours by no more than noise.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Literal
 
 import cv2
@@ -204,10 +203,8 @@ def fit_region(
 
     ``scatter`` is that of its blocks about their median to start from, ``least`` about the illumination.
     """
-    inside, middle = np.where(members, blocks, np.float32(np.nan)), float(np.median(blocks[members]))
-    light = fit_illumination(inside, shape, level=middle, scatter=scatter, least_scatter=least)
-    near = np.abs(blocks - light.at_blocks(blocks.shape, shape)) < BACKGROUND_CLIP_SIGMA * light.scatter
-    return replace(light, background=near)
+    level = float(np.median(blocks[members]))
+    return fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=least, members=members)
 
 
 def _on_flat_blocks(

@@ -16,7 +16,7 @@ from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Flags, Mask, Values
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, MAD_TO_STD, median, robust_std
-from contactimg.imaging.profile.limits import FEW, LEAST_FRACTION
+from contactimg.imaging.profile.limits import FEW, LEAST_FRACTION, ROUNDS
 
 Places = NDArray[np.int64] | slice
 
@@ -26,7 +26,6 @@ TERMS = [(i, j) for j in range(POLYNOMIAL_ORDER + 1) for i in range(POLYNOMIAL_O
 ORDERS = np.sum(TERMS, axis=1)
 # Robust standard deviations from the polynomial within which blocks are background, and neighbours flat.
 BACKGROUND_CLIP_SIGMA = 3.5
-ITERATIONS = 6  # of a fit of the light or of the place, at most: a bound of the work
 # Blocks of 8 px that the fit uses, of smaller blocks those that cover the same area. Accuracy: 2 % of their
 # scatter.
 FIT_BLOCKS = 3000
@@ -83,7 +82,13 @@ class Illumination:
 
 
 def fit_illumination(
-    blocks: NDArray, shape: tuple[int, int], *, level: float, scatter: float, least_scatter: float = 0.0
+    blocks: NDArray,
+    shape: tuple[int, int],
+    *,
+    level: float,
+    scatter: float,
+    least_scatter: float = 0.0,
+    members: Flags | None = None,
 ) -> Illumination:
     """Fit a polynomial to the blocks that are background: least squares with clipping, iterated.
 
@@ -98,6 +103,8 @@ def fit_illumination(
         polynomial and the scatter are then refined in turn.
     least_scatter : float
         Scatter below which blocks are equal: an image without noise has none of its own.
+    members : ndarray of bool, optional
+        Blocks that alone are fitted to; the background are all that agree with them.
 
     Returns
     -------
@@ -106,14 +113,14 @@ def fit_illumination(
     """
     part, basis = _basis(blocks.shape, shape)
     data = blocks.ravel()[part].astype(float) - level
-    finite = np.isfinite(data)
-    if not finite.all():
-        data, basis = data[finite], basis[:, finite]
+    known = np.isfinite(data) if members is None else np.isfinite(data) & members.ravel()[part]
+    if not known.all():
+        data, basis = data[known], basis[:, known]
     deviation, coefficients = data, np.zeros(len(TERMS))
     keep = np.full(len(data), np.isfinite(scatter))  # where no scatter is known, a fit to all tells it first
     normal, right, summed = np.zeros((len(TERMS), len(TERMS))), np.zeros(len(TERMS)), np.zeros_like(keep)
     least = max(LEAST_FRACTION * abs(level), least_scatter, 1e-9)
-    for _ in range(ITERATIONS):
+    for _ in range(ROUNDS):
         # blocks at the rims of contacts would bias it to one side
         keep, previous = np.abs(deviation) < AGREEMENT_SIGMA * scatter, keep
         if not keep.any():

@@ -104,6 +104,7 @@ class FilmSetting:
     doubt: float = 0.2
 
 
+@lru_cache(maxsize=16)
 def rim_table(rim: FilmRim, blur: float) -> EdgeTable:
     """Profile of contacts with a rim, for the fit.
 
@@ -123,12 +124,6 @@ def rim_table(rim: FilmRim, blur: float) -> EdgeTable:
     The integral over the rim is a sum over thin rings, the radius a linear interpolation between 80 rows;
     together they err by about 1e-3.
     """
-    return _build(rim, round(float(blur), 4))
-
-
-@lru_cache(maxsize=16)
-def _build(rim: FilmRim, blur: float) -> EdgeTable:
-    """Rows of the table; the derivatives are differences between its nodes."""
     extents = [rim.extent_px(blur * x) / blur for x in (0.5, 1.0, 2.0, 5.0, 20.0)]
     outer = float(np.ceil(min(max(extents), WIDEST_RIM_BLUR_WIDTHS) + INNER_BLUR_WIDTHS))
     u = np.arange(-INNER_BLUR_WIDTHS, outer + 0.5 / STEPS_PER_BLUR_WIDTH, 1.0 / STEPS_PER_BLUR_WIDTH)
