@@ -83,7 +83,7 @@ def test_process_prints_its_steps(small_series, tmp_path, capsys):
     out = str(tmp_path / "out")
     assert main(["process", str(small_series), "-o", out, "--quiet", "--timings", "--workers", "1"]) == 0
     steps, total = printed(capsys.readouterr().err)
-    assert {"imaging.fit", "imaging.background", "files.output"} <= set(steps)
+    assert {"imaging.fit", "imaging.background"} <= set(steps)  # shorter ones may be between two looks
     # printed with three decimals: half a millisecond a line
     assert sum(steps.values()) == pytest.approx(total, abs=5e-4 * (len(steps) + 1))
 
