@@ -407,7 +407,7 @@ class AmbiguousLoadsError(InputError):
 
 
 def _our_name(header: str) -> str:
-    """What a column of loads is called here: load_mN for Kraft [mN], friction_N, frame; else nothing."""
+    """The name of a column of loads: load_mN for Kraft [mN], friction_N, frame; empty for another one."""
     unit, words = _UNIT.search(header), header.lower()
     if unit is None:
         return "frame" if _FRAME.search(words) else ""

@@ -242,6 +242,7 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
         if left < 0.0:
             break
         disks = fit.disks[members] - window.offset
+        # what a small part of the group leaves does not stand out of the noise of all its pixels
         if 2 * fit.pixels[members[bad[members]]].sum() < fit.pixels[members].sum():
             window.near = window.pixels_of(*disks[bad[members]])
         better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks

@@ -142,7 +142,7 @@ def remove_background(
     fit : FittedDisks
         Of that problem.
     """
-    # small background blocks are the sign of a crowd
+    # small background blocks are the sign of a crowd; few of them tell a level, and no slope
     few = np.count_nonzero(problem.background) < 2 * FEWEST_VALUES and fit.usual_chi_square < POOR_CHI_SQUARE
     if side_of(problem.background.shape, problem.image.shape) >= BLOCK and not few:
         if (gaps := _gaps(problem, fit, BLOCK)) is not None:
@@ -185,7 +185,7 @@ def _gaps(problem: FitProblem, fit: FittedDisks, side: int) -> NDArray[np.float3
     """
     image, model = (block_means(part, side=side) for part in (problem.image, fit.model))
     light = np.abs(model)
-    dark = light == 0.0
+    dark = light == 0.0  # in most frames these are enough
     limit = 1.01 * quantile(light, GAP_SHARE) if np.count_nonzero(dark) < GAP_SHARE * dark.size else 0.0
     if limit > LARGEST_GAP_FRACTION * float(np.max(fit.disks[:, CONTRAST], initial=1e-6)):
         return None
