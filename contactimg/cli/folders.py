@@ -195,7 +195,7 @@ def check(
     inputs += experiment.inputs
     with shared.results_in(output, folder, described, inputs, main_files=main_files) as out:
         result = pipeline.check_experiment(experiment, seed=seed)
-        found = {"check": (tables.CHECK, result.classes), "drawn": (tables.DRAWN, result.drawn)}
+        found = [(tables.CHECK, result.classes), (tables.DRAWN, result.drawn)]
         pipeline.write_results(out.folder, found, {"check": plots.plot_check(result.drawn, result.classes)})
         out.record["sentence"] = result.sentence
         forms = {"low_px": ".2f", "high_px": ".2f", "drawn": "", "completeness": ".0%", "bias_px": "+.3f"}

@@ -170,14 +170,13 @@ def write_predictions(
     record : dict
         For the provenance: name of the load -> the plan of its effects, and the errors expected of it.
     """
+    schemas = CONTACTS, FRAMES, PROFILE
     contacts, frames, profiles = (
-        schema.joined(getattr(one, schema.name) for one in predictions)
-        for schema in (CONTACTS, FRAMES, PROFILE)
+        one.joined(getattr(part, one.name) for part in predictions) for one in schemas
     )
     if scene.camera is not None and scene.simulate is not None:
         contacts = see_contacts(contacts, scene.pose(scene.simulate.shape))
-    tables = {"contacts": (CONTACTS, contacts), "frames": (FRAMES, frames), "profile": (PROFILE, profiles)}
-    write_results(folder, tables)
+    write_results(folder, zip(schemas, (contacts, frames, profiles), strict=True))
     planned = zip(frames["frame"], predictions, strict=True)
     plans = {name: one.plan for name, one in planned if one.plan is not None}
     errors = {name: plan.error_record for name, plan in plans.items()}

@@ -488,14 +488,13 @@ def write_analysis(analysis: Analysis, folder: Path) -> pd.DataFrame:
         The numbers of the analysis, results.csv.
     """
     results = result_rows(analysis)
-    schemas = {"area": AREA, "profile": PROFILE, "normalised": NORMALISED, "pressure_law": PRESSURE_LAW}
-    tables = {schema.name: (schema, getattr(analysis, name)) for name, schema in schemas.items()}
-    tables |= {RESULTS.name: (RESULTS, results)}
+    tables = [(AREA, analysis.area), (PROFILE, analysis.profile), (NORMALISED, analysis.normalised)]
+    tables += [(PRESSURE_LAW, analysis.pressure_law), (RESULTS, results)]
     if len(analysis.friction):
-        tables |= {FRICTION.name: (FRICTION, analysis.friction)}
+        tables.append((FRICTION, analysis.friction))
     figures = {"area": plot_areas(analysis.area, analysis.area_laws)}
     if len(analysis.sheared.followed):
-        tables |= {"asperities": analysis.sheared.table()}
+        tables.append(analysis.sheared.table())
     if analysis.sheared.laws:
         figures["sheared_areas"] = plot_sheared_areas(analysis.sheared.followed)
     normalised = analysis.normalised

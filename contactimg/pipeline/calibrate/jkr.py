@@ -194,7 +194,7 @@ def run_jkr(experiment: Experiment) -> Calibrated:
     notes = calibration_notes(calibration, table, scene)
     record = _jkr_record(calibration, series) | {"notes": notes}
     figures = {"jkr": _jkr_figure(calibration)}
-    return Calibrated(record, {"circles": (CIRCLES, table)}, figures, failed=len(failed) > 0)
+    return Calibrated(record, [(CIRCLES, table)], figures, failed=len(failed) > 0)
 
 
 def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
