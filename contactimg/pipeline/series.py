@@ -15,19 +15,11 @@ from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
 from contactimg.imaging.fit.pooling import pool_edges, pool_optics
 from contactimg.imaging.profile.limits import FEWEST
 from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.pipeline import pooled_background as pooling
 from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
 from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus, read_reference
 from contactimg.pipeline.measured_series import MeasuredSeries
-from contactimg.pipeline.pooled_background import (
-    FEWEST_FRAMES,
-    MOST_VIEWS,
-    evenly_spread,
-    fault_of_reference,
-    is_measured,
-    measure_on_pool,
-    pool_background,
-)
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene
 
@@ -142,26 +134,26 @@ def _measure_frames(
                 found[k] = part
         return found
 
-    parts |= measured(alone, dict.fromkeys(evenly_spread(numbers, MOST_VIEWS)))
+    parts |= measured(alone, dict.fromkeys(pooling.evenly_spread(numbers, pooling.MOST_VIEWS)))
     shapes = Counter(part.shape for part in parts.values() if part.shape)
-    if len(shapes) != 1 or shapes.total() < FEWEST_FRAMES:
+    if len(shapes) != 1 or shapes.total() < pooling.FEWEST_FRAMES:
         parts |= measured(alone, {k: None for k in numbers if k not in parts})
     usual = _of_usual_shape(parts)
     if not usual:
         raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
     asked = experiment.scene.images.background == "reference"
-    fault = "" if asked else fault_of_reference(usual.values(), read_reference(experiment))
+    fault = "" if asked else pooling.fault_of_reference(usual.values(), read_reference(experiment))
     if fault:
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
         parts |= measured(alone, dict.fromkeys(parts))
         usual = _of_usual_shape(parts)
-    pool = pool_background(experiment, options, usual, fault=fault)
+    pool = pooling.pool_background(experiment, options, usual, fault=fault)
     call, (common, lent) = alone, _lent_optics(usual, method)
     if pool is not None:
-        on_pool = partial(measure_on_pool, pool=pool)
+        on_pool = partial(pooling.measure_on_pool, pool=pool)
         # without a reference the frames alone know their contrast badly
-        known = (k for k, part in usual.items() if is_measured(part))
+        known = (k for k, part in usual.items() if pooling.is_measured(part))
         better = measured(on_pool, {k: None if pool.source else lent.get(k) for k in known})
         if pool.gains(better):
             call, parts = on_pool, parts | better
@@ -194,7 +186,7 @@ def _lent_optics(
         return None, {}
     edges = {k: optics.edge for k in sorted(parts) if (optics := parts[k].own_optics) is not None}
     seen = {k: edge for k, edge in edges.items() if edge is not None and edge.count >= FEWEST}
-    pool = {k: seen[k] for k in evenly_spread(list(seen), MOST_VIEWS)}
+    pool = {k: seen[k] for k in pooling.evenly_spread(list(seen), pooling.MOST_VIEWS)}
     edge_of_others = {k: pool_edges([edge for other, edge in pool.items() if other != k]) for k in pool}
     common = replace(pooled, edge=pool_edges(list(pool.values())))
     lent = {k: replace(common, edge=edge_of_others.get(k, common.edge)) for k in parts}

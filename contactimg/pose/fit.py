@@ -15,14 +15,7 @@ from scipy.spatial import KDTree
 from scipy.special import bdtrc
 
 from contactimg.errors import InputError
-from contactimg.pose.pairs import (
-    FEWEST_CONTACTS,
-    MIN_PAIRING_PX,
-    OUTLIER_SIGMA,
-    ROUNDS,
-    pair_points,
-    pairing_distance,
-)
+from contactimg.pose import pairs
 from contactimg.pose.pose import Pose
 
 Points = NDArray[np.complex128]
@@ -131,7 +124,7 @@ def fit_pose(
         if not np.isfinite(one).all():
             wrong = one[~np.isfinite(one)][0]
             raise InputError(f"a pose needs finite x_px, y_px and targets, got {wrong}; leave these rows out")
-    gate, (points, spots) = pairing_distance(places[1], guess), map(as_complex, places)
+    gate, (points, spots) = pairs.pairing_distance(places[1], guess), map(as_complex, places)
     searches = ((largest_shift, (0,)), (np.inf, (0,)), (np.inf, (1, 2, 3)))
     enough = min(len(points), len(spots)) >= MIN_PAIRS
     fits = (_search(points, spots, guess, gate, where) for where in searches if enough)
@@ -145,11 +138,11 @@ def _search(
 
     ``where`` tells how far from the guess its centre may be (m), and at which quarter turns.
     """
-    (reach, quarter_turns), tree = where, KDTree(as_real(spots))
+    (reach, quarters), tree = where, KDTree(as_real(spots))
     if near := np.isfinite(reach):
-        middle, grid = points, _grid(points, guess, gate, quarter_turns)
+        middle, grid = points, _grid(points, guess, gate, quarters)
     else:
-        middle, grid = _voters(points, guess, gate, quarter_turns)
+        middle, grid = _voters(points, guess, gate, quarters)
     centre, votes = complex(*guess.centre), list[tuple[int, complex, complex, bool]]()
 
     def shifts(alpha: complex, mirrored: bool) -> Points:  # noqa: FBT001
@@ -157,15 +150,15 @@ def _search(
         if not near:
             return (spots - moved[:, None]).ravel()
         about = KDTree(as_real(moved + centre))
-        pairs = about.sparse_distance_matrix(tree, reach + gate, output_type="coo_matrix")
-        return spots[pairs.col] - moved[pairs.row]
+        close = about.sparse_distance_matrix(tree, reach + gate, output_type="coo_matrix")
+        return spots[close.col] - moved[close.row]
 
-    for factor in grid:
-        votes.append((*_vote(shifts(*factor), gate), *factor))
-        if votes[-1][0] >= NEARLY_ALL * len(middle):
+    for alpha, mirrored in grid:
+        count, beta = _vote(shifts(alpha, mirrored), gate)
+        votes.append((count, alpha, beta, mirrored))
+        if count >= NEARLY_ALL * len(middle):
             break
-    most = sorted(votes, key=lambda vote: -vote[0])[:REFINED_CANDIDATES]
-    starts = [(alpha, beta, mirrored) for _, beta, alpha, mirrored in most]
+    starts = [vote[1:] for vote in sorted(votes, key=lambda vote: -vote[0])[:REFINED_CANDIDATES]]
     fits = [_refine(points, spots, guess, start, gate) for start in starts]
     best, (alpha, beta, mirrored) = max(zip(fits, starts, strict=True), key=lambda pair: pair[0].n_matched)
     # as many shifts were tried as pairing distances fit into the area
@@ -186,15 +179,15 @@ def _search(
 
 
 def _voters(
-    points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
+    points: Points, guess: Pose, gate: float, quarters: tuple[int, ...]
 ) -> tuple[Points, list[tuple[complex, bool]]]:
     """Points that vote, and what they vote on: fewer points where these would be too many poses."""
     count = min(VOTING_POINTS, len(points))
     distance = KDTree(as_real(points)).query(as_real(points), k=[count])[0]
     ranked = points[np.argsort(np.abs(points - points[np.argmin(distance)]))]
     while True:
-        grid = _grid(ranked[:count] - ranked[:count].mean(), guess, gate, quarter_turns)
-        if len(grid) <= MOST_VOTES or count <= FEWEST_CONTACTS:
+        grid = _grid(ranked[:count] - ranked[:count].mean(), guess, gate, quarters)
+        if len(grid) <= MOST_VOTES or count <= pairs.FEWEST_CONTACTS:
             return ranked[:count], grid[:MOST_VOTES]
         count -= 5
 
@@ -206,9 +199,7 @@ def _differs(one: Pose, other: Pose, gate: float) -> bool:
     return bool(np.hypot(*apart).max() > gate)
 
 
-def _grid(
-    points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
-) -> list[tuple[complex, bool]]:
+def _grid(points: Points, guess: Pose, gate: float, quarters: tuple[int, ...]) -> list[tuple[complex, bool]]:
     """Factors of poses that are turned and scaled against the guess, mirrored or not, nearest to it first.
 
     No step moves one of the points (px) by more than a pairing distance.
@@ -220,7 +211,7 @@ def _grid(
     )
     grid, factors = sorted(product(turns, scales), key=lambda item: abs(item[0]) + abs(item[1])), []
     mirrors = (guess.mirrored, not guess.mirrored)
-    for mirrored, quarter, (turn, scale) in product(mirrors, quarter_turns, grid):
+    for mirrored, quarter, (turn, scale) in product(mirrors, quarters, grid):
         # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
         angle = (guess.rotation + quarter * np.pi / 2 + turn) * (1 if mirrored else -1)
         factors.append((complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle)), mirrored))
@@ -246,18 +237,18 @@ def _refine(
 ) -> PoseFit:
     """Least squares on one-to-one pairs: pair and fit in turn until the pairs no longer change."""
     alpha, beta, mirrored = start
-    turned, reach, pairs = oriented(points, mirrored), 2 * gate, None
-    for _ in range(ROUNDS):
-        i, j, distance = pair_points(as_real(alpha * turned + beta), as_real(spots), max_distance=reach)
+    turned, reach, before = oriented(points, mirrored), 2 * gate, None
+    for _ in range(pairs.ROUNDS):
+        i, j, distance = pairs.pair_points(as_real(alpha * turned + beta), as_real(spots), max_distance=reach)
         now = (tuple(i), tuple(j))
-        if now == pairs or len(i) < MIN_PAIRS:
+        if now == before or len(i) < MIN_PAIRS:
             break
-        pairs = now
+        before = now
         design = np.column_stack([turned[i], np.ones(len(i))])
         alpha, beta = np.linalg.lstsq(design, spots[j])[0]
         left = np.abs(alpha * turned[i] + beta - spots[j])
         std = float(np.median(left)) / np.sqrt(2 * np.log(2))  # of a coordinate: Rayleigh's law
-        reach = min(gate, max(OUTLIER_SIGMA * std, MIN_PAIRING_PX * guess.pixel_size))
+        reach = min(gate, max(pairs.OUTLIER_SIGMA * std, pairs.MIN_PAIRING_PX * guess.pixel_size))
     size, turn = float(abs(alpha)), float(np.angle(alpha) if mirrored else -np.angle(alpha))
     centre = (float(beta.real), float(beta.imag))
     return PoseFit(
@@ -303,6 +294,6 @@ def common_shift(points: ArrayLike, targets: ArrayLike, *, near: float, far: flo
     array([1.5, 0.5])
     """
     points, targets = (np.asarray(one, float).reshape(-1, 2) for one in (points, targets))
-    pairs = KDTree(points).sparse_distance_matrix(KDTree(targets), far, output_type="coo_matrix")
-    _, shift = _vote(as_complex(points[pairs.row] - targets[pairs.col]), near)
+    close = KDTree(points).sparse_distance_matrix(KDTree(targets), far, output_type="coo_matrix")
+    _, shift = _vote(as_complex(points[close.row] - targets[close.col]), near)
     return np.array([shift.real, shift.imag])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from contactimg.analysis import radial_profiles
 from contactimg.analysis.annuli import annulus_edges, sum_moments
 from contactimg.analysis.area_power_law import area_by_load, fit_area_law, frame_areas
 from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contact_law, pressure_points
@@ -17,12 +18,6 @@ from contactimg.analysis.estimates import COVERAGE, Estimate
 from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress, stress_by_velocity
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, fit_power_law
-from contactimg.analysis.radial_profiles import (
-    average_profile,
-    hertz_profile,
-    normalise_profile,
-    ring_profile,
-)
 from contactimg.errors import InputError
 from contactimg.files import Run
 from contactimg.pipeline.analyse.places import (
@@ -141,9 +136,7 @@ def analyse_places(places: Sequence[Place], options: AnalysisOptions) -> Analysi
     notes = [note for place in places for note in _notes_on_frames(place)]
     friction, density = _friction_table(places), _density(places[0])
     seen = {own: grouped(places, tolerance=options.load_tolerance)}
-    lacking = [
-        f"{place.name} lacks {' and '.join(missing)}" for place in places if (missing := _lacking(place))
-    ]
+    lacking = [f"{place.name} lacks {' and '.join(parts)}" for place in places if (parts := _lacking(place))]
     if options.models and lacking:
         notes.append(f"no model curves: {'; '.join(lacking)}")
     elif options.models:
@@ -165,7 +158,7 @@ def analyse_places(places: Sequence[Place], options: AnalysisOptions) -> Analysi
         pressure_law=PRESSURE_LAW.joined(points),
         friction=friction,
         area_laws=area_laws,
-        contact_laws=_contact_laws(averages, own, notes),
+        contact_laws=_local_laws(averages, own, notes),
         shear_stress=stress,
         smooth_stress=smooth_stress,
         velocity_law=_velocity_law(friction, options, notes),
@@ -293,7 +286,7 @@ def _average_load(
         for model, table in shots.items()
     }
     profiles = [
-        average_profile(list(tables.values()), frame=name, model=model)
+        radial_profiles.average_profile(list(tables.values()), frame=name, model=model)
         for model, tables in moments.items()
         if tables
     ]
@@ -303,11 +296,11 @@ def _average_load(
         rings = fit_or_note(notes, lost, predict_average, scene, caps, load=load, model="gt")
         if rings is not None:
             ring_area = float(rings.frames["area_m2"].iloc[0])
-            profiles.append(ring_profile(rings.profile, edges, frame=name))
+            profiles.append(radial_profiles.ring_profile(rings.profile, edges, frame=name))
     if scene.indenter is not None and scene.elastic is not None:
         smooth = {"sphere_radius": scene.indenter.radius, "contact_modulus": scene.elastic.contact_modulus}
-        profiles.append(hertz_profile(edges, load=load, frame=name, **smooth))
-        normalised = normalise_profile(PROFILE.joined(profiles), load=load, **smooth)
+        profiles.append(radial_profiles.hertz_profile(edges, load=load, frame=name, **smooth))
+        normalised = radial_profiles.normalise_profile(PROFILE.joined(profiles), load=load, **smooth)
     return LoadAverage(name, load, moments, PROFILE.joined(profiles), normalised, ring_area)
 
 
@@ -364,9 +357,7 @@ def _areas(
     return AREA.joined(tables), laws
 
 
-def _contact_laws(
-    averages: list[LoadAverage], own: str, notes: list[str]
-) -> dict[tuple[str, str], BrokenLaw]:
+def _local_laws(averages: list[LoadAverage], own: str, notes: list[str]) -> dict[tuple[str, str], BrokenLaw]:
     """Density and mean radius against the local pressure, of the runs and of the coupled model."""
 
     def law(quantity: str, model: str) -> BrokenLaw:
@@ -385,9 +376,7 @@ def _contact_laws(
 def _friction_table(places: Sequence[Place]) -> pd.DataFrame:
     """Frames with a friction force and an area."""
     columns, own = ["frame", "friction_N", "velocity_m_s"], ["frame", "load_N", "area_m2", "area_std_m2"]
-    tables = [
-        place.loads[columns].merge(place.frames[own], on="frame").assign(place=place.name) for place in places
-    ]
+    tables = [one.loads[columns].merge(one.frames[own], on="frame").assign(place=one.name) for one in places]
     both = pd.concat(tables).dropna(subset=["friction_N", "area_m2"])
     stress = both["friction_N"].abs() / both["area_m2"].where(both["area_m2"] > 0)
     return FRICTION.conform(both.assign(stress_Pa=stress))
