@@ -163,7 +163,7 @@ def _solve(
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = coupling if coupling == "hertz" else coupling_level(scene.effects)
-    field = surrounding_field(scene, asperities, load, coupled=level != "none")
+    field = field_around(scene, asperities, load, coupled=level != "none")
     solution = solve_scene(scene, asperities, load=load, coupling=level, surroundings=field)
     refuse_touching(solution, solution.load)
     return scene, plan, field, solution
@@ -179,9 +179,7 @@ def scene_of_model(scene: Scene, model: str) -> Scene:
     return scene if model == "coupled" else scene.with_effects({"coupling": "off", "full_coupling": "off"})
 
 
-def surrounding_field(
-    scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool
-) -> MeanField | None:
+def field_around(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool) -> MeanField | None:
     """The mean field around a table, if ``[asperities] surroundings`` asks for it."""
     if scene.asperities is None or scene.asperities.surroundings == "none":
         return None

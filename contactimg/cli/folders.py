@@ -214,7 +214,7 @@ QUESTIONS = (
     shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa", default=""),
 )
 APEX = shared.SceneOption(
-    "--apex-mm", "indenter", "apex_m", "Two numbers in quotes.", "found from the contacts"
+    "--apex-mm", "indenter", "apex_m", "Two numbers, quoted.", "found from the contacts"
 )
 
 SHOWN = {

@@ -181,13 +181,9 @@ def on_cluster(place: str) -> Iterator[Cluster]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError(
-            "a cluster needs dask.distributed, which is not installed; pip install distributed"
-        ) from None
+        raise InputError("a cluster needs dask.distributed: pip install distributed") from None
     if "://" not in place and not Path(place).is_file():
-        raise InputError(
-            f"--cluster {place}: neither an address such as tcp://host:8786 nor a scheduler file that exists"
-        )
+        raise InputError(f"--cluster {place}: neither an address like tcp://host:8786 nor a scheduler file")
     where = {"address" if "://" in place else "scheduler_file": place}
     for name in ("distributed", "distributed.client"):  # what it reports is in the errors here
         logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -154,9 +154,7 @@ def polygon_region(name: str, corners: NDArray[np.float64], *, image: int = 0) -
     return Region(0, centre_x, centre_y, radius, radius, lines=(closed,), name=name, image=image)
 
 
-def write_overlay_tiff(
-    image: NDArray, regions: Iterable[Region], path: str | Path, *, pixel_size: float | None
-) -> None:
+def write_overlay(image: NDArray, regions: Iterable[Region], path: Path, *, pixel_size: float | None) -> None:
     """Write a frame as a TIFF that ImageJ opens with the regions as its overlay, whole or not at all.
 
     Parameters
@@ -164,7 +162,7 @@ def write_overlay_tiff(
     image : ndarray, shape (rows, columns)
         Grey levels.
     regions : iterable of Region
-    path : str or Path
+    path : Path
     pixel_size : float or None
         Sample length per pixel, m: ImageJ then measures in um.
     """
@@ -179,9 +177,7 @@ def write_overlay_tiff(
 # --- label images, and layers of napari
 
 
-def label_image(
-    outlines: Sequence[Outline], shape: tuple[int, ...]
-) -> NDArray[np.uint16] | NDArray[np.uint32]:
+def label_image(outlines: Sequence[Outline], shape: tuple[int, ...]) -> NDArray[np.uint16 | np.uint32]:
     """The label of the contact in which the centre of each pixel lies, 0 in none.
 
     Where contacts overlap, the smaller one has the pixel. A contact without the centre of a pixel gets the
@@ -294,9 +290,7 @@ def write_workbook(tables: Sequence[tuple[Schema, pd.DataFrame]], path: Path, *,
     sheets, meanings = {}, []
     for schema, table in tables:
         if len(table) >= 2**20:  # the limit of Excel, header included
-            raise InputError(
-                f"{path}: {len(table):,} rows of {schema.name} do not fit into a sheet; use the CSV"
-            )
+            raise InputError(f"{path}: {len(table):,} rows of {schema.name} do not fit a sheet; use the CSV")
         cells = schema.conform(table)
         if "flags" in cells:
             cells = cells.assign(flags=flag_names(cells["flags"]))

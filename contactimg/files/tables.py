@@ -394,7 +394,7 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
 _UNIT = re.compile(rf"[\[(_/]\s*({'|'.join(PER_NEWTON)})f?\s*[\])]?$")
 _FRICTION = re.compile(r"reib|fric|frott|tang|later|shear|scher|quer|attrito|roz")
 _FRAME = re.compile(
-    r"frame|bild|im[aá]g|img|datei|file|fichier|foto|photo|^(nr|no|num|nummer|number|index|#)\.?$"
+    r"frame|bild|im[aá]?g|datei|file|fichier|foto|photo|^(n[ro]|num|nummer|number|index|#)\.?$"
 )
 
 

@@ -175,9 +175,7 @@ def _blur(measurement: ImageMeasurement) -> float:
 def _choose(measurement: ImageMeasurement, rng: np.random.Generator) -> NDArray[np.float64]:
     """Places, radii and contrasts (grey levels) of contacts to draw, shape (n, 4)."""
     columns = ["x_px", "y_px", "radius_px"]
-    own, others = (
-        table[columns].dropna().to_numpy(float) for table in (measurement.disks, measurement.rejected)
-    )
+    own, others = (one[columns].dropna().to_numpy(float) for one in (measurement.disks, measurement.rejected))
     blur, spread = _blur(measurement), np.nan_to_num(measurement.optics.spread)
     largest = max(float(np.quantile(own[:, 2], 0.95)), LARGEST_BLUR_WIDTHS * blur)
     count = int(np.clip(DRAWN_SHARE * len(own), LEAST_DRAWN, MOST_DRAWN))

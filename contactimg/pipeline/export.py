@@ -57,7 +57,7 @@ def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) 
             if image is not None:
                 file, camera = folder / "fiji" / f"{stem}_overlay.tif", run.scene.camera
                 pixel_size = None if camera is None else camera.pixel_size
-                exports.write_overlay_tiff(image, regions, file, pixel_size=pixel_size)
+                exports.write_overlay(image, regions, file, pixel_size=pixel_size)
         if "labels" in formats and image is not None:
             exports.write_labels(shapes, image.shape, folder / "labels" / f"{stem}_labels.tif")
 

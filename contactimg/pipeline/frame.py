@@ -116,9 +116,7 @@ def measure_frame(
     'ok'
     """
     if contrast is not None and not (isinstance(contrast, Real) and 0 < contrast < np.inf):
-        raise InputError(
-            f"measure_frame: contrast must be a positive number of grey levels, got {contrast!r}"
-        )
+        raise InputError(f"measure_frame: contrast must be a positive number of levels, got {contrast!r}")
     measure = {"method": method, "shape": shape, "threshold": threshold, "blur_px": blur_px}
     keys = {
         "camera": {"pixel_size_m": pixel_size, "linearity": linearity},
@@ -207,9 +205,7 @@ class MeasuredFrame:
 
     def log(self, before: str = "") -> None:
         """Log one line about the frame."""
-        numbers = ", ".join(
-            f"{key} {value:.4g}" for key, value in self.row.items() if isinstance(value, float)
-        )
+        numbers = ", ".join(f"{name} {x:.4g}" for name, x in self.row.items() if isinstance(x, float))
         count = self.row.get("n_contacts", pd.NA)
         found = f"{self.row['status']}, {0 if pd.isna(count) else count} contacts, {numbers}"
         logger.info("%s%s: %s", before, self.row["frame"], found)

@@ -306,9 +306,7 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
     points = calibration.points[calibration.points["used"].astype(bool)]
     count, branches = points["load_N"].nunique(), set(points["branch"])
     if count < 5:
-        notes.append(
-            f"{count} different loads: they hardly test the law and the zero of the loads; take five"
-        )
+        notes.append(f"{count} different loads: they hardly test the law and the zero of loads; take five")
     if len(branches) == 1 and branches != {""}:
         notes.append(f"w is that of {branches.pop()} only; hysteresis of adhesion and drift cannot be seen")
     edge = calibration.edge
@@ -328,9 +326,7 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
         )
     if calibration.sphere.thickness is not None:
         ratio = float(calibration.points["radius_m"].max()) / calibration.sphere.thickness
-        notes.append(
-            f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of the layer"
-        )
+        notes.append(f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of a layer")
     elif calibration.layer_asked is not None:
         thickness, change = calibration.layer_asked
         notes.append(
