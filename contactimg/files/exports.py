@@ -22,6 +22,7 @@ from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi, roiread
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import read_bytes, replacing, write_text
+from contactimg.files.decoders import LOSSLESS
 from contactimg.tables import Schema, flag_names
 from contactimg.tables.outlines import Outline
 
@@ -206,7 +207,7 @@ def write_labels(outlines: Sequence[Outline], shape: tuple[int, ...], path: Path
     """Write the label image of one frame as a TIFF, whole or not at all."""
     labels = label_image(outlines, shape)
     with replacing(path) as part:
-        tifffile.imwrite(part, labels, compression="zlib", metadata=None, software=False)
+        tifffile.imwrite(part, labels, **LOSSLESS)
 
 
 def write_napari_shapes(outlines: Sequence[Outline], path: Path) -> None:
