@@ -21,11 +21,11 @@ from loky import cpu_count, get_reusable_executor
 from loky.backend import resource_tracker
 from loky.process_executor import BrokenProcessPool
 
-from contactimg.engine.cluster import WorkerEndedError, cluster_in_use
+from contactimg.engine.cluster import ENDED, WorkerEndedError, cluster_in_use
 from contactimg.engine.processes import end_workers, keep_workers, live_with_parent, workers_wait
 from contactimg.engine.progress import counted, holding
 from contactimg.errors import ContactimgError, InputError
-from contactimg.timings import Seconds, add, collect_call, is_collecting
+from contactimg.timings import Seconds, add, collect, is_collecting
 
 Result = TypeVar("Result")
 
@@ -214,11 +214,9 @@ class _Processes:
         wait(futures)
 
     def named(self, error: BaseException) -> BaseException:
-        if isinstance(error, BrokenProcessPool):
-            return WorkerEndedError(
-                "ended its process, in the end with no other beside it, perhaps because memory ran out"
-            )
-        return error
+        return (
+            WorkerEndedError(ENDED.format("its process")) if isinstance(error, BrokenProcessPool) else error
+        )
 
 
 @contextmanager
@@ -240,7 +238,10 @@ def _stored(call: tuple[Callable[..., Any], bool], folder: Path | None) -> Itera
 def _call(file: str, *arguments: Any) -> tuple[Any, Seconds]:
     """The result of the function of a file, in a worker, and the times of its steps if they are asked for."""
     function, timed = _read(file)
-    return collect_call(function, *arguments) if timed else (function(*arguments), {})
+    if not timed:
+        return function(*arguments), {}
+    with collect() as seconds:
+        return function(*arguments), seconds
 
 
 @lru_cache(1)
