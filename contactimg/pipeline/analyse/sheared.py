@@ -77,12 +77,7 @@ class Sheared:
         return schema, self.followed[list(schema.columns)]
 
 
-def analyse_shear(
-    places: Sequence[Place],
-    notes: list[str],
-    *,
-    load_tolerance: float,
-) -> Sheared:
+def analyse_shear(places: Sequence[Place], notes: list[str], *, load_tolerance: float) -> Sheared:
     """The contacts of places by asperity, and their laws; what cannot be fitted is added to the notes.
 
     Upper limits need the images: frames in which some asperity of the table does not touch are read again
@@ -146,7 +141,7 @@ def _upper_limits(place: Place, table: pd.DataFrame) -> Values:
             rows.append(index)
     if experiment is None:
         return limits
-    scene, doing = experiment.scene, "looking for contacts not seen"
+    scene = experiment.scene
 
     def unseen(
         frame: Frame, reference: NDArray | None, spots: Values, contacts: Values, numbers: dict[str, float]
@@ -156,7 +151,7 @@ def _upper_limits(place: Place, table: pd.DataFrame) -> Values:
         image, valid = seen.image * np.float32(seen.frame_pair.unit), seen.frame_pair.valid
         return limit_radii(image, spots, contacts=contacts, **numbers, valid=valid)
 
-    measured = for_each_frame(experiment, unseen, jobs, shown=doing)
+    measured = for_each_frame(experiment, unseen, jobs, shown="looking for contacts not seen")
     for index, found in zip(rows, measured, strict=True):
         if isinstance(found, FailedFrame):
             logger.warning("limits of contacts are those of detection: %s", found.row["message"])

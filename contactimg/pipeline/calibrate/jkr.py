@@ -275,10 +275,10 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
     failed = circles["status"] == FAILED
     notes = [
         *frame_notes(circles[~failed]),
-        *(str(text) for text in circles["message"][failed]),
+        *circles["message"][failed],
         *(
-            f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
-            for name in left_out["frame"]
+            left_out["frame"]
+            + ": left out of the fit, its load and radius do not go with those of the others"
         ),
     ]
     zero, stated = calibration.load_zero, calibration.load_cell.zero_std
