@@ -333,10 +333,8 @@ def local_forces(
     """
     elastic, effects = scene.need("elastic", "computing local forces"), scene.effects
     law: local_law.ForceLaw = "sphere" if effects.sphere_profile == "on" else "hertz"
-    body = {
-        "contact_modulus": elastic.contact_modulus,
-        "work_of_adhesion": elastic.work_of_adhesion if effects.adhesion == "on" else 0.0,
-    }
+    adhesion = elastic.work_of_adhesion if effects.adhesion == "on" else 0.0
+    body = {"contact_modulus": elastic.contact_modulus, "work_of_adhesion": adhesion}
     relative = elastic.young_modulus_std / elastic.young_modulus
     radii = sphere_radii(contacts, scene, sites)
     contacts = assign_forces(contacts, radii, law=law, modulus_relative_std=relative, **body)

@@ -122,11 +122,9 @@ def predict_contacts(
     scene, plan, field, solution = _solve(scene, asperities, load, coupling, always_plan=always_plan)
     name, model = frame or load_name(load), "uncoupled" if solution.coupling == "none" else "coupled"
     contacts = solution.contacts(name)
-    contacts["force_hertz_N"] = hertz.load(
-        contacts["radius_m"].to_numpy(float),
-        sphere_radius=solution.composite_radius[solution.touching],
-        contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
-    )
+    radius, spheres = contacts["radius_m"].to_numpy(float), solution.composite_radius[solution.touching]
+    modulus = scene.need("elastic", PURPOSE).contact_modulus
+    contacts["force_hertz_N"] = hertz.load(radius, sphere_radius=spheres, contact_modulus=modulus)
     row = {
         "n_contacts": len(contacts),
         "area_m2": float(contacts["area_m2"].sum()),
@@ -409,17 +407,13 @@ TOUCHING_ACCURACY = 1e-3
 
 
 def find_touching_load(
-    scene: Scene,
-    asperities: pd.DataFrame | None,
-    *,
-    model: Model = "interacting",
-    coupling: Coupling = "auto",
+    scene: Scene, table: pd.DataFrame | None, *, model: Model = "interacting", coupling: Coupling = "auto"
 ) -> float:
     """The load at which the base planes of lens and rubber touch first, N.
 
     Parameters
     ----------
-    scene, asperities
+    scene, table
         As for `predict_contacts`; for ``"gw"`` and ``"gt"`` as for `predict_average`.
     model : {"interacting", "gw", "gt"}
     coupling : str
@@ -436,17 +430,17 @@ def find_touching_load(
         If the model ends before the planes touch, with the smallest gap at the last load that it describes.
     """
     reasons: dict[float, str] = {}
-    table = pd.DataFrame() if asperities is None else asperities
-    if model == "interacting" and table.empty:
+    asperities = pd.DataFrame() if table is None else table
+    if model == "interacting" and asperities.empty:
         raise InputError("the interacting model needs a table of asperities")
 
     @cache
     def gap(load: float) -> float:
         try:
             if model == "interacting":
-                found = _solve(scene, table, load, coupling)[-1].base_gap.least
+                found = _solve(scene, asperities, load, coupling)[-1].base_gap.least
             else:
-                row = predict_average(scene, asperities, load=load, model=model).frames
+                row = predict_average(scene, table, load=load, model=model).frames
                 found = float(row["min_gap_m"].iloc[0])
         except (ModelRangeError, ConvergenceError) as error:
             reasons[load] = str(error)
@@ -455,7 +449,7 @@ def find_touching_load(
             raise InputError("the asperities cover all of the base: no planes are left that could touch")
         return found
 
-    size = _mean_radius(scene.asperities or Asperities(), asperities)
+    size = _mean_radius(scene.asperities or Asperities(), table)
     first = low = high = 1e-2 * scene.need("elastic", PURPOSE).contact_modulus * size**2
     while gap(high) > 0 and high < 1e24 * first:  # beyond nobody looks
         low, high = high, 4 * high

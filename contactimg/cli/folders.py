@@ -85,15 +85,9 @@ def process(
         acts = describe_use(record, method=described.measure.method)
         used = {"calibration": {"file": calibration, "record": record, "acts": acts}} if record else {}
         predictable = described.elastic and described.indenter and described.asperities
-        with shared.results_in(
-            output,
-            folder,
-            described,
-            [*inputs, *experiment.inputs],
-            options=used,
-            main_files=files.RUN_TABLES,
-            then="overlay" if predictable else "",
-        ) as out:
+        how: dict[str, Any] = {"options": used, "then": "overlay" if predictable else ""}
+        how |= {"inputs": [*inputs, *experiment.inputs], "main_files": files.RUN_TABLES}
+        with shared.results_in(output, folder, described, **how) as out:
             series = pipeline.measure_parts(experiment, store=out.part_store())
             frames, facts = pipeline.write_run(series, out.folder, table_format)
             if pictures:

@@ -14,10 +14,7 @@ from contactimg.errors import InputError
 
 @shared.command(shared.NO_PLAUSIBILITY, shared.WORKERS)
 def overlay(
-    run: shared.ExistingFolder,
-    *,
-    output: shared.Output = None,
-    min_radius_px: shared.NonNegative = 1.0,
+    run: shared.ExistingFolder, *, output: shared.Output = None, min_radius_px: shared.NonNegative = 1.0
 ) -> int:
     """Compare the contacts of RUN, an output folder of `process`, with those that the model predicts.
 

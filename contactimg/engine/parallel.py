@@ -111,15 +111,12 @@ def in_parallel(
             # chosen for processes that wait: several times what it takes to write a function to a file and to
             # read it
             if done > 1 and saved > (0.5 if workers_wait() else START_SECONDS):
-                yield from shared(_Processes(processes))
-
-    def shared(takers: Any) -> Iterator[Result]:
-        """Results from workers."""
-        return _in_order(takers, function, items, lost)
+                yield from _in_order(_Processes(processes), function, items, lost)
 
     asked = _Processes(processes) if several and workers is not None and workers > 1 else None
     takers = cluster_in_use.get() or asked
-    return counted(alone() if takers is None else shared(takers), shown, count)
+    results = alone() if takers is None else _in_order(takers, function, items, lost)
+    return counted(results, shown, count)
 
 
 def _in_order(

@@ -298,12 +298,7 @@ def measure_scene_frame(
 
 
 def measure_prepared(
-    frame: Frame,
-    reference: NDArray | None,
-    scene: Scene,
-    *,
-    optics: SharedOptics | None = None,
-    **other: Any,
+    frame: Frame, reference: NDArray | None, scene: Scene, *, optics: SharedOptics | None = None, **other: Any
 ) -> ImageMeasurement:
     """Measure a frame as its scene says (`contactimg.effects.optics.measuring`), with ``optics`` of others.
 

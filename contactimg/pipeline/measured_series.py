@@ -40,10 +40,6 @@ POSE_REACH_FRACTION = 0.05
 """Largest error of the stated centre of the camera, as a fraction of the longer side of the frame. Chosen by
 hand; sensitivity not measured."""
 
-EXCHANGED_SINE = 0.996
-"""Sine of the angle between the pose found and the stated one, mirrored, above which the columns of the
-asperities may be exchanged, which is exactly a right angle. Chosen: 5 degrees from it."""
-
 BORDER_WIDTH, CUT_SHARE = 0.1, 0.1
 """Width of the border of a frame over its shorter side, and share of the area of contact there from which
 contacts beyond it bear load too. By hand, on parts of the frames of SA+: of those that show less than two
@@ -81,11 +77,12 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
         stated = run.scene.camera is not None and run.scene.camera.centre is not None
         place, flag = ", ".join(f"{value:.6g}" for value in pose.centre), str(pose.mirrored).lower()
         keys = f"centre_m = [{place}], rotation_deg = {np.rad2deg(pose.rotation):.4g}, mirrored = {flag}"
-        exchanged = "; are x_m and y_m of the asperities exchanged?" if turned > EXCHANGED_SINE else ""
+        # 0.996 is chosen: within 5 degrees of a right angle, which exchanged columns are when mirrored
+        exchanged = "; are x_m and y_m of the asperities exchanged?" if mirrored and turned > 0.996 else ""
         logger.log(
             logging.WARNING if stated or away else logging.INFO,
             "the camera does not look where [camera] says; %s with [camera] %s: used here%s",
-            *(known, keys, exchanged if mirrored else ""),
+            *(known, keys, exchanged),
         )
     if abs(pose.pixel_size - guess.pixel_size) > fit.LARGEST_SCALE_ERROR * guess.pixel_size:
         logger.warning(

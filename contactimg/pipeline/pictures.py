@@ -162,37 +162,35 @@ def draw_predicted(
     view : overlay.View
         Of the whole frame; the picture shows the part that holds every contact.
     """
-    places = {
-        kind: np.array([(one.x, one.y) for kinds in marked.values() for one in kinds[kind]]).reshape(-1, 2)
-        for kind in MARKS
-    }
-    x, y = np.vstack(list(places.values())).T
+
+    def places(kinds: Iterable[str]) -> Values:
+        shown = [one for contacts in marked.values() for kind in kinds for one in contacts[kind]]
+        return np.array([(one.x, one.y) for one in shown]).reshape(-1, 2)
+
+    every, away = places(MARKS), places([kind for kind in MARKS if kind != "matched"])
+    x, y = every.T
     part, top, left = overlay.crop_to(image, x, y, margin_px=0.05 * max(image.shape))
     zoom = max(1, -(-LEAST_PANEL_PX // part.shape[1]))
     low, high = view.stretch
     view = replace(view, stretch=(low, low + (high - low) / DIMMED), top=top, left=left, zoom=zoom)
     rows, columns = part.shape
     size = np.maximum([columns // INSET_ZOOM, rows // INSET_ZOOM // 2], 1)
-    away = np.vstack([places[kind] for kind in MARKS if kind != "matched"])
-    corner = _busiest(away if len(away) else np.column_stack([x, y]), size) - (left, top)
+    corner = _busiest(away if len(away) else every, size) - (left, top)
     u, v = np.clip(corner, 0, (columns, rows) - size).astype(int).tolist()
     inset = replace(view, top=top + v, left=left + u, zoom=INSET_ZOOM * zoom, pixel_size=None)
     rim = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) * size + (left + u, top + v)
-    frame = overlay.Layer(
-        [Outline(0, float(rim[0, 0]), float(rim[0, 1]), 0.0, 0.0, lines=(rim,))], overlay.HERTZ, ""
-    )
+    box = Outline(0, float(rim[0, 0]), float(rim[0, 1]), 0.0, 0.0, lines=(rim,))
+    smooth = "Hertz, smooth sphere" if hertz_circle else ""
+    circle = overlay.Layer(hertz_circle, overlay.HERTZ, smooth, (16.0, 10.0))
+    rectangle = overlay.Layer([box], overlay.HERTZ, "")
     pictures = []
     for model, kinds in marked.items():
         layers = [
             overlay.Layer(kinds[kind], colour, f"{kind} ({len(kinds[kind])})", dashes, gap, width)
             for kind, (colour, dashes, gap, width) in MARKS.items()
         ]
-        circle = overlay.Layer(
-            hertz_circle, overlay.HERTZ, "Hertz, smooth sphere" if hertz_circle else "", (16.0, 10.0)
-        )
-        whole = overlay.draw_overlay(
-            part, [*layers, circle, frame], replace(view, title=f"{view.title}, {model}")
-        )
+        named = replace(view, title=f"{view.title}, {model}")
+        whole = overlay.draw_overlay(part, [*layers, circle, rectangle], named)
         unnamed = [replace(layer, label="") for layer in layers]
         rims = overlay.Layer(kinds[PREDICTED], overlay.HERTZ, "predicted", (5.0, 5.0), width=0.7)
         title = f"the white rectangle, {INSET_ZOOM} times as large"

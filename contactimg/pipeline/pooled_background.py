@@ -155,10 +155,7 @@ def measure_on_pool(
 
 
 def _with_excess(
-    measured: MeasuredFrame,
-    pool: Pool,
-    background: pooled.PooledBackground,
-    others: Sequence[pooled.Contacts],
+    measured: MeasuredFrame, pool: Pool, background: pooled.PooledBackground, others: list[pooled.Contacts]
 ) -> MeasuredFrame:
     """The uncertainties of the radii with what the background at each rim adds to that of the others."""
     table = measured.contacts
@@ -240,11 +237,7 @@ def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
 
 
 def pool_background(
-    experiment: Experiment,
-    options: FrameOptions,
-    parts: Mapping[int, MeasuredFrame],
-    *,
-    fault: str = "",
+    experiment: Experiment, options: FrameOptions, parts: Mapping[int, MeasuredFrame], *, fault: str = ""
 ) -> Pool | None:
     """The background that the frames of a series show together.
 

@@ -31,12 +31,7 @@ BEYOND_AVERAGES = ("adhesion", "layer", "sphere_profile")
 
 
 def predict_loads(
-    scene: Scene,
-    loads: Sequence[float],
-    *,
-    model: Model,
-    coupling: Coupling,
-    annulus: float,
+    scene: Scene, loads: Sequence[float], *, model: Model, coupling: Coupling, annulus: float
 ) -> list[Prediction]:
     """Predict the contacts of a scene at each load.
 

@@ -276,26 +276,21 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
     notes = [
         *frame_notes(circles[~failed]),
         *circles["message"][failed],
-        *(
-            left_out["frame"]
-            + ": left out of the fit, its load and radius do not go with those of the others"
-        ),
+        *(left_out["frame"] + ": left out of the fit, its load and radius do not go with the others'"),
     ]
     zero, stated = calibration.load_zero, calibration.load_cell.zero_std
     if calibration.zero_asked is not None:
         instead = " instead of a shift of the edge" if calibration.edge and calibration.edge.seen else ""
         notes.append(
-            f"the frames ask for a zero of the loads of {1e3 * calibration.zero_asked:.3g} mN{instead}, "
-            "which was not fitted: state zero_std_N in [load] if the load cell may be off so far, or correct "
-            "the loads"
+            f"the frames ask for a zero of {1e3 * calibration.zero_asked:.3g} mN{instead}, which was not "
+            "fitted: state zero_std_N in [load] if the load cell may be off so far, or correct the loads"
         )
     if zero is not None and calibration.load_zero_seen:
-        beyond = abs(zero.value) > SIGNIFICANT_STDS * stated
+        far = f". This is far more than the {1e3 * stated:.2g} mN stated: check the loads"
         notes.append(
             f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted "
             "and taken off; correct the loads of the other folders of this load cell too"
-            + beyond
-            * f". This is far more than the {1e3 * stated:.2g} mN stated: check the loads"
+            f"{far if abs(zero.value) > SIGNIFICANT_STDS * stated else ''}"
         )
     if calibration.departure:
         rival = calibration.rival and (
@@ -330,8 +325,7 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
     elif calibration.layer_asked is not None:
         thickness, change = calibration.layer_asked
         notes.append(
-            f"the loads ask for an elastic layer about {1e3 * thickness:.2g} mm thick instead of a "
-            f"half-space, which would change E by {100 * change:+.2g} %: measure it and state thickness_m in "
-            "[elastic]"
+            f"the loads ask for an elastic layer about {1e3 * thickness:.2g} mm thick, which would change E "
+            f"by {100 * change:+.2g} %: measure it and state thickness_m in [elastic]"
         )
     return [*notes, *cell_notes(scene)]
