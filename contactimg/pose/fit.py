@@ -241,7 +241,9 @@ def _refine(
     for _ in range(pairs.ROUNDS):
         i, j, distance = pairs.pair_points(as_real(alpha * turned + beta), as_real(spots), max_distance=reach)
         now = (tuple(i), tuple(j))
-        if now == before or len(i) < MIN_PAIRS:
+        if len(i) < MIN_PAIRS:
+            return PoseFit(guess, n_points=len(points))
+        if now == before:
             break
         before = now
         design = np.column_stack([turned[i], np.ones(len(i))])
@@ -251,22 +253,11 @@ def _refine(
         reach = min(gate, max(pairs.OUTLIER_SIGMA * std, pairs.MIN_PAIRING_PX * guess.pixel_size))
     size, turn = float(abs(alpha)), float(np.angle(alpha) if mirrored else -np.angle(alpha))
     centre = (float(beta.real), float(beta.imag))
-    return PoseFit(
-        replace(guess, pixel_size=size, centre=centre, rotation=turn, mirrored=mirrored),
-        fitted=True,
-        n_points=len(points),
-        n_matched=len(i),
-        residual=float(np.sqrt(np.mean(distance**2))) if len(i) else np.nan,
-        length_relative_std=_scale_std(turned[i], distance) / size,
-    )
-
-
-def _scale_std(points: Points, distance: NDArray[np.float64]) -> float:
-    """Standard uncertainty of the modulus of alpha from the residual distances of the pairs."""
-    if len(points) < MIN_PAIRS:
-        return 0.0
-    variance = float(np.sum(distance**2)) / (2 * len(points) - 4)
-    return float(np.sqrt(variance / np.sum(np.abs(points - points.mean()) ** 2)))
+    pose = replace(guess, pixel_size=size, centre=centre, rotation=turn, mirrored=mirrored)
+    squares, spread = np.sum(distance**2), np.sum(np.abs(turned[i] - turned[i].mean()) ** 2)
+    size_std = np.sqrt(squares / (2 * len(i) - 4) / spread)  # of the modulus of alpha
+    quality = {"residual": float(np.sqrt(squares / len(i))), "length_relative_std": float(size_std / size)}
+    return PoseFit(pose, fitted=True, n_points=len(points), n_matched=len(i), **quality)
 
 
 def as_complex(points: NDArray) -> Points:
