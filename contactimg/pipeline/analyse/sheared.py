@@ -1,7 +1,7 @@
 """Contacts of runs by asperity: the table with upper limits from the images, and laws under shear."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,33 +43,27 @@ class Sheared:
     laws: tuple[ShearLaws, ...] = ()
     beta: RateLaw | None = None
 
-    def rows(self) -> list[tuple[str, Estimate, str, str, int]]:
+    def rows(self) -> Iterator[tuple[str, Estimate, str, str, int]]:
         """Quantity, its estimate, unit, note and number of points, for results.csv."""
-        rows = []
         for law in self.laws:
-            at, total = f" at P = {law.load:.4g} N", law.total
-            fits = [
-                ("shear_area", total.start, "m2", "A0 of A = A0 - alpha Q^2, sum of the contacts"),
-                ("shear_area_rate", total.rate, "m2/N2", "alpha of the sum"),
-            ]
-            axes = (("along", law.along), ("across", law.across))
-            fits += [
-                (f"shear_axis_{name}_rate", axis.rate, "m/N2", f"k of a0 - k Q^2, mean half-axis {name} Q")
-                for name, axis in axes
-                if axis is not None
-            ]
+            total, at, count = law.total, f" at P = {law.load:.4g} N", law.total.n_points
+            yield "shear_area", total.start, "m2", "A0 of A = A0 - alpha Q^2, sum of the contacts" + at, count
+            yield "shear_area_rate", total.rate, "m2/N2", "alpha of the sum" + at, count
+            for name, axis in (("along", law.along), ("across", law.across)):
+                if axis is not None:
+                    note = f"k of a0 - k Q^2, mean half-axis {name} Q{at}"
+                    yield f"shear_axis_{name}_rate", axis.rate, "m/N2", note, count
             if total.start.value > total.rate.value * law.largest**2:
-                sigma = fit_strength(total, law.largest)
-                note = "Q/A(Q) of the largest tangential load: sigma, if the contact slides there"
-                fits.append(("shear_strength_at_largest", sigma, "Pa", note))
-            rows += [(name, found, unit, note + at, total.n_points) for name, found, unit, note in fits]
+                note = f"Q/A(Q) of the largest tangential load: sigma, if the contact slides there{at}"
+                yield "shear_strength_at_largest", fit_strength(total, law.largest), "Pa", note, count
         if self.beta is not None:
-            note = "of single contacts, alpha = beta A0^(-3/2); loads shared as the areas"
-            same, n_points = "the same with a free exponent", self.beta.n_points
-            rows.append(("shear_beta", self.beta.beta, "m5/N2", note, n_points))
+            note, count = (
+                "of single contacts, alpha = beta A0^(-3/2); loads shared as the areas",
+                self.beta.n_points,
+            )
+            yield "shear_beta", self.beta.beta, "m5/N2", note, count
             if np.isfinite(self.beta.exponent.value):
-                rows.append(("shear_rate_exponent", self.beta.exponent, "1", same, n_points))
-        return rows
+                yield "shear_rate_exponent", self.beta.exponent, "1", "the same with a free exponent", count
 
     def table(self) -> tuple[Schema, pd.DataFrame]:
         """The table asperities.csv, with the column ``place`` where there are several."""
