@@ -14,6 +14,8 @@ from contactimg.pipeline.pictures import file_stem
 from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED
 from contactimg.tables.outlines import REJECTED_COLOUR, kind_of
 
+Regions = Iterable[exports.Region]
+
 SAME_PX = 0.02
 """Largest change of position or radius of a region that counts as none. Chosen: well above the rounding of
 ImageJ's numbers (1e-4 px), well below what a hand can mean."""
@@ -106,9 +108,7 @@ def frame_sources(run: Run) -> dict[str, FrameSource]:
     return {frame.name: replace(frame, correct=None) for frame in frames if frame.name not in failed}
 
 
-def edits_from_regions(
-    run: Run, path: Path, *, frame: str | None, author: str = "", time: str = ""
-) -> pd.DataFrame:
+def edits_from_regions(run: Run, path: Path, *, frame: str | None, author: str, time: str) -> pd.DataFrame:
     """Edits that turn an exported frame into the regions of a file.
 
     Parameters
@@ -145,11 +145,7 @@ def edits_from_regions(
 
 
 def edits_between(
-    contacts: pd.DataFrame,
-    exported: Iterable[exports.Region],
-    corrected: Iterable[exports.Region],
-    *,
-    program: str,
+    contacts: pd.DataFrame, exported: Regions, corrected: Regions, *, program: str
 ) -> pd.DataFrame:
     """Edits that turn the regions of a frame's contacts into those that came back.
 

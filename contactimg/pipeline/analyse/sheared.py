@@ -84,8 +84,7 @@ def analyse_shear(places: Sequence[Place], notes: list[str], *, load_tolerance: 
                 notes.append(f"{place.name}: no laws under shear: no contact has an asperity")
             continue
         table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
-        limits = _upper_limits(place, table)
-        table = table.assign(radius_upper_m=limits)
+        table = table.assign(radius_upper_m=_upper_limits(place, table))
         tables.append(table if len(places) == 1 else table.assign(place=place.name))
         if not place.loads["tangential_N"].any():
             continue
@@ -93,15 +92,17 @@ def analyse_shear(places: Sequence[Place], notes: list[str], *, load_tolerance: 
         resting = table[table["frame"].isin(still) & table["tangential_N"].notna() & table["load_N"].notna()]
         direction = place.scene.load.tangential_direction
         angle = direction if place.pose is None else float(place.pose.angle_in_image(direction))
-        loads, before = resting["load_N"].to_numpy(float), len(laws)
+        loads, own = resting["load_N"].to_numpy(float), list[ShearLaws]()
         said = f"{place.name}: no laws under shear: no frame at rest has a normal and a tangential load"
         for _, part in resting.groupby(group_loads(loads, tolerance=load_tolerance)):
             try:
-                laws.append(fit_shear_laws(part, place.frames, direction=angle))
+                own.append(fit_shear_laws(part, place.frames, direction=angle))
             except ContactimgError as error:
                 said = f"{place.name}: {error}"
-        notes += [said] if len(laws) == before else []
-        if len(laws) > before and all(law.along is None for law in laws[before:]):
+        laws += own
+        if not own:
+            notes.append(said)
+        elif all(law.along is None for law in own):
             notes.append(
                 f"{place.name}: no laws of half-axes: no contact was measured as an ellipse in all frames; "
                 'process with [measure] shape = "ellipse"'
