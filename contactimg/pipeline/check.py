@@ -25,7 +25,7 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.edge_shape import Edge, Nodes
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
 from contactimg.pipeline.each_frame import for_each_frame, measured_and_failed
-from contactimg.pipeline.frame import FrameOptions, measure_prepared
+from contactimg.pipeline.frame import FrameOptions, film_setting, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.tables import CHECK, DRAWN
 
@@ -88,7 +88,7 @@ def check_experiment(experiment: Experiment, *, seed: int = 1) -> MeasurementChe
         If no frame shows a contact, whose contrast and blur are needed; the message gives the first reason.
     """
     _, sites = asperities_and_sites(experiment)
-    options = FrameOptions.of(experiment.scene, sites)
+    options = FrameOptions(experiment.scene, film_setting(experiment.scene, sites))
     call = partial(_check_frame, options=options, seed=seed)
     results = for_each_frame(experiment, call, shown="checking frames")
     nothing = "no frame shows contacts like which others could be drawn"

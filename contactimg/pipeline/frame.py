@@ -220,16 +220,11 @@ class FrameOptions:
     scene : Scene
         Its ``[measure]``, ``[images]`` and ``[effects]`` apply.
     film : FilmSetting or None
-        Rim that the air film may draw around the contacts.
+        Rim that the air film may draw around the contacts, from `film_setting`.
     """
 
     scene: Scene
     film: FilmSetting | None
-
-    @classmethod
-    def of(cls, scene: Scene, sites: pd.DataFrame | None) -> "FrameOptions":
-        """The settings of a scene with these composite summits."""
-        return cls(scene, film_setting(scene, sites))
 
 
 def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None:

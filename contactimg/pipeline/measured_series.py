@@ -78,12 +78,9 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
         place, flag = ", ".join(f"{value:.6g}" for value in pose.centre), str(pose.mirrored).lower()
         keys = f"centre_m = [{place}], rotation_deg = {np.rad2deg(pose.rotation):.4g}, mirrored = {flag}"
         # 0.996 is chosen: within 5 degrees of a right angle, which exchanged columns are when mirrored
-        exchanged = "; are x_m and y_m of the asperities exchanged?" if mirrored and turned > 0.996 else ""
-        logger.log(
-            logging.WARNING if stated or away else logging.INFO,
-            "the camera does not look where [camera] says; %s with [camera] %s: used here%s",
-            *(known, keys, exchanged),
-        )
+        hint = "; are x_m and y_m of the asperities exchanged?" if mirrored and turned > 0.996 else ""
+        said = f"the camera does not look where [camera] says; {known} with [camera] {keys}: used here{hint}"
+        logger.log(logging.WARNING if stated or away else logging.INFO, said)
     if abs(pose.pixel_size - guess.pixel_size) > fit.LARGEST_SCALE_ERROR * guess.pixel_size:
         logger.warning(
             "contacts fall on asperities with [camera] pixel_size_m = %.4g, not %.4g: used here; is "

@@ -17,7 +17,7 @@ from contactimg.imaging.profile.limits import FEWEST
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline import pooled_background as pooling
 from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
-from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
+from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, film_setting, measure_scene_frame
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus, read_reference
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.plausibility import doubts_about_scene, settle
@@ -68,7 +68,7 @@ def measure_parts(experiment: files.Experiment, *, store: files.PartStore | None
     scene = experiment.scene
     check_modulus(scene)
     asperities, sites = asperities_and_sites(experiment)
-    parts = _measure_frames(experiment, FrameOptions.of(scene, sites), store=store)
+    parts = _measure_frames(experiment, FrameOptions(scene, film_setting(scene, sites)), store=store)
     for k, part in enumerate(parts):  # own_optics is the largest part of a frame
         row = part.row | {"load_N": experiment.load_of(part.row["frame"])}
         parts[k] = replace(part, row=row, own_optics=None)
