@@ -228,10 +228,8 @@ def _around_the_table(
 ) -> str:
     """A sentence on what lies around the table; empty where the contact region ends inside it."""
     if field is not None:
-        return (
-            f"around the table a mean field carries {field.load:.4g} N on {field.area * 1e6:.4g} mm2, which "
-            "are not in the sums"
-        )
+        carried = f"{field.load:.4g} N on {field.area * 1e6:.4g} mm2"
+        return f"around the table a mean field carries {carried}, which are not in the sums"
     if not load > 0 or _without_mean_field(scene, table):
         return ""
     rectangle = table_rectangle(scene.asperities or Asperities(), table)
@@ -374,10 +372,8 @@ def asperity_density(section: Asperities, asperities: pd.DataFrame | None) -> fl
     sides = np.ptp(table_rectangle(Asperities(), table), axis=1) if len(table) else spans
     if section.generate is None and "side" not in section.model_fields_set:
         if not (many and spans.min() > 0):
-            raise InputError(
-                f"{len(table)} asperities do not tell the area that they stand for; state side_m or "
-                "density_per_m2 in [asperities]"
-            )
+            cure = "state side_m or density_per_m2 in [asperities]"
+            raise InputError(f"{len(table)} asperities do not tell the area that they stand for; {cure}")
         return len(table) / float(np.prod(sides))
     too_small = many and sides.max() < section.side / SIDE_MISMATCH_RATIO
     if too_small or spans.max() > SIDE_MISMATCH_RATIO * section.side:

@@ -171,16 +171,10 @@ def _run_model(places: Sequence[Place]) -> str:
     """The name in tables of the contacts of the runs: "measured" or "predicted", if they go together."""
     for one, other in combinations(places, 2):
         if Path(one.name).resolve() == Path(other.name).resolve() or one.images & other.images:
-            raise InputError(
-                f"{one.name} and {other.name} are runs of the same frames, whose contacts would count as "
-                "those of two places; give one of them"
-            )
+            raise InputError(f"{one.name} and {other.name} are runs of the same frames; give one of them")
     predicted = {place.predicted for place in places}
     if len(predicted) > 1:
-        raise InputError(
-            "measured and predicted runs are given together; analyse the outputs of `process` and those of "
-            "`predict` apart"
-        )
+        raise InputError("measured and predicted runs are given together; analyse them apart")
     for difference in differences(places):
         logger.warning(difference)
     return "predicted" if predicted == {True} else "measured"

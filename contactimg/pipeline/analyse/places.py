@@ -112,11 +112,7 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
     run = read_run(folder)
     scene, pose = run.scene, None if run.pose is None else run.pose.pose
     if (run.frames["status"] == Status.NO_POSE).any():
-        logger.warning(
-            "%s: contacts fall on no asperity, so the apex is where the scene states it; profiles and local "
-            "pressures depend on that",
-            run.folder,
-        )
+        logger.warning("%s: contacts fall on no asperity: profiles are about the stated apex", run.folder)
     shown = run.frames.loc[run.frames["n_contacts"].fillna(0) > 0, "frame"]
     names = set(shown.str.replace(r"\[\d+\]$", "", regex=True))  # of a stack the file
     used = run.provenance["configuration"].get("options", {}).get("calibration") or {}
