@@ -79,10 +79,8 @@ def read_regions(path: str | Path) -> list[Region]:
     try:
         rois = roiread(path)
     except Exception:  # whatever a damaged file makes of the decoder
-        raise InputError(
-            f"{path}: is not an ImageJ ROI file; save the regions with the ROI Manager (.roi, .zip), or the "
-            "frame with its overlay as TIFF"
-        ) from None
+        cure = "save the regions with the ROI Manager (.roi, .zip), or the frame with its overlay as TIFF"
+        raise InputError(f"{path}: is not an ImageJ ROI file; {cure}") from None
     found = map(_region, rois if isinstance(rois, list) else [rois])
     regions = [region for region in found if region is not None]
     if not regions:

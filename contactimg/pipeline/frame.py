@@ -255,10 +255,8 @@ def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None
         return None
     camera = scene.need("camera", 'measuring with [effects] film = "on"')
     if not np.isfinite(radius):
-        raise InputError(
-            '[effects] film = "on" needs the radius of the asperities; give [asperities] radius_m, or a file '
-            'with it, or set film = "off"'
-        )
+        cure = 'give [asperities] radius_m, or a file with it, or set film = "off"'
+        raise InputError(f'[effects] film = "on" needs the radius of the asperities; {cure}')
     rim = FilmRim(lamp(scene.light), radius, camera.pixel_size)
     return FilmSetting(rim, asked, scene.measure.film_doubt)
 

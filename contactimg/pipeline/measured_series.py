@@ -98,11 +98,8 @@ def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -
         return None
     stated = "apex" in scene.indenter.model_fields_set or (shown is None and asperities is None)
     if not stated and shown is None:
-        logger.warning(
-            "[indenter] apex_m is not stated, and the contacts do not show it: (%g, %g) m is taken; state it "
-            "for overlay and analyse",
-            *scene.indenter.apex,
-        )
+        said = "[indenter] apex_m is not stated, and the contacts do not show it: (%g, %g) m is taken"
+        logger.warning(f"{said}; state it for overlay and analyse", *scene.indenter.apex)
     return Apex(scene.indenter.apex) if stated else shown
 
 

@@ -78,10 +78,8 @@ def compare_run(run: Run, asperities: pd.DataFrame, *, min_radius_px: float = 1.
         run.scene.need(section, "comparing with a contact model")
     loaded, shown = run.frames["load_N"].notna(), run.frames["n_contacts"].notna()
     if not loaded.any():
-        raise InputError(
-            "there is nothing to compare: no frame of the run has a load; run `process` again with a table "
-            "of loads, loads.csv or [images] loads"
-        )
+        cure = "run `process` again with a table of loads, loads.csv or [images] loads"
+        raise InputError(f"there is nothing to compare: no frame of the run has a load; {cure}")
     if not (loaded & shown).any():
         raise InputError("there is nothing to compare: no frame with a load could be measured")
     frames = run.frames[loaded & shown]

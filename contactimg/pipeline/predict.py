@@ -89,10 +89,8 @@ def predict_loads(
 def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
     """Raise `InputError` for what a statistical model cannot represent."""
     if coupling != "auto":
-        raise InputError(
-            f'model "{model}" has no levels of coupling, got coupling "{coupling}"; leave it out, or '
-            'take the model "interacting"'
-        )
+        cure = 'leave it out, or take the model "interacting"'
+        raise InputError(f'model "{model}" has no levels of coupling, got coupling "{coupling}"; {cure}')
     ordered = [name for name in BEYOND_AVERAGES if getattr(scene.effects, name) == "on"]
     if ordered:
         raise InputError(
