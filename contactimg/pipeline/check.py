@@ -29,18 +29,6 @@ from contactimg.pipeline.frame import FrameOptions, film_setting, measure_prepar
 from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.tables import CHECK, DRAWN
 
-MOST_DRAWN, LEAST_DRAWN, DRAWN_SHARE = 60, 8, 0.25
-"""Contacts drawn into a frame: at most and at least, and of the number of its own. By hand: they do not make
-another frame of it."""
-SMALLEST_BLUR_WIDTHS, LARGEST_BLUR_WIDTHS = 0.3, 6.0
-"""Radii drawn: from contacts that no frame shows; up to at least where a contact shows its plateau."""
-CLASSES = 8
-"""Classes of radii, equally wide in ln(radius)."""
-REACH_PX, REACH = 1.5, 0.5
-"""A drawn contact is found within the larger of this distance and this share of its radius."""
-LOCAL_PX = 5
-"""Side of the square, in every other pixel, whose mean is the light at a place. By hand: the smallest free
-place."""
 FOUND = 0.9
 """Share of the drawn contacts from which a class counts as found, in the sentence."""
 
@@ -102,7 +90,7 @@ def check_experiment(experiment: Experiment, *, seed: int = 1) -> MeasurementChe
 def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
     """Completeness, errors and coverage by classes of the true radius: `contactimg.tables.CHECK`."""
     radius, error = drawn["radius_px"], drawn["measured_px"] - drawn["radius_px"]
-    edges = np.geomspace(radius.min() * (1 - 1e-9), radius.max() * (1 + 1e-9), CLASSES + 1)
+    edges = np.geomspace(radius.min() * (1 - 1e-9), radius.max() * (1 + 1e-9), 9)  # eight classes
     apart, missed = error.abs() / drawn["measured_std_px"], drawn["found"] == 0
     columns = {"error": error, "square": error**2}
     columns |= {f"within_{n}": apart.le(n).astype(float).mask(missed) for n in (1, 2)}
@@ -157,8 +145,8 @@ def _check_frame(
     drawn = replace(frame, image=draw_contacts(frame.image, before, disks, rng))
     after = measure_prepared(drawn, reference, options.scene, film=options.film).disks
     table = pd.DataFrame(disks, columns=["x_px", "y_px", "radius_px", "contrast"]).assign(frame=frame.name)
-    # the nearest measured contact, if it is near enough
-    reach = np.maximum(REACH_PX, REACH * disks[:, 2])
+    # the nearest measured contact, within 1.5 px or half the radius of the drawn one
+    reach = np.maximum(1.5, 0.5 * disks[:, 2])
     distance, nearest = cKDTree(after[["x_px", "y_px"]].to_numpy(float).reshape(-1, 2)).query(disks[:, :2])
     found = distance < reach
     measured = after[["radius_px", "radius_std_px"]].reindex(np.where(found, nearest, -1))
@@ -177,9 +165,10 @@ def _choose(measurement: ImageMeasurement, rng: np.random.Generator) -> NDArray[
     columns = ["x_px", "y_px", "radius_px"]
     own, others = (one[columns].dropna().to_numpy(float) for one in (measurement.disks, measurement.rejected))
     blur, spread = _blur(measurement), np.nan_to_num(measurement.optics.spread)
-    largest = max(float(np.quantile(own[:, 2], 0.95)), LARGEST_BLUR_WIDTHS * blur)
-    count = int(np.clip(DRAWN_SHARE * len(own), LEAST_DRAWN, MOST_DRAWN))
-    radii = np.exp(rng.uniform(np.log(SMALLEST_BLUR_WIDTHS * blur), np.log(largest), count))
+    # from contacts that no frame shows to at least those that show their plateau
+    smallest, largest = 0.3 * blur, max(float(np.quantile(own[:, 2], 0.95)), 6.0 * blur)
+    count = int(np.clip(0.25 * len(own), 8, 60))  # by hand: they do not make another frame of it
+    radii = np.exp(rng.uniform(np.log(smallest), np.log(largest), count))
     valid = measurement.foreground.frame_pair.valid
     free = np.ones(measurement.difference.shape, np.uint8) if valid is None else valid.astype(np.uint8)
     clear_disks(free, np.vstack([own, others]))
@@ -242,5 +231,6 @@ def _local_light(image: NDArray) -> NDArray[np.float32]:
     """Mean light around each pixel, of every other row and column: a colour mosaic remains one."""
     light = np.nan_to_num(image.astype(np.float32))
     for y, x in np.ndindex(2, 2):
-        light[y::2, x::2] = cv2.blur(np.ascontiguousarray(light[y::2, x::2]), (LOCAL_PX, LOCAL_PX))
+        # by hand: so large is the smallest free place
+        light[y::2, x::2] = cv2.blur(np.ascontiguousarray(light[y::2, x::2]), (5, 5))
     return light

@@ -16,10 +16,6 @@ from contactimg.tables.outlines import REJECTED_COLOUR, kind_of
 
 Regions = Iterable[exports.Region]
 
-SAME_PX = 0.02
-"""Largest change of position or radius of a region that counts as none. Chosen: well above the rounding of
-ImageJ's numbers (1e-4 px), well below what a hand can mean."""
-
 REJECTED_PREFIX = "rejected_"
 """Prefix of the names of regions that are no contacts; they may be deleted or kept."""
 
@@ -173,7 +169,8 @@ def edits_between(
         if place is not None:
             ours = (region, before[region.name])
             now, old = ((one.x, one.y, one.semi_major, one.semi_minor) for one in ours)
-            if np.abs(np.subtract(now, old)).max() < SAME_PX:
+            # chosen: well above the rounding of ImageJ's numbers (1e-4 px), well below what a hand can mean
+            if np.abs(np.subtract(now, old)).max() < 0.02:
                 continue
             why = "moved"
             rows.append(place | {"action": "exclude", "reason": f"moved in {program}"})

@@ -36,10 +36,6 @@ process has some blocks waiting."""
 
 _TABLES = (CONTACTS, FRAMES, REJECTED, OUTLINES)
 
-POSE_REACH_FRACTION = 0.05
-"""Largest error of the stated centre of the camera, as a fraction of the longer side of the frame. Chosen by
-hand; sensitivity not measured."""
-
 BORDER_WIDTH, CUT_SHARE = 0.1, 0.1
 """Width of the border of a frame over its shorter side, and share of the area of contact there from which
 contacts beyond it bear load too. By hand, on parts of the frames of SA+: of those that show less than two
@@ -68,7 +64,8 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
         return fit.PoseFit(guess)
     shift = frame_shift(run.frames, run.frames["frame"].iloc[0])
     x_px, y_px = run.contacts["x_px"] - shift[0], run.contacts["y_px"] - shift[1]
-    reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
+    # the stated centre may err by 5 % of the longer side: chosen by hand; sensitivity not measured
+    reach = 0.05 * max(guess.shape) * guess.pixel_size
     found = fit.fit_pose(x_px, y_px, sites[["x_m", "y_m"]], guess, largest_shift=reach)
     pose, known = found.pose, f"{found.n_matched} of {found.n_points} contacts fall on asperities"
     turned, mirrored = np.abs(np.sin(pose.rotation - guess.rotation)), pose.mirrored != guess.mirrored

@@ -23,12 +23,8 @@ from contactimg.tables.outlines import KINDS_OF_CONTACTS, REJECTED_COLOUR, Outli
 
 Values = NDArray[np.float64]
 
-SAMPLED_FRAMES = 8
-"""Frames that the stretch is taken from. Chosen: a fraction of a second."""
 GAP_PX = 2.0
 """Distance of the ring from the contact. Chosen: leaves the rim free up to a blur of 1.4 px."""
-DIMMED = 0.5
-"""Brightness of frames under predictions. Chosen: lines on the rims of bright contacts stand out in print."""
 MARKS: dict[str, tuple[str, tuple[float, ...], float, float]] = {
     "matched": (overlay.MEASURED, (), 0.0, 1.5),
     "measured, not predicted": (overlay.COUPLED, (), GAP_PX, 3.0),
@@ -100,7 +96,7 @@ def draw_frames(
 def series_stretch(sources: Sequence[FrameSource]) -> tuple[float, float]:
     """Grey levels that are shown black and white in every frame of a series."""
     levels = []
-    for source in evenly_spread(sources, SAMPLED_FRAMES):
+    for source in evenly_spread(sources, 8):  # chosen: a fraction of a second
         with suppress(FrameError):
             levels.append(overlay.black_and_white(source.read().image))
     known = [one for one in levels if one]
@@ -172,7 +168,8 @@ def draw_predicted(
     part, top, left = overlay.crop_to(image, x, y, margin_px=0.05 * max(image.shape))
     zoom = max(1, -(-LEAST_PANEL_PX // part.shape[1]))
     low, high = view.stretch
-    view = replace(view, stretch=(low, low + (high - low) / DIMMED), top=top, left=left, zoom=zoom)
+    # half as bright, by hand: lines on the rims of bright contacts stand out in print
+    view = replace(view, stretch=(low, low + 2 * (high - low)), top=top, left=left, zoom=zoom)
     rows, columns = part.shape
     size = np.maximum([columns // INSET_ZOOM, rows // INSET_ZOOM // 2], 1)
     corner = _busiest(away if len(away) else every, size) - (left, top)

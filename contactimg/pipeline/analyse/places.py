@@ -34,9 +34,6 @@ Result = TypeVar("Result")
 Tables = tuple[pd.DataFrame, pd.DataFrame]
 """Contacts and frames of several places, whose names are in the column ``place``."""
 
-SAME_NUMBER = 0.01
-"""Relative difference up to which two stated lengths or moduli are taken for the same. Chosen."""
-
 CHANCE = 1e-4
 """Probability of asperities as different as these on one surface, below which they are taken for those of
 another. Chosen: a false alarm in 200 analyses of twenty-four places."""
@@ -215,7 +212,7 @@ def differences(places: Sequence[Place]) -> Iterator[str]:
         first = places[0]
         for section, key in STATED:
             one, two = (float(run.scene.source.get(section, {}).get(key, np.nan)) for run in (first, place))
-            if abs(two - one) > SAME_NUMBER * max(abs(one), abs(two)):
+            if abs(two - one) > 0.01 * max(abs(one), abs(two)):  # chosen: up to 1 % they are the same
                 yield (
                     f"[{section}] {key} is {one:g} in {first.name} and {two:g} in {place.name}: averaged "
                     f"as places of one surface under one lens, with the value of {first.name}"

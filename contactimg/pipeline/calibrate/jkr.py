@@ -37,9 +37,6 @@ from contactimg.tables import CIRCLES, FAILED
 
 # --- the circle of each frame
 
-BEYOND_FILM_PX = 12.0
-"""Width of the background that is sampled outside the film. Chosen by hand; sensitivity not measured."""
-
 CURVATURE_STD_PER_EXCESS = 0.75 / 3**0.5
 """Relative standard uncertainty of the sphere's radius, of which only one direction may be known, over the
 excess of the axis ratio over 1. Theory: the axes of Hertz's ellipse are as the radii of curvature to the
@@ -110,7 +107,8 @@ def measure_circles(experiment: Experiment) -> CircleSeries:
         valid = None if seen is None else seen > 0
         circle = find_circle(image, contrast, valid=valid)
         for _ in range(2):  # the second time about the circle that a sharp edge gives
-            outside_px = model.film_px(circle.radius_px) + BEYOND_FILM_PX
+            # the film and 12 px of background, chosen by hand; sensitivity not measured
+            outside_px = model.film_px(circle.radius_px) + 12.0
             samples = sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
             circle = fit_circle(samples, model, opening=np.inf)
         names = ("status", "message", "shift_x_px", "shift_y_px")
