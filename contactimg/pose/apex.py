@@ -24,10 +24,6 @@ TURNS = np.array([[np.cos(_ANGLES), -np.sin(_ANGLES)], [np.sin(_ANGLES), np.cos(
 """Rotations about the centre, to places where contacts out of view are to be expected. Chosen: with quarter
 turns an apex at a corner of the view is off by half as much again, with finer ones by no less."""
 
-UNKNOWN_OF_CUT = 0.5
-"""Part of what the contacts out of view change that counts as unknown. Chosen: asperities out of view differ
-from those in view; with 0.3 corners of SA+ are up to 5 standard uncertainties off, with 0.5 up to 3.7."""
-
 REGION_SHARE = 0.95
 """Share of the contact area within the circle that counts as the contact region. Chosen: in random patterns
 of 200 contacts the 68 and 95 % intervals hold for whole regions; of those that lack a tenth of their width
@@ -127,7 +123,9 @@ def find_apex(
     centre = found[-1][:2]
     per_centre = np.column_stack([np.eye(2), 2 * centre / scale]) / (2 * curvature)
     variance = scale**2 * np.einsum("ij,jk,ik->i", per_centre, covariance[1:, 1:], per_centre)
-    cut = (found[-1] - found[0]) * UNKNOWN_OF_CUT + (found[-1] - found[-2])
+    # half of what contacts out of view change counts as unknown, since their asperities differ. Chosen:
+    # corners of SA+ are then up to 3.7 standard uncertainties off, with 0.3 in place of 0.5 up to 5
+    cut = (found[-1] - found[0]) * 0.5 + (found[-1] - found[-2])
     std = np.sqrt(variance + cut[:2] @ cut[:2] + (scale / 2 * cut[2] / radius) ** 2)
     if not (std < scale).all():
         return None

@@ -33,10 +33,6 @@ SIGNIFICANT_FRACTION = 0.5
 """A pose must explain this fraction of the points to replace the guess, or to agree with a prediction.
 Chosen: a right one explains 0.9, one with a wrong apex next to nothing."""
 
-VOTING_POINTS = 40
-"""Contacts that vote, those closest together: few turn little when the rotation is a step off. Chosen: all
-rotations of a frame of 100 contacts over 2,500 asperities then take seconds."""
-
 LARGEST_TURN_RAD = np.deg2rad(3.0)
 """Rotations that are tried around each of the quarter turns. Chosen: a camera that was aligned by hand."""
 
@@ -46,10 +42,6 @@ LARGEST_SCALE_ERROR = 0.03
 MOST_VOTES = 600
 """Rotations times scales that are tried at most; where contacts lie too far apart for that, fewer of them
 vote. Chosen: ten seconds."""
-
-REFINED_CANDIDATES = 5
-"""Shifts with the most votes that are refined. Chosen by hand; the true one has many times the votes of
-others."""
 
 FALSE_ALARM_RATE = 1e-6
 """Probability that a pose is accepted although asperities and contacts have nothing to do with each other."""
@@ -158,7 +150,8 @@ def _search(
         votes.append((count, alpha, beta, mirrored))
         if count >= NEARLY_ALL * len(middle):
             break
-    starts = [vote[1:] for vote in sorted(votes, key=lambda vote: -vote[0])[:REFINED_CANDIDATES]]
+    # five by hand: the true shift has many times the votes of others
+    starts = [vote[1:] for vote in sorted(votes, key=lambda vote: -vote[0])[:5]]
     fits = [_refine(points, spots, guess, start, gate) for start in starts]
     best, (alpha, beta, mirrored) = max(zip(fits, starts, strict=True), key=lambda pair: pair[0].n_matched)
     # as many shifts were tried as pairing distances fit into the area
@@ -182,7 +175,9 @@ def _voters(
     points: Points, guess: Pose, gate: float, quarters: tuple[int, ...]
 ) -> tuple[Points, list[tuple[complex, bool]]]:
     """Points that vote, and what they vote on: fewer points where these would be too many poses."""
-    count = min(VOTING_POINTS, len(points))
+    # those closest together turn little when the rotation is a step off; 40 are chosen: all rotations of 100
+    # contacts over 2,500 asperities then take seconds
+    count = min(40, len(points))
     distance = KDTree(as_real(points)).query(as_real(points), k=[count])[0]
     ranked = points[np.argsort(np.abs(points - points[np.argmin(distance)]))]
     while True:
