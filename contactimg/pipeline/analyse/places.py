@@ -213,22 +213,16 @@ def differences(places: Sequence[Place]) -> Iterator[str]:
         for section, key in STATED:
             one, two = (float(run.scene.source.get(section, {}).get(key, np.nan)) for run in (first, place))
             if abs(two - one) > 0.01 * max(abs(one), abs(two)):  # chosen: up to 1 % they are the same
-                yield (
-                    f"[{section}] {key} is {one:g} in {first.name} and {two:g} in {place.name}: averaged "
-                    f"as places of one surface under one lens, with the value of {first.name}"
-                )
+                used = f"averaged as places of one surface under one lens, with the value of {first.name}"
+                yield f"[{section}] {key} is {one:g} in {first.name} and {two:g} in {place.name}: {used}"
         caps = [run.asperities for run in (first, place) if run.asperities is not None]
+        caps = [table.assign(height_m=table["height_m"] - table["height_m"].median()) for table in caps]
         for column, name in (("height_m", "heights above their median"), ("radius_m", "radii")):
-            values = [table[column].dropna().to_numpy(float) for table in caps]
-            if column == "height_m":
-                values = [one - np.median(one) for one in values if len(one)]
-            both = sum(len(one) > 0 for one in values) == 2
-            if both and scipy.stats.ks_2samp(values[0], values[1]).pvalue < CHANCE:
+            values = [table[column].dropna().to_numpy(float) for table in caps if table[column].notna().any()]
+            if len(values) == 2 and scipy.stats.ks_2samp(values[0], values[1]).pvalue < CHANCE:
                 stds = " and ".join(f"{np.std(one):.3g}" for one in values)
-                yield (
-                    f"the asperities of {place.name} are not of the surface of {first.name}: their {name} "
-                    f"have standard deviations of {stds} m; analyse the runs apart"
-                )
+                why = f"their {name} have standard deviations of {stds} m; analyse the runs apart"
+                yield f"the asperities of {place.name} are not of the surface of {first.name}: {why}"
 
 
 # --- their frames, and the models of them
