@@ -29,9 +29,6 @@ from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
 
 Values = NDArray[np.float64]
 
-ROUNDING = 1e-9
-"""Relative difference of sums of the same terms in another order. Theory: 1e-16 times the number of terms."""
-
 SUMS = (
     ("area_m2", "visible_area_m2", "area_std_m2"),
     ("force_sum_N", "force_N", "force_sum_std_N"),
@@ -301,7 +298,8 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
         stated = frames[total].to_numpy(float)
         # NaN if no contact of a frame has one
         summed = groups[part].sum(min_count=1).reindex(new["frame"], fill_value=0.0).to_numpy(float)
-        other = measured & np.isfinite(stated) & ~np.isclose(summed, stated, rtol=ROUNDING, atol=0)
+        # sums in another order differ by 1e-16 times the number of terms
+        other = measured & np.isfinite(stated) & ~np.isclose(summed, stated, rtol=1e-9, atol=0)
         new.loc[other, total] = summed[other]
         scaled = other & (stated > 0) & ~(summed <= 0)
         if std is not None:

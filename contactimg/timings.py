@@ -14,9 +14,6 @@ from contextvars import ContextVar
 from time import perf_counter
 from types import FrameType
 
-LOOK_EVERY_SECONDS = 0.005
-"""Chosen: a look takes some microseconds."""
-
 OTHER, WAITING = "other", "waiting for processes"
 """Time outside of this package, and that in which this process waits for the results of others."""
 
@@ -58,7 +55,7 @@ def collect() -> Iterator[Seconds]:
     def look() -> None:
         done, since = False, perf_counter()
         while not done:
-            done, now = ended.wait(LOOK_EVERY_SECONDS), perf_counter()
+            done, now = ended.wait(0.005), perf_counter()  # s, chosen: a look takes some microseconds
             seconds[_step(sys._current_frames().get(thread))] += now - since
             since = now
 

@@ -331,14 +331,6 @@ def outlines_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
     return OUTLINES.joined(parts)
 
 
-_LENGTHS_AND_AREAS = [
-    (name, power)
-    for name, _, power in (column.rpartition("_px") for column in CONTACTS.columns)
-    if f"{name}_m{power}" in CONTACTS.columns
-]
-"""Columns that the table of contacts has in pixels and in metres, without their unit, and the power of it."""
-
-
 def locate_contacts(
     contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[ArrayLike, ArrayLike]
 ) -> pd.DataFrame:
@@ -357,6 +349,7 @@ def locate_contacts(
     x, y = pose.to_sample(contacts["x_px"] - shift_x, contacts["y_px"] - shift_y)
     metres = {
         f"{name}_m{power}": contacts[f"{name}_px{power}"].to_numpy(float) * pose.pixel_size ** int(power or 1)
-        for name, power in _LENGTHS_AND_AREAS
+        for name, _, power in (column.rpartition("_px") for column in CONTACTS.columns)
+        if f"{name}_m{power}" in CONTACTS.columns
     }
     return contacts.assign(**metres | {"x_m": x, "y_m": y, "area_m2": np.pi * metres["radius_m"] ** 2})

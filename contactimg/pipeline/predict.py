@@ -26,9 +26,6 @@ from contactimg.prediction import (
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
-BEYOND_AVERAGES = ("adhesion", "layer", "sphere_profile")
-"""Effects that the statistical models cannot represent."""
-
 
 def predict_loads(
     scene: Scene, loads: Sequence[float], *, model: Model, coupling: Coupling, annulus: float
@@ -91,7 +88,8 @@ def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
     if coupling != "auto":
         cure = 'leave it out, or take the model "interacting"'
         raise InputError(f'model "{model}" has no levels of coupling, got coupling "{coupling}"; {cure}')
-    ordered = [name for name in BEYOND_AVERAGES if getattr(scene.effects, name) == "on"]
+    beyond = ("adhesion", "layer", "sphere_profile")
+    ordered = [name for name in beyond if getattr(scene.effects, name) == "on"]
     if ordered:
         raise InputError(
             f'model "{model}" cannot represent {", ".join(ordered)}, which [effects] switches on; '
