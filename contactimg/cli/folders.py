@@ -113,7 +113,7 @@ def _process_several(
     folders: tuple[str, ...], target: Path, measure: Callable[..., int], *, table_format: "files.TableFormat"
 ) -> int:
     """Measure several folders and join their tables; return the exit code."""
-    names, codes, code = [Path(folder).resolve().name for folder in folders], dict[str, int](), 0
+    names, codes = [Path(folder).resolve().name for folder in folders], dict[str, int]()
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError(f"two folders are called {twice}; give each folder once, and rename one of the two")
@@ -123,14 +123,13 @@ def _process_several(
         try:
             codes[name] = measure(folder, target / name)
         except InputError as error:  # a folder that fails loses nothing else
-            code = 1
             click.echo(f"contactimg: {folder} is left out: {error}", err=True)
     if not codes:
         raise InputError("none of the folders could be measured")
     runs, joined = {name: target / name for name in codes}, target / JOINED_FOLDER
     pipeline.write_joined_tables(runs, joined, command=shared.command_line(), table_format=table_format)
     say(f"tables of all {len(codes)} folders in {joined}")
-    return max(*codes.values(), code)
+    return max(*codes.values(), int(len(codes) < len(names)))
 
 
 def _film_sentence(frames: "pd.DataFrame", films: dict[str, dict[str, Any]]) -> str:

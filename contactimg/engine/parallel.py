@@ -28,6 +28,7 @@ from contactimg.errors import ContactimgError, InputError
 from contactimg.timings import Seconds, add, collect, is_collecting
 
 Result = TypeVar("Result")
+Job = tuple[Any, ...]
 
 _workers: ContextVar[int | None] = ContextVar("contactimg_workers", default=None)
 
@@ -53,7 +54,7 @@ def sharing(workers: int | None) -> AbstractContextManager[None]:
 
 def in_parallel(
     function: Callable[..., Result],
-    arguments: Iterable[tuple[Any, ...]],
+    arguments: Iterable[Job],
     *,
     count: int,
     workers: int | None = None,
@@ -120,10 +121,7 @@ def in_parallel(
 
 
 def _in_order(
-    workers: Any,
-    function: Callable[..., Result],
-    items: Iterator[tuple[Any, ...]],
-    lost: Callable[..., Result] | None,
+    workers: Any, function: Callable[..., Result], jobs: Iterator[Job], lost: Callable[..., Result] | None
 ) -> Iterator[Result]:
     """Results of workers (`_Processes` or a `contactimg.engine.cluster.Cluster`) in order.
 
@@ -133,11 +131,11 @@ def _in_order(
     A process that ends takes all calls with it that were handed over. Each of these is made again alone when
     it is its turn: one that ends its process then too is the cause.
     """
-    calls, failures = deque[tuple[tuple[Any, ...], Future[tuple[Result, Seconds]]]](), 0
+    calls, failures = deque[tuple[Job, Future[tuple[Result, Seconds]]]](), 0
     with _stored((function, is_collecting()), workers.folder) as name:
         try:
             while True:
-                for item in islice(items, max(AHEAD * workers.processes() - len(calls), 0)):
+                for item in islice(jobs, max(AHEAD * workers.processes() - len(calls), 0)):
                     calls.append((item, workers.submit(_call, name, *item)))
                 if not calls:
                     return
