@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from contactimg.effects.mechanics import (
     MECHANICAL_EFFECTS,
@@ -27,8 +26,6 @@ from contactimg.effects.output_change import EffectEstimate, change_sentence, re
 from contactimg.models.solution import InteractingSolution
 from contactimg.scene import Effects, Scene, Tolerance
 from contactimg.tables import EFFECTS
-
-Values = NDArray[np.float64]
 
 REQUIRES = {"full_coupling": "coupling", "layer": "coupling"}
 """Effects that act only through another one."""

@@ -28,7 +28,6 @@ logger = logging.getLogger(__name__)
 
 Point = tuple[float, float]
 
-Values = NDArray[np.float64]
 Result = TypeVar("Result")
 
 Tables = tuple[pd.DataFrame, pd.DataFrame]
@@ -259,7 +258,7 @@ def grouped(places: Sequence[Place], *, tolerance: float) -> Tables:
 
 
 def annuli_of(
-    contacts: pd.DataFrame, frames: pd.DataFrame, place: Place, edges: Values, least: float
+    contacts: pd.DataFrame, frames: pd.DataFrame, place: Place, edges: NDArray, least: float
 ) -> pd.DataFrame:
     """Sums over annuli of the contacts from radius ``least`` (px) on, averaged over frames of a place."""
     smallest = -np.inf if place.pose is None else least * place.pose.pixel_size
