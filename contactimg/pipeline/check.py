@@ -92,19 +92,14 @@ def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
     radius, error = drawn["radius_px"], drawn["measured_px"] - drawn["radius_px"]
     edges = np.geomspace(radius.min() * (1 - 1e-9), radius.max() * (1 + 1e-9), 9)  # eight classes
     apart, missed = error.abs() / drawn["measured_std_px"], drawn["found"] == 0
-    columns = {"error": error, "square": error**2}
-    columns |= {f"within_{n}": apart.le(n).astype(float).mask(missed) for n in (1, 2)}
-    table = drawn.assign(**columns).groupby(np.searchsorted(edges, radius) - 1).agg(
-        drawn=("found", "size"),
-        found=("found", "sum"),
-        completeness=("found", "mean"),
-        bias_px=("error", "mean"),
-        rms_px=("square", lambda square: np.sqrt(square.mean())),
-        within_1_std=("within_1", "mean"),
-        within_2_std=("within_2", "mean"),
-    )  # fmt: skip
+    columns = {"completeness": drawn["found"], "bias_px": error, "rms_px": error**2}
+    columns |= {f"within_{n}_std": apart.le(n).astype(float).mask(missed) for n in (1, 2)}
+    classes = np.searchsorted(edges, radius) - 1
+    table = pd.DataFrame(columns).groupby(classes).mean()
+    counts = drawn.groupby(classes)["found"].agg(drawn="size", found="sum")
     low, high = edges[table.index], edges[table.index + 1]
-    return CHECK.conform(table.assign(low_px=low, high_px=high, radius_px=np.sqrt(low * high)))
+    places = {"low_px": low, "high_px": high, "radius_px": np.sqrt(low * high)}
+    return CHECK.conform(table.join(counts).assign(**places, rms_px=np.sqrt(table["rms_px"])))
 
 
 def _sentence(drawn: pd.DataFrame, classes: pd.DataFrame, stated_px: float) -> str:
