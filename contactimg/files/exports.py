@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from openpyxl import Workbook
 from openpyxl.cell import WriteOnlyCell
 from openpyxl.cell.cell import ILLEGAL_CHARACTERS_RE
-from openpyxl.worksheet._write_only import WriteOnlyWorksheet
 from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi, roiread
 
 from contactimg.errors import InputError
@@ -311,7 +310,7 @@ def write_workbook(tables: Sequence[tuple[Schema, pd.DataFrame]], path: Path, *,
         book.save(file)
 
 
-def _cell(sheet: WriteOnlyWorksheet, value: Any) -> Any:
+def _cell(sheet: Any, value: Any) -> Any:
     """A cell, text as text even if it looks like a formula."""
     if not isinstance(value, str):
         return value

@@ -79,11 +79,9 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
         said = f"the camera does not look where [camera] says; {known} with [camera] {keys}: used here{hint}"
         logger.log(logging.WARNING if stated or away else logging.INFO, said)
     if abs(pose.pixel_size - guess.pixel_size) > fit.LARGEST_SCALE_ERROR * guess.pixel_size:
-        logger.warning(
-            "contacts fall on asperities with [camera] pixel_size_m = %.4g, not %.4g: used here; is "
-            "the scene wrong, or the scale of x_m and y_m?",
-            *(pose.pixel_size, guess.pixel_size),
-        )
+        sizes = f"[camera] pixel_size_m = {pose.pixel_size:.4g}, not {guess.pixel_size:.4g}"
+        doubt = "is the scene wrong, or the scale of x_m and y_m?"
+        logger.warning("contacts fall on asperities with %s: used here; %s", sizes, doubt)
     said = f"fitted: {known}, RMS {found.residual:.3g} m" if found.fitted else "as given"
     logger.info("pose %s", said)
     return found

@@ -81,10 +81,8 @@ def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
     known = {files.EVERY_FRAME, *names}
     for number, row in enumerate(experiment.edits.to_dict("records"), start=1):
         if row["frame"] not in known:
-            logger.warning(
-                "edits: row %s (%s) is for the frame %s, which is not there; the edit has no effect",
-                number, row["action"], row["frame"],
-            )  # fmt: skip
+            said = f"row {number} ({row['action']}) is for the frame {row['frame']}, which is not there"
+            logger.warning("edits: %s; the edit has no effect", said)
         elif row["action"] in ACTIONS:
             points = files.edit_points(row["points"])
             edit = HandEdit(row["action"], number, row["x_px"], row["y_px"], row["radius_px"], points)

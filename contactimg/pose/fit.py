@@ -112,10 +112,9 @@ def fit_pose(
     counted.
     """
     places = np.column_stack([x_px, y_px]) - guess.image_centre, np.asarray(targets, float).reshape(-1, 2)
-    for one in places:
-        if not np.isfinite(one).all():
-            wrong = one[~np.isfinite(one)][0]
-            raise InputError(f"a pose needs finite x_px, y_px and targets, got {wrong}; leave these rows out")
+    wrong = np.concatenate([one[~np.isfinite(one)] for one in places])
+    if len(wrong):
+        raise InputError(f"a pose needs finite x_px, y_px and targets, got {wrong[0]}; leave these rows out")
     gate, (points, spots) = pairs.pairing_distance(places[1], guess), map(as_complex, places)
     searches = ((largest_shift, (0,)), (np.inf, (0,)), (np.inf, (1, 2, 3)))
     enough = min(len(points), len(spots)) >= MIN_PAIRS

@@ -312,8 +312,7 @@ def _points(average: LoadAverage, density: float) -> pd.DataFrame:
     for model, places in average.moments.items():
         if model == "uncoupled" or not places:
             continue
-        sums = sum_moments(places.values())
-        found = pressure_points(sums, by_those_beside=True)
+        found = pressure_points(sum_moments(places.values()), by_those_beside=True)
         ratios = {f"density_ratio{std}": found[f"density{std}"] / density for std in ("", "_std")}
         parts.append(found.assign(**ratios, frame=average.name, model=model, load_N=average.load))
     points = pd.concat(parts).rename(columns=POINT_COLUMNS)
