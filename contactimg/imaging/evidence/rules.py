@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe
 
+from contactimg.compiled import njit
 from contactimg.imaging.detect.components import (
     component_of_pixels,
     half_axes,
@@ -35,7 +36,7 @@ from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching, label_groups
-from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels, touches
+from contactimg.imaging.pixels.masks import Mask, clear_disks, for_kernel, nearest_pixels, touches
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import (
@@ -528,7 +529,7 @@ def excess_of_counts(e: Columns) -> tuple[NDArray[np.bool_], float, float]:
 
 
 def measure_fall(
-    image: NDArray[np.float32], valid: Mask, disks: NDArray[np.float64], blur: float
+    image: NDArray[np.float32], valid: Mask, disks: NDArray[np.float64], blur: float, *, half: int = 0
 ) -> NDArray[np.float64]:
     """Fall of the brightness across the rim of each disk, in the units of the image.
 
@@ -543,6 +544,8 @@ def measure_fall(
     disks : ndarray, shape (n, >= 3)
         x, y, radius (px).
     blur : float, px
+    half : int
+        The brightness is the mean over a square of ``2 half + 1`` pixels.
 
     Examples
     --------
@@ -554,20 +557,34 @@ def measure_fall(
     [0.12]
     """
     out, wide = np.full(len(disks), np.inf), np.flatnonzero(disks[:, 2] > CLEAR_BLUR_WIDTHS * blur)
-    (x, y, a), turns = disks[wide, :3, None].swapaxes(0, 1), 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    seen, falls = np.ones((len(wide), DIRECTIONS), np.bool_), np.zeros((len(wide), DIRECTIONS))
-    for sign in (1.0, -1.0):  # inside, outside
-        r = a - sign * NEAR_BLUR_WIDTHS * blur
-        u, v = x + r * np.cos(turns), y + r * np.sin(turns)
-        at = nearest_pixels(u, v, image.shape)
-        seen &= (np.abs(at[1] - u) <= 0.5) & (np.abs(at[0] - v) <= 0.5)  # in the image
-        seen &= True if valid is None else valid[at] > 0
-        falls += sign * image[at]
-    falls, count = np.sort(np.where(seen, falls, np.inf)), np.count_nonzero(seen, axis=1)
-    enough = count >= LEAST_SEEN
+    pixels = np.asarray(image, np.float32)
+    falls, count = _falls_across(pixels, for_kernel(valid), disks[wide], NEAR_BLUR_WIDTHS * blur, half)
+    falls, enough = np.sort(falls), count >= LEAST_SEEN
     chosen = np.rint(PERCENTILE / 100.0 * (count[enough] - 1)).astype(int)
     out[wide[enough]] = falls[enough, chosen]
     return out
+
+
+@njit(cache=True)
+def _falls_across(image, valid, disks, reach, half):
+    """Falls across the rim of each disk in each direction, infinite where not seen, and how many are seen."""
+    rows, columns = image.shape
+    falls, count = np.full((len(disks), DIRECTIONS), np.inf), np.zeros(len(disks), np.int64)
+    for i in range(len(disks)):
+        for k in range(DIRECTIONS):
+            fall, seen, turn = 0.0, True, 2.0 * np.pi * k / DIRECTIONS
+            for sign in (1.0, -1.0):  # inside, outside
+                r = disks[i, 2] - sign * reach
+                column, row = round(disks[i, 0] + r * np.cos(turn)), round(disks[i, 1] + r * np.sin(turn))
+                seen &= 0 <= row < rows and 0 <= column < columns
+                seen = seen and not (valid.shape == image.shape and valid[row, column] == 0)
+                for j in range(row - half, row + half + 1) if seen else range(0):
+                    for m in range(column - half, column + half + 1):
+                        fall += sign * image[min(max(j, 0), rows - 1), min(max(m, 0), columns - 1)]
+            if seen:
+                falls[i, k] = fall / (2 * half + 1) ** 2
+                count[i] += 1
+    return falls, count
 
 
 def _fall_of_rims(
@@ -577,8 +594,7 @@ def _fall_of_rims(
     image, valid = foreground.image, foreground.frame_pair.valid
     blur = min(max(blur, SHARPEST_BLUR_PX), WIDEST_BLUR_PX)
     # noise would raise the percentile of the falls, most for faint disks
-    smooth = np.asarray(cv2.blur(image, (3, 3), borderType=cv2.BORDER_REPLICATE), np.float32)
-    fall = measure_fall(smooth, valid, disks, blur)
+    fall = measure_fall(image, valid, disks, blur, half=1)
     for row in np.flatnonzero(fall < RIM_FALL * plateau):
         x, y, reach = disks[row, 0], disks[row, 1], LONGEST_RADII * disks[row, 2] + CLEAR_BLUR_WIDTHS * blur
         box = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 1, 0)) for at in (y, x))
