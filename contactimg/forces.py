@@ -332,15 +332,15 @@ def local_forces(
         Composite summits of the asperities.
     """
     elastic, effects = scene.need("elastic", "computing local forces"), scene.effects
-    law: local_law.ForceLaw = "sphere" if effects.sphere_profile == "on" else "hertz"
     body = {
         "contact_modulus": elastic.contact_modulus,
         "work_of_adhesion": elastic.work_of_adhesion if effects.adhesion == "on" else 0.0,
     }
     relative = elastic.young_modulus_std / elastic.young_modulus
     radii = sphere_radii(contacts, scene, sites)
-    contacts = assign_forces(contacts, radii, law=law, modulus_relative_std=relative, **body)
-    return contacts, _parts_and_slope(contacts["radius_m"].to_numpy(float), radii, law=law, **body)[2]
+    contacts = assign_forces(contacts, radii, law=effects.law, modulus_relative_std=relative, **body)
+    a = contacts["radius_m"].to_numpy(float)
+    return contacts, _parts_and_slope(a, radii, law=effects.law, **body)[2]
 
 
 def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> Values:

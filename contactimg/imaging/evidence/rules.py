@@ -30,13 +30,14 @@ from contactimg.imaging.detect.inscribed_disks import (
     find_holes,
     share_of_hull,
 )
-from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
+from contactimg.imaging.evidence.reference_dust import find_dust
+from contactimg.imaging.fit.contact_pixels import look_at_pixels
 from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, erase_disks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching, label_groups
-from contactimg.imaging.pixels.masks import Mask, clear_disks, for_kernel, nearest_pixels, touches
+from contactimg.imaging.pixels.masks import Mask, clear_disks, for_kernel, touches
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import (
@@ -74,8 +75,6 @@ hand."""
 RIM_FALL = 0.5
 """Least fall across the rim of a wide contact, of its contrast. Theory: 0.95 of a blurred edge; by hand:
 a point spread function with heavy tails leaves 0.66, a fibre out of focus 0.35 to 0.45."""
-CROSS = (0, 1, -1, 0, 0), (0, 0, 0, 1, -1)
-"""Columns and rows of the pixels about a place that are read."""
 LONGEST = 3.5
 """Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
 hand."""
@@ -398,35 +397,6 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "excluded": nothing if edited is None else edited.excluded,
         "manual": nothing if edited is None else edited.new,
     }
-
-
-def find_dust(foreground: Foreground, places: NDArray[np.float64], blur: float) -> NDArray[np.bool_]:
-    """Places (x, y, radius, px) that the reference makes by a dip more than the frame by its own rise.
-
-    Dust that darkened the reference and has gone looks like a bright contact in the difference.
-    """
-    pair, dust = foreground.frame_pair, np.zeros(len(places), np.bool_)
-    if pair.reference is None or not len(places) or not foreground.dust:
-        return dust
-    # most contacts lie where the reference shows nothing: a few pixels of it tell
-    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, places[:, 2] + CLEAR_BLUR_WIDTHS * blur)
-    rows = np.flatnonzero(dip > AGREEMENT_SIGMA * foreground.noise)
-    if len(rows):
-        own, other = (
-            foreground.sign * measure_rise(np.ascontiguousarray(image), places[rows], blur)
-            for image in (pair.frame, pair.reference)
-        )
-        dust[rows] = (own > other) & (own < -other)
-    return dust
-
-
-def _rise_of_pixels(image: NDArray, places: NDArray, distance: NDArray) -> NDArray[np.float64]:
-    """Mean of five pixels at each place minus the median of eight around it."""
-    (x, y), turns = places[:, :2, None].swapaxes(0, 1), np.arange(8) * np.pi / 4
-    near = image[nearest_pixels(x + np.array(CROSS[0]), y + np.array(CROSS[1]), image.shape)]
-    x, y = x + distance[:, None] * np.cos(turns), y + distance[:, None] * np.sin(turns)
-    around = np.sort(image[nearest_pixels(x, y, image.shape)])
-    return np.asarray(near.mean(axis=1, dtype=float) - around[:, 3:5].mean(axis=1, dtype=float))
 
 
 def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
