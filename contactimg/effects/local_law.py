@@ -44,8 +44,7 @@ def law_name(scene: Scene) -> str:
     >>> law_name(scene_from_dict({"effects": {"sphere_profile": "on", "adhesion": "on"}}))
     'sphere+jkr'
     """
-    profile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
-    return profile + ("+jkr" if scene.effects.adhesion == "on" else "")
+    return scene.effects.law + ("+jkr" if scene.effects.adhesion == "on" else "")
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import pandas as pd
 
 from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.plan import Plan, make_plan
+from contactimg.effects.solve_without import MECHANICAL_EFFECTS
 from contactimg.engine.parallel import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.pipeline.inputs import largest_load, need_asperities, scene_asperities
@@ -88,7 +89,7 @@ def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
     if coupling != "auto":
         cure = 'leave it out, or take the model "interacting"'
         raise InputError(f'model "{model}" has no levels of coupling, got coupling "{coupling}"; {cure}')
-    beyond = ("adhesion", "layer", "sphere_profile")
+    beyond = (name for name in MECHANICAL_EFFECTS if "coupling" not in name)
     ordered = [name for name in beyond if getattr(scene.effects, name) == "on"]
     if ordered:
         raise InputError(
