@@ -190,9 +190,8 @@ def total(
     # the sum lacks the value of the unseen part as well
     parts = [*shared, modulus, length_relative_std * slopes.sum(), unseen.value, unseen.std]
     edge = shared[SHARED_SHIFTS.index("edge_shift_px")]
-    variance = (
-        np.sum(slopes**2 * own) + np.sum(np.square(parts)) + 2 * modulus_edge_correlation * modulus * edge
-    )
+    variance = np.sum(slopes**2 * own) + np.sum(np.square(parts))
+    variance += 2 * modulus_edge_correlation * modulus * edge
     return Total(value, float(np.sqrt(max(variance, 0.0))))
 
 

@@ -39,6 +39,9 @@ from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE,
 
 logger = logging.getLogger(__name__)
 
+Seen = dict[str, Tables]
+"""Name of a model, or "measured" or "predicted" for those of the runs -> contacts and frames."""
+
 
 @dataclass(frozen=True)
 class AnalysisOptions:
@@ -255,11 +258,7 @@ def _density(place: Place) -> float:
 
 
 def _average_load(
-    frames: pd.DataFrame,
-    places: Sequence[Place],
-    seen: dict[str, Tables],
-    options: AnalysisOptions,
-    notes: list[str],
+    frames: pd.DataFrame, places: Sequence[Place], seen: Seen, options: AnalysisOptions, notes: list[str]
 ) -> LoadAverage:
     """Average the contacts of one load over annuli; where models were solved, Greenwood-Tripp is added.
 
@@ -323,11 +322,7 @@ def _points(average: LoadAverage, density: float) -> pd.DataFrame:
 
 
 def _areas(
-    places: Sequence[Place],
-    seen: dict[str, Tables],
-    averages: list[LoadAverage],
-    options: AnalysisOptions,
-    notes: list[str],
+    places: Sequence[Place], seen: Seen, means: list[LoadAverage], options: AnalysisOptions, notes: list[str]
 ) -> tuple[pd.DataFrame, dict[str, PowerLaw]]:
     """Areas of each load, and exponents of A(P), measured and of every model."""
     density, tables, laws = _density(places[0]), list[pd.DataFrame](), dict[str, PowerLaw]()
@@ -345,7 +340,7 @@ def _areas(
         cell = LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS
         law = fit_or_note(notes, f"A(P), {model}", fit_area_law, areas, load_cell=cell, **stated)
         laws |= {} if law is None else {model: law}
-    rings = [("gt", one.load, one.ring_area) for one in averages if np.isfinite(one.ring_area)]
+    rings = [("gt", one.load, one.ring_area) for one in means if np.isfinite(one.ring_area)]
     tables.append(AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"])))
     return AREA.joined(tables), laws
 
