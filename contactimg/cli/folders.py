@@ -206,9 +206,7 @@ QUESTIONS = (
     shared.SceneOption("--lens-radius-mm", "indenter", "radius_m", default=""),
     shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa", default=""),
 )
-APEX = shared.SceneOption(
-    "--apex-mm", "indenter", "apex_m", "Two numbers, quoted.", "found from the contacts"
-)
+APEX = shared.SceneOption("--apex-mm", "indenter", "apex_m", "Two numbers quoted.", "found from the contacts")
 
 SHOWN = {
     "indenter": ("radius_m", "apex_m"),

@@ -209,9 +209,8 @@ class _Processes:
         wait(futures)
 
     def named(self, error: BaseException) -> BaseException:
-        return (
-            WorkerEndedError(ENDED.format("its process")) if isinstance(error, BrokenProcessPool) else error
-        )
+        ended = isinstance(error, BrokenProcessPool)
+        return WorkerEndedError(ENDED.format("its process")) if ended else error
 
 
 @contextmanager

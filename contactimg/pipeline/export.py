@@ -140,17 +140,15 @@ def edits_from_regions(run: Run, path: Path, *, frame: str | None, author: str, 
     return edits.assign(frame=name, author=author, time=time)
 
 
-def edits_between(
-    contacts: pd.DataFrame, exported: Regions, corrected: Regions, *, program: str
-) -> pd.DataFrame:
+def edits_between(contacts: pd.DataFrame, before: Regions, after: Regions, *, program: str) -> pd.DataFrame:
     """Edits that turn the regions of a frame's contacts into those that came back.
 
     Parameters
     ----------
     contacts : DataFrame
         Of one frame, columns of `contactimg.tables.CONTACTS`.
-    exported, corrected : iterable of Region
-        Before and after; contacts are known by their names (`contactimg.pipeline.export.region_name`).
+    before, after : iterable of Region
+        As exported, and as corrected; contacts are known by their names (`region_name`).
     program : str
         In which they were changed, for the column reason.
 
@@ -161,13 +159,13 @@ def edits_between(
     """
     names = contacts["label"].map(region_name)
     places = contacts[["x_px", "y_px"]].astype(float).set_axis(names).T.to_dict()
-    before, rows = {region.name: region for region in exported}, list[dict[str, object]]()
-    for region in corrected:
+    known, rows = {region.name: region for region in before}, list[dict[str, object]]()
+    for region in after:
         if region.name.startswith(REJECTED_PREFIX):
             continue
         place, why = places.pop(region.name, None), "drawn"  # only the first of its name is that contact
         if place is not None:
-            ours = (region, before[region.name])
+            ours = (region, known[region.name])
             now, old = ((one.x, one.y, one.semi_major, one.semi_minor) for one in ours)
             # chosen: well above the rounding of ImageJ's numbers (1e-4 px), well below what a hand can mean
             if np.abs(np.subtract(now, old)).max() < 0.02:

@@ -298,9 +298,8 @@ def predict_places(places: Sequence[Place], frames: pd.DataFrame, model: str) ->
         if place.asperities is not None
     }
     shots, contacts, solved, notes = frames.to_dict("records"), list[pd.DataFrame](), [], list[str]()
-    jobs = [
-        (row["place"], row["frame"], row["load_N"], known[row["place"]].field(row["frame"])) for row in shots
-    ]
+    asked = frames[["place", "frame", "load_N"]].itertuples(index=False)
+    jobs = [(place, frame, load, known[place].field(frame)) for place, frame, load in asked]
     solutions = predict_in_view(surfaces, jobs, shown=f"solving the {model} model")
     for row, found in zip(shots, solutions, strict=True):
         if isinstance(found, ModelRangeError | ConvergenceError):

@@ -104,9 +104,7 @@ def analyse_shear(places: Sequence[Place], notes: list[str], *, load_tolerance: 
             notes.append(said)
         elif all(law.along is None for law in own):
             cure = 'process with [measure] shape = "ellipse"'
-            notes.append(
-                f"{place.name}: no laws of half-axes: no contact is an ellipse in all frames; {cure}"
-            )
+            notes.append(f"{place.name}: no law of half-axes: no contact is an ellipse in all frames; {cure}")
     followed = FOLLOWED.joined(tables)
     beta = fit_or_note(notes, "beta", fit_beta, laws) if laws else None
     return Sheared(followed, tuple(laws), beta)
