@@ -222,7 +222,8 @@ def with_forces(run: files.Run, sites: pd.DataFrame | None, law: LawPlan | None)
     scene = run.scene if law is None else law.scene
     contacts, frames = fill_forces(scene, run.contacts, run.frames, sites, **lengths)
     notes = {
-        name: f"{count - found} contacts have no asperity and so no force; the sum leaves them out"
+        name: f"{count - found} contacts have no force, for want of an asperity or of a law for contacts "
+        "so wide; the sum leaves them out"
         for name, found, count in _known(contacts, "force_N").itertuples()
         if 0 < found < count
     }
