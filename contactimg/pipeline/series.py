@@ -1,8 +1,8 @@
 """Measure a series: a sample of its frames, then all with what these show; then pose and forces."""
 
 import logging
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -11,7 +11,8 @@ import pandas as pd
 from contactimg import files
 from contactimg.engine.parallel import sharing
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
+from contactimg.files.atomic import first_names
+from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit, remark_on
 from contactimg.imaging.fit.pooling import pool_edges, pool_optics
 from contactimg.imaging.profile.limits import FEWEST
 from contactimg.imaging.profile.optics import SharedOptics
@@ -76,10 +77,12 @@ def measure_parts(experiment: files.Experiment, *, store: files.PartStore | None
     scene = experiment.scene
     check_modulus(scene)
     asperities, sites = asperities_and_sites(experiment)
-    parts = _measure_frames(experiment, FrameOptions.of(scene, sites), store=store)
+    edits = edits_by_frame(experiment)
+    parts = _measure_frames(experiment, FrameOptions.of(scene, sites), edits, store=store)
     for k, part in enumerate(parts):  # own_optics is the largest part of a frame
         row = part.row | {"load_N": experiment.load_of(part.row["frame"])}
         parts[k] = replace(part, row=row, own_optics=None)
+    _warn_of_unmatched(parts, edits)
     return MeasuredSeries(scene, parts, sites).posed(asperities)
 
 
@@ -105,8 +108,25 @@ def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
     return edits
 
 
+def _warn_of_unmatched(parts: Iterable[MeasuredFrame], edits: Mapping[str, Edits]) -> None:
+    """Log corrections that meet no contact in any of the frames that they are for."""
+    asked = Counter(edit.row for own in edits.values() for edit in own)
+    lost: dict[int, list[tuple[str, HandEdit]]] = defaultdict(list)
+    for part in parts:
+        for edit in part.unmatched:
+            lost[edit.row].append((part.row["frame"], edit))
+    for row, found in sorted(lost.items()):
+        if len(found) == asked[row]:
+            names = first_names(name for name, _ in found)
+            logger.warning("%s: %s; they have no effect", names, remark_on([found[0][1]]))
+
+
 def _measure_frames(
-    experiment: files.Experiment, options: FrameOptions, *, store: files.PartStore | None
+    experiment: files.Experiment,
+    options: FrameOptions,
+    edits: Mapping[str, Edits],
+    *,
+    store: files.PartStore | None,
 ) -> list[MeasuredFrame]:
     """Measure the frames, on a pooled background where that gains; some again with optics of the others.
 
@@ -122,7 +142,7 @@ def _measure_frames(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
-    frames, edits, method = experiment.frames, edits_by_frame(experiment), options.scene.measure.method
+    frames, method = experiment.frames, options.scene.measure.method
     numbers, alone = range(len(frames)), partial(measure_scene_frame, options=options)
     parts: dict[int, MeasuredFrame] = {}
 
