@@ -42,6 +42,7 @@ _UNITS = {  # ending in another unit -> ending in the schema, how many make one 
 }
 _Places = dict[str, tuple[int, float]]
 """Column of a schema -> its place in a row, and the divisor of its numbers."""
+_COMMENT = re.compile(r"\s*#(?!\d)")  # at the start of a line; #1 is the name of a frame
 _SHOWN_CHARACTERS = 60  # of a cell or header in a message
 _KINDS = {
     b"PK": "an Excel workbook or another zip file",
@@ -67,7 +68,8 @@ def read_table(
         the header has most; with semicolons or tabs a decimal comma is accepted. A column may be in another
         unit that its name states: mm, um or nm for m, mN or uN for N (load_mN, x_um, area_mm2).
     schema : Schema
-        The columns to read; blank lines are skipped.
+        The columns to read; blank lines are skipped, and so is what follows a # at the start of a line or in
+        a number.
     required : collection of str, optional
         Columns that must be present with a value in every row. By default all columns must be present but
         those that a later version added (`Schema.later`), and cells may be empty.
@@ -113,7 +115,8 @@ def _converted(
     InputError
         With line and column of the first cell that is not valid.
     """
-    blocks, rows = list[pd.DataFrame](), iter(rows)
+    numbers = sorted(place for name, (place, _) in places.items() if schema.columns[name][0] != "str")
+    blocks, rows = list[pd.DataFrame](), ((line, _up_to_comment(row, numbers)) for line, row in rows)
     # so many at once, chosen for memory: text takes about twenty times that of numbers
     while block := list(islice(rows, 50_000)):
         values: dict[str, Any] = {}
@@ -155,17 +158,19 @@ def in_western_code(text: str) -> str:
 
 
 def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
-    """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out."""
-    text = read_text(path)
+    """Separator of a CSV file, and its rows with the numbers of their lines, without blanks and comments."""
+    # a line without a separator is no header
+    text = re.sub(r"(?m)^[ \t]*#[^,;\t\n]*$", "", read_text(path))
     separator = max((",", ";", "\t"), key=text.lstrip("\r\n").partition("\n")[0].count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
     def rows() -> Iterator[tuple[int, list[str]]]:
         width = 0
         try:
-            for row in lines:
-                if not any(map(str.strip, row)):
+            for cells in lines:
+                if not any(map(str.strip, cells)) or (width and _COMMENT.match(cells[0])):
                     continue
+                row = _without_comment(cells, width) if width else [cells[0].removeprefix("# "), *cells[1:]]
                 width = width or len(row)
                 if len(row) != width:
                     cure = "; decimal commas need semicolons between cells"
@@ -178,6 +183,18 @@ def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
             raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
 
     return separator, rows()
+
+
+def _without_comment(row: list[str], width: int) -> list[str]:
+    """The cells of a row without those that a comment behind the last one was split into."""
+    last, beyond = "".join(row[width - 1 : width]), "".join(row[width : width + 1])
+    return row[:width] if "#" in last or _COMMENT.match(beyond) else row
+
+
+def _up_to_comment(row: list[str], numbers: Iterable[int]) -> list[str]:
+    """The cells of a row, empty from the # on that is in one of the cells of ``numbers``."""
+    k = next((k for k in numbers if "#" in row[k]), None)
+    return row if k is None else [*row[:k], row[k].partition("#")[0], *[""] * (len(row) - k - 1)]
 
 
 def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
@@ -416,12 +433,17 @@ def _our_name(header: str) -> str:
 
 def _loads_of_any_form(path: str | Path, column: str) -> pd.DataFrame:
     """The loads of the first table in a text that has a column of them, in a unit that its header states."""
-    text, shown = in_western_code(read_text(path)), ""
+    texts, shown = in_western_code(read_text(path)).split("\n"), ""
     for separator in ("\t", ";", ",", None, "\n"):  # None: any white space; a line end: a single column
+
+        def parted(line: str, separator: str | None = separator) -> list[str]:
+            # elsewhere a name may hold a blank and a #
+            line = line.partition(" #")[0] if separator in (None, "\n") else line
+            return [cell.strip().strip('"') for cell in line.split(separator)]
+
+        lines = [[] if _COMMENT.match(line) else parted(line) for line in texts]
         # numpy marks a header as a comment
-        parted = (line.removeprefix("# ").split(separator) for line in text.split("\n"))
-        lines = [[cell.strip().strip('"') for cell in cells] for cells in parted]
-        for number, header in enumerate(lines, start=1):
+        for number, header in enumerate((parted(line.removeprefix("# ")) for line in texts), start=1):
             ours = [_our_name(name) for name in header]
             loads = [k for k, name in enumerate(ours) if name[:5] == "load_" and column in ("", header[k])]
             if (shown and not loads) or (len(header) < 2 and separator != "\n"):
@@ -455,7 +477,8 @@ def _rows_below(lines: list[list[str]], number: int, width: int) -> list[tuple[i
     A missing last cell is empty, and so is a number that the instrument did not know (NaN).
     """
     rows = []
-    for line, cells in enumerate(lines[number:], start=number + 1):
+    for line, whole in enumerate(lines[number:], start=number + 1):
+        cells = _without_comment(whole, width)
         if not any(cells):
             continue
         if not width - 1 <= len(cells) <= width:

@@ -51,6 +51,10 @@ def asperities_of(tmp_path, content):
         'load_N,comment,frame\n0.02,"slow, dry",a.tif\n0.5,,b.tif\n',
         "Frame,LOAD_N\na.tif,0.02\nb.tif,0.5\n",
         "frame,load_N,temp µ\n".encode("cp1252") + b"a.tif,0.02,1\nb.tif,0.5,2\n",
+        "# monday\nframe,load_N\na.tif,0.02 # read twice, by hand\n# c.tif,0.9\n#d.tif,1\nb.tif,0.5,# 3\n#\n",
+        "# frame,load_N,friction_N\na.tif,0.02 # was 0.03, 0.04\nb.tif,0.5,\n",
+        "Bild\tKraft [N]\na.tif\t0,02 # 7\n# c.tif\t3\nb.tif\t0,5\t# 8\n",
+        "frame Load(N)\na.tif 0.02 # 7\nb.tif 0.5 #8\n# c.tif 7\n",
     ],
     ids=[
         "plain",
@@ -64,6 +68,10 @@ def asperities_of(tmp_path, content):
         "extra",
         "capitals",
         "cp1252",
+        "comments",
+        "comment before cells",
+        "comments behind tabs",
+        "comments behind blanks",
     ],
 )
 def test_ways_to_write_the_same_loads(tmp_path, content):
@@ -75,6 +83,15 @@ def test_ways_to_write_the_same_loads(tmp_path, content):
     assert {name: str(dtype) for name, dtype in loads.dtypes.items()} == {
         name: dtype for name, (dtype, _) in LOADS.columns.items()
     }
+
+
+def test_a_number_sign_in_a_name_is_no_comment(tmp_path):
+    loads = loads_of(tmp_path, "frame,load_N\nimg #3.tif,0.02\n#4,0.5 # by number\n")
+    assert loads["frame"].tolist() == ["img #3.tif", "#4"]
+    assert loads["load_N"].tolist() == [0.02, 0.5]
+    loads = loads_of(tmp_path, "Bild\tKraft [N]\nimg #3.tif\t0,02\n")
+    assert loads["frame"].tolist() == ["img #3.tif"]
+    assert "line 2 has 3 cells" in refusal(tmp_path, "frame,load_N\na.tif,0,5 # decimals\n")
 
 
 def test_columns_that_are_not_read_are_named(tmp_path):
@@ -99,7 +116,8 @@ def test_header_alone_is_an_empty_table(tmp_path):
 
 def test_asperities(tmp_path):
     table = asperities_of(
-        tmp_path, "x_m,y_m,height_m,radius_m,kind\n1e-3,2e-3,4e-5,1e-4,cap\n0,0,-1e-5,2e-4,\n"
+        tmp_path,
+        "x_m,y_m,height_m,radius_m,kind\n# drawn\n1e-3,2e-3,4e-5,1e-4 # cut,cap\n0,0,-1e-5,2e-4,\n",
     )
     assert list(table) == list(ASPERITIES.first)
     np.testing.assert_array_equal(table.to_numpy(), [[1e-3, 2e-3, 4e-5, 1e-4], [0, 0, -1e-5, 2e-4]])
