@@ -41,6 +41,9 @@ RANGES = {
     "pixel_size_m": (2e-8, 5e-4),
     # chosen: random asperities differ by a few tens, a slip of a unit in one row by 1000
     "radius_m of one asperity over the median": (1 / 300, 300.0),
+    # chosen, for places as for radii: random ones differ by a few, a slip of a unit by 1000
+    "distance of one asperity from the median over that of most": (0.0, 100.0),
+    "longer side of the asperities over the shorter": (1.0, 100.0),
     # a cap is no higher than its sphere
     "height_m over radius_m of the asperities": (0.0, 1.0),
     # an output that may change by all of itself is not asked for
@@ -165,6 +168,18 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
         "height_m over radius_m of the asperities", upright * height / radius, hint=columns
     )
     points = asperities[["x_m", "y_m"]].to_numpy(float)
+    heights, sides = asperities[["height_m"]].to_numpy(float), np.sort(np.ptp(points, axis=0))
+    for name, values in (("x_m or y_m", points), ("height_m", heights)):
+        away = np.linalg.norm(values - np.median(values, axis=0), axis=1)
+        row, key = int(away.argmax()), "distance of one asperity from the median over that of most"
+        said = key.replace("one asperity", f"asperity {row}")
+        hint = f"is its {name} in another unit than that of the others?"
+        yield from doubt_about(key, away[row] / max(np.median(away), radius), said=said, hint=hint)
+    if sides[0] > radius:  # not a row of caps
+        hint = "are x_m and y_m in different units?"
+        yield from doubt_about(
+            "longer side of the asperities over the shorter", sides[1] / sides[0], hint=hint
+        )
     if spacing := mean_spacing(asperities):
         cure, key = "are x_m, y_m and radius_m in metres?", "radius_m of the asperities over their distance"
         yield from doubt_about(key, radius / spacing, hint=cure)
@@ -188,8 +203,9 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
         unit = next((unit for unit, size in UNITS["m"].items() if outside(place, size) == 0), "")
         hint = f"was it given in {unit or 'another unit, or with another sign'}?"
         said = f"distance of {name} ({place[0]:g}, {place[1]:g}) from the asperities over their side"
-        away = outside(place)
-        yield from doubt_about("distance from the asperities over their side", away, said=said, hint=hint)
+        yield from doubt_about(
+            "distance from the asperities over their side", outside(place), said=said, hint=hint
+        )
 
 
 def doubts_about_calibration(

@@ -84,6 +84,15 @@ def test_a_slip_in_a_scene_is_named_with_its_likely_unit(asperities, sections, s
             lambda t: t.assign(radius_m=t["radius_m"].where(t.index != 4, 1e3 * t["radius_m"])),
             r"radius_m of asperity 4 over the median = 1e\+03 .* another unit than the others",
         ),
+        (
+            lambda t: t.assign(y_m=t["y_m"].where(t.index != 7, 1e3 * t["y_m"])),
+            "distance of asperity 7 from the median .* is its x_m or y_m in another unit",
+        ),
+        (
+            lambda t: t.assign(height_m=t["height_m"].where(t.index != 7, 1e3 * t["height_m"])),
+            "distance of asperity 7 from the median .* is its height_m in another unit",
+        ),
+        (lambda t: t.assign(x_m=1e3 * t["x_m"]), "longer side .* are x_m and y_m in different units"),
         (lambda t: t.assign(x_m=1e-3 * t["x_m"], y_m=1e-3 * t["y_m"]), "are x_m, y_m and radius_m in metres"),
         (lambda t: t.assign(height_m=1e3 * t["height_m"].abs()), "height_m over radius_m .* different units"),
         (lambda t: t.assign(height_m=-t["height_m"].abs()), "height_m over radius_m .* wrong sign"),
