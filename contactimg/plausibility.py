@@ -74,6 +74,9 @@ UNITS = {
 }
 """End of a name -> units that may have been typed instead, and their size."""
 
+BINNED = {"twice": 2.0, "half": 0.5}
+"""Pixel size over that of the frames where the binning of pixels was left out of account."""
+
 SHOWN_STDS = 5.0
 """Standard deviations by which the apex or the lens that the contacts show must differ."""
 
@@ -259,9 +262,16 @@ def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> 
     if loads.nunique() > 2 and loads.rank().corr(areas.rank()) < 0:
         yield "the area of contact falls as the load grows: is the order of the loads reversed?"
     ratio = float((loaded["force_sum_N"] / loads).median())
-    for unit, size in UNITS["N"].items():
-        if 1 / FORCES_OFF_LOAD < ratio / size < FORCES_OFF_LOAD:
-            yield f"the forces add up to {ratio:.2g} times load_N: were the loads given in {unit}?"
+    slips = {f"were the loads given in {unit}": size for unit, size in UNITS["N"].items()}
+    # forces grow with the cube of the pixel size
+    binned = {f"is pixel_size_m {times} that of the frames (binning)": k**3 for times, k in BINNED.items()}
+    meant = [
+        slip
+        for slip, size in (binned | slips).items()
+        if 1 / FORCES_OFF_LOAD < ratio / size < FORCES_OFF_LOAD
+    ]
+    if meant:
+        yield f"the forces add up to {ratio:.2g} times load_N: {', or '.join(meant)}?"
     if scene.indenter is not None and (lens := _other_lens(scene, shown)):
         yield (
             f"{lens}, and [indenter] radius_m = {scene.indenter.radius:.3g}: is that of another lens, or "
