@@ -1,6 +1,9 @@
 """The exceptions of contactimg, each carrying one sentence a physicist can act on."""
 
-from typing import Any
+import inspect
+from functools import wraps
+from textwrap import shorten
+from typing import Any, get_args
 
 
 class ContactimgError(Exception):
@@ -25,6 +28,50 @@ class ModelRangeError(InputError):
 
 class ConvergenceError(ContactimgError, RuntimeError):
     """An iterative solver stopped above its tolerance; the message names residual, tolerance and remedy."""
+
+
+MADE_BY = {
+    "Scene": "contactimg.read_scene reads one",
+    "Generator": "numpy.random.default_rng(seed) makes one",
+    "DataFrame": "pandas.DataFrame makes one of columns, pandas.read_csv of a file",
+}
+"""Class that an argument must have -> where it comes from."""
+
+
+def at_the_door(public: Any, module: str) -> Any:
+    """A function of a module as its users call it: an argument of another class is an `InputError`.
+
+    The classes are those of `MADE_BY` in the annotations; any other object stays as it is.
+
+    Examples
+    --------
+    >>> class Scene: ...
+    >>> def plan(scene: Scene) -> None: ...
+    >>> at_the_door(plan, "m")(scene="folder")
+    Traceback (most recent call last):
+    contactimg.errors.InputError: plan: scene must be a Scene (contactimg.read_scene reads one), got 'folder'
+    """
+    if not inspect.isfunction(public):
+        return public
+    parameters, classes = inspect.signature(public).parameters, dict[str, tuple[Any, ...]]()
+    for name, parameter in parameters.items():
+        asked = get_args(parameter.annotation) or (parameter.annotation,)
+        if isinstance(parameter.annotation, type) or all(isinstance(one, type) for one in asked):
+            classes[name] = asked
+
+    @wraps(public)
+    def checked(*args: Any, **options: Any) -> Any:
+        for name, value in (dict(zip(parameters, args, strict=False)) | options).items():
+            made = [MADE_BY[one.__name__] for one in classes.get(name, ()) if one.__name__ in MADE_BY]
+            if made and not isinstance(value, classes[name]):
+                kind = classes[name][0].__name__
+                raise InputError(
+                    f"{public.__name__}: {name} must be a {kind} ({made[0]}), got {shorten(repr(value), 60)}"
+                )
+        return public(*args, **options)
+
+    checked.__module__ = module
+    return checked
 
 
 def finite_number(value: Any, name: str, unit: str) -> float:

@@ -62,8 +62,6 @@ def measure_series(scene: Scene, *, workers: int | None = None) -> files.Run:
         If no frame at all could be measured; the message gives the first reason. For a value of the scene
         that is no plausible one (`contactimg.plausibility`).
     """
-    if not isinstance(scene, Scene):
-        raise InputError(f"measure_series needs a Scene, got {scene!r}; contactimg.read_scene reads one")
     settle(doubts_about_scene(scene), scene.folder)
     with sharing(workers):
         return measure_parts(files.open_experiment(scene)).run
