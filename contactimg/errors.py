@@ -3,6 +3,7 @@
 import inspect
 from functools import wraps
 from textwrap import shorten
+from types import UnionType
 from typing import Any, get_args
 
 
@@ -55,8 +56,9 @@ def at_the_door(public: Any, module: str) -> Any:
         return public
     parameters, classes = inspect.signature(public).parameters, dict[str, tuple[Any, ...]]()
     for name, parameter in parameters.items():
-        asked = get_args(parameter.annotation) or (parameter.annotation,)
-        if isinstance(parameter.annotation, type) or all(isinstance(one, type) for one in asked):
+        kind = parameter.annotation
+        asked = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+        if all(isinstance(one, type) for one in asked):
             classes[name] = asked
 
     @wraps(public)
@@ -64,10 +66,8 @@ def at_the_door(public: Any, module: str) -> Any:
         for name, value in (dict(zip(parameters, args, strict=False)) | options).items():
             made = [MADE_BY[one.__name__] for one in classes.get(name, ()) if one.__name__ in MADE_BY]
             if made and not isinstance(value, classes[name]):
-                kind = classes[name][0].__name__
-                raise InputError(
-                    f"{public.__name__}: {name} must be a {kind} ({made[0]}), got {shorten(repr(value), 60)}"
-                )
+                what, got = classes[name][0].__name__, shorten(repr(value), 60)
+                raise InputError(f"{public.__name__}: {name} must be a {what} ({made[0]}), got {got}")
         return public(*args, **options)
 
     checked.__module__ = module

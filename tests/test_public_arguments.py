@@ -38,6 +38,8 @@ def test_arguments_that_may_be_missing_or_are_right_go_through():
         contactimg.find_touching_load(contactimg.scene_from_dict({}), asperities="a.csv")
     with pytest.raises(TypeError, match="missing 1 required positional argument"):
         contactimg.plan_effects()
+    with pytest.raises(InputError, match="the same annuli"):
+        contactimg.average_profile([], frame="a", model="coupled")
     table = contactimg.generate_asperities("SA", side=1e-3, coverage=0.1, rng=np.random.default_rng(1))
     assert len(contactimg.composite_apexes(table, indenter_radius=0.1)) == len(table)
 
