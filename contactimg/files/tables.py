@@ -93,7 +93,7 @@ def read_table(
     places, comma = _places(path, header, schema, needed), separator != ","
     table = _converted(path, rows, places, schema, required or (), infinite=infinite, decimal_comma=comma)
     missing, taken = [name for name in schema.columns if name not in places], {k for k, _ in places.values()}
-    if missing and (unread := [repr(name) for k, name in enumerate(header) if k not in taken]):
+    if missing and (unread := [repr(name) for k, name in enumerate(header) if name and k not in taken]):
         table.attrs["remark"] = f"not read: {first_names(unread)}; it may also hold {', '.join(missing)}"
     return table
 
@@ -186,9 +186,9 @@ def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
 
 
 def _without_comment(row: list[str], width: int) -> list[str]:
-    """The cells of a row without those that a comment behind the last one was split into."""
+    """The cells of a row without empty ones, or those of a comment, behind the last one."""
     last, beyond = "".join(row[width - 1 : width]), "".join(row[width : width + 1])
-    return row[:width] if "#" in last or _COMMENT.match(beyond) else row
+    return row[:width] if "#" in last or _COMMENT.match(beyond) or not "".join(row[width:]).strip() else row
 
 
 def _up_to_comment(row: list[str], numbers: Iterable[int]) -> list[str]:

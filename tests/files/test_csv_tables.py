@@ -51,6 +51,7 @@ def asperities_of(tmp_path, content):
         'load_N,comment,frame\n0.02,"slow, dry",a.tif\n0.5,,b.tif\n',
         "Frame,LOAD_N\na.tif,0.02\nb.tif,0.5\n",
         "frame,load_N,temp µ\n".encode("cp1252") + b"a.tif,0.02,1\nb.tif,0.5,2\n",
+        "frame,load_N\na.tif,0.02,\nb.tif,0.5, ,\n",
         "# monday\nframe,load_N\na.tif,0.02 # read twice, by hand\n# c.tif,0.9\n#d.tif,1\nb.tif,0.5,# 3\n#\n",
         "# frame,load_N,friction_N\na.tif,0.02 # was 0.03, 0.04\nb.tif,0.5,\n",
         "Bild\tKraft [N]\na.tif\t0,02 # 7\n# c.tif\t3\nb.tif\t0,5\t# 8\n",
@@ -68,6 +69,7 @@ def asperities_of(tmp_path, content):
         "extra",
         "capitals",
         "cp1252",
+        "empty cells",
         "comments",
         "comment before cells",
         "comments behind tabs",
@@ -99,7 +101,8 @@ def test_columns_that_are_not_read_are_named(tmp_path):
     assert loads.attrs["remark"] == (
         "not read: 'fricton_N', 'time_ms'; it may also hold friction_N, velocity_m_s, tangential_N, time_s"
     )
-    assert "remark" not in loads_of(tmp_path, "frame,load_N\na.tif,0.02\n").attrs
+    for end in ("", ",", ", "):
+        assert "remark" not in loads_of(tmp_path, f"frame,load_N{end}\na.tif,0.02{end}\n").attrs
 
 
 def test_optional_columns_are_kept(tmp_path):
