@@ -47,7 +47,9 @@ RANGES = {
     # a cap is no higher than its sphere
     "height_m over radius_m of the asperities": (0.0, 1.0),
     # an output that may change by all of itself is not asked for
-    "[tolerance] relative": (0.0, 1.0),
+    "[tolerance] relative": (0.0, 0.99),
+    # chosen: nothing is known to 1e-6, and what may be zero is not known
+    "standard uncertainty over its value": (1e-6, 1.0),
     # chosen: shallow caps reach a few, sparse samples 0.1
     "radius_m of the asperities over their distance": (1e-3, 30.0),
     # chosen: of random places in a table of 10^4 a pair is so close once in 60 tables
@@ -146,6 +148,13 @@ def doubts_about_scene(
         yield from _doubts_about_table(scene, asperities)
         half_diagonal = float(np.hypot(*np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0))) / 2
     elastic, indenter = scene.elastic, scene.indenter
+    stated = [("[load] zero_std_N", scene.load.zero_std or 0.0, max(loads, default=0.0))]
+    if elastic is not None:
+        stated.append(("young_modulus_std_Pa", elastic.young_modulus_std, elastic.stated_modulus or 0.0))
+    for name, std, value in stated:
+        if std and value:
+            key, hint = "standard uncertainty over its value", "is one of them relative, or in another unit?"
+            yield from doubt_about(key, std / abs(value), said=f"{name} over {value:g}", hint=hint)
     if not loads or max(loads) <= 0 or elastic is None or elastic.stated_modulus is None or indenter is None:
         return
     if np.isfinite(indenter.radius):

@@ -53,6 +53,16 @@ def test_the_sound_scene_and_all_samples_are_plausible(asperities):
         ({"elastic": {"thickness_m": 15.0}}, "thickness_m = 15 .* mm"),
         ({"elastic": {"work_of_adhesion_J_m2": 30.0}}, "work_of_adhesion_J_m2 = 30 .* mJ"),
         ({"tolerance": {"relative": 5.0}}, r"\[tolerance\] relative = 5 .* was it given in per cent"),
+        ({"tolerance": {"relative": 1.0}}, r"\[tolerance\] relative = 1 .* was it given in per cent"),
+        (
+            {"elastic": {"young_modulus_std_Pa": 0.02}},
+            r"young_modulus_std_Pa over 3e\+06 = 6.67e-09 .* relative",
+        ),
+        (
+            {"elastic": {"young_modulus_std_Pa": 1e8}},
+            r"young_modulus_std_Pa over 3e\+06 = 33.3 .* another unit",
+        ),
+        ({"load": {"zero_std_N": 1.0}}, r"zero_std_N over 0\.05 = 20 .* another unit"),
         ({"indenter": {"radius_m": 128.8}}, "radius_m = 129 .* was it given in mm"),
         ({"indenter": {"apex_m": [1.0, 1.0]}}, r"apex_m \(1, 1\) from the asperities .* was it given in mm"),
         ({"indenter": {"apex_m": [1000.0, 1000.0]}}, r"apex_m .* was it given in µm"),
