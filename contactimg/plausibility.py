@@ -60,6 +60,8 @@ RANGES = {
     CONTACT_OVER_RADIUS: (0.0, 0.5),
     # chosen: a contact beyond the table would lose its forces anyway
     CONTACT_OVER_SAMPLE: (0.0, 1.5),
+    # chosen, over the largest load: few loads of a cell good to a tenth reach 0.2, loads in any order 0.3
+    "scatter of the loads about the law": (0.0, 0.25),
     # chosen: a modulus that was measured otherwise agrees within a few; a slip of a unit gives 10 to 1000
     "forces over load": (1 / 8, 8.0),
     # chosen, of the closest threshold: thresholds change the sum by a few
@@ -221,13 +223,19 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
 
 
 def doubts_about_calibration(
-    *, young_modulus: float, work_of_adhesion: float, contact_over_radius: float
+    *, young_modulus: float, work_of_adhesion: float, contact_over_radius: float, scatter: float
 ) -> Iterator[str]:
-    """Sentences about a JKR calibration: modulus (Pa), work of adhesion (J/m^2), contact over sphere."""
+    """Sentences about a JKR calibration.
+
+    That is modulus (Pa), work of adhesion (J/m^2), contact over sphere, and scatter of the loads about the
+    law over the largest load.
+    """
     hint = "are loads in N, and pixel_size_m and radius_m in metres?"
     said = "the largest contact radius over that of the sphere"
     adhesion = max(work_of_adhesion, 0.0)
     yield from doubt_about(CONTACT_OVER_RADIUS, contact_over_radius, said=said, hint=hint)
+    order = "do the loads belong to the frames, in their order?"
+    yield from doubt_about("scatter of the loads about the law", scatter, hint=order)
     yield from doubt_about("young_modulus_Pa", young_modulus, said="the fitted young_modulus", hint=hint)
     yield from doubt_about("work_of_adhesion_J_m2", adhesion, said="the fitted work_of_adhesion", hint=hint)
 

@@ -123,21 +123,19 @@ def test_a_slip_in_the_asperity_table_is_named(asperities, change, said):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ((3.0, 0.03, 0.01), "fitted young_modulus = 3 .* loads in N"),
-        ((3e6, 40.0, 0.01), "fitted work_of_adhesion = 40 .* loads in N"),
-        ((3e6, 0.03, 1.3), "largest contact radius over that of the sphere = 1.3"),
+        ((3.0, 0.03, 0.01, 0.01), "fitted young_modulus = 3 .* loads in N"),
+        ((3e6, 40.0, 0.01, 0.01), "fitted work_of_adhesion = 40 .* loads in N"),
+        ((3e6, 0.03, 0.01, 0.3), "scatter of the loads .* = 0.3 .* in their order"),
+        ((3e6, 0.03, 1.3, 0.01), "largest contact radius over that of the sphere = 1.3"),
     ],
 )
 def test_a_slip_in_the_result_of_a_calibration(values, said):
-    modulus, adhesion, ratio = values
-    doubts = doubts_about_calibration(
-        young_modulus=modulus, work_of_adhesion=adhesion, contact_over_radius=ratio
-    )
+    names = ("young_modulus", "work_of_adhesion", "contact_over_radius", "scatter")
+    doubts = doubts_about_calibration(**dict(zip(names, values, strict=True)))
     with pytest.raises(InputError, match=said):
         settle(doubts, "the calibration")
-    assert not list(
-        doubts_about_calibration(young_modulus=3e6, work_of_adhesion=-0.01, contact_over_radius=0.1)
-    )
+    sound = dict(zip(names, (3e6, -0.01, 0.1, 0.05), strict=True))
+    assert not list(doubts_about_calibration(**sound))
 
 
 @pytest.mark.parametrize("slope", [1e-3, 0.1, 10.0, 100.0])
