@@ -54,20 +54,16 @@ def at_the_door(public: Any, module: str) -> Any:
     """
     if not inspect.isfunction(public):
         return public
-    parameters, classes = inspect.signature(public).parameters, dict[str, tuple[Any, ...]]()
-    for name, parameter in parameters.items():
-        kind = parameter.annotation
-        asked = get_args(kind) if isinstance(kind, UnionType) else (kind,)
-        if all(isinstance(one, type) for one in asked):
-            classes[name] = asked
+    asked = {name: one.annotation for name, one in inspect.signature(public).parameters.items()}
 
     @wraps(public)
     def checked(*args: Any, **options: Any) -> Any:
-        for name, value in (dict(zip(parameters, args, strict=False)) | options).items():
-            made = [MADE_BY[one.__name__] for one in classes.get(name, ()) if one.__name__ in MADE_BY]
-            if made and not isinstance(value, classes[name]):
-                what, got = classes[name][0].__name__, shorten(repr(value), 60)
-                raise InputError(f"{public.__name__}: {name} must be a {what} ({made[0]}), got {got}")
+        for name, value in (dict(zip(asked, args, strict=False)) | options).items():
+            kind: Any = asked.get(name)  # of a union the first class says what is meant
+            what = getattr(get_args(kind)[0] if isinstance(kind, UnionType) else kind, "__name__", "")
+            if what in MADE_BY and not isinstance(value, kind):
+                got = shorten(repr(value), 60)
+                raise InputError(f"{public.__name__}: {name} must be a {what} ({MADE_BY[what]}), got {got}")
         return public(*args, **options)
 
     checked.__module__ = module

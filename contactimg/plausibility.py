@@ -78,9 +78,6 @@ UNITS = {
 }
 """End of a name -> units that may have been typed instead, and their size."""
 
-BINNED = {"twice": 2.0, "half": 0.5}
-"""Pixel size over that of the frames where the binning of pixels was left out of account."""
-
 SHOWN_STDS = 5.0
 """Standard deviations by which the apex or the lens that the contacts show must differ."""
 
@@ -184,16 +181,14 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
     points = asperities[["x_m", "y_m"]].to_numpy(float)
     heights, sides = asperities[["height_m"]].to_numpy(float), np.sort(np.ptp(points, axis=0))
     for name, values in (("x_m or y_m", points), ("height_m", heights)):
-        away = np.linalg.norm(values - np.median(values, axis=0), axis=1)
-        row, key = int(away.argmax()), "distance of one asperity from the median over that of most"
+        off = np.linalg.norm(values - np.median(values, axis=0), axis=1)
+        row, key = int(off.argmax()), "distance of one asperity from the median over that of most"
         said = key.replace("one asperity", f"asperity {row}")
         hint = f"is its {name} in another unit than that of the others?"
-        yield from doubt_about(key, away[row] / max(np.median(away), radius), said=said, hint=hint)
+        yield from doubt_about(key, off[row] / max(np.median(off), radius), said=said, hint=hint)
     if sides[0] > radius:  # not a row of caps
-        hint = "are x_m and y_m in different units?"
-        yield from doubt_about(
-            "longer side of the asperities over the shorter", sides[1] / sides[0], hint=hint
-        )
+        key, hint = "longer side of the asperities over the shorter", "are x_m and y_m in different units?"
+        yield from doubt_about(key, sides[1] / sides[0], hint=hint)
     if spacing := mean_spacing(asperities):
         cure, key = "are x_m, y_m and radius_m in metres?", "radius_m of the asperities over their distance"
         yield from doubt_about(key, radius / spacing, hint=cure)
@@ -217,9 +212,8 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
         unit = next((unit for unit, size in UNITS["m"].items() if outside(place, size) == 0), "")
         hint = f"was it given in {unit or 'another unit, or with another sign'}?"
         said = f"distance of {name} ({place[0]:g}, {place[1]:g}) from the asperities over their side"
-        yield from doubt_about(
-            "distance from the asperities over their side", outside(place), said=said, hint=hint
-        )
+        away = outside(place)
+        yield from doubt_about("distance from the asperities over their side", away, said=said, hint=hint)
 
 
 def doubts_about_calibration(
@@ -279,14 +273,11 @@ def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> 
     if loads.nunique() > 2 and loads.rank().corr(areas.rank()) < 0:
         yield "the area of contact falls as the load grows: is the order of the loads reversed?"
     ratio = float((loaded["force_sum_N"] / loads).median())
-    slips = {f"were the loads given in {unit}": size for unit, size in UNITS["N"].items()}
     # forces grow with the cube of the pixel size
-    binned = {f"is pixel_size_m {times} that of the frames (binning)": k**3 for times, k in BINNED.items()}
-    meant = [
-        slip
-        for slip, size in (binned | slips).items()
-        if 1 / FORCES_OFF_LOAD < ratio / size < FORCES_OFF_LOAD
-    ]
+    binned = {"twice": 2.0**3, "half": 0.5**3}.items()
+    slips = {f"is pixel_size_m {times} that of the frames (binning)": cube for times, cube in binned}
+    slips |= {f"were the loads given in {unit}": size for unit, size in UNITS["N"].items()}
+    meant = [slip for slip, k in slips.items() if 1 / FORCES_OFF_LOAD < ratio / k < FORCES_OFF_LOAD]
     if meant:
         yield f"the forces add up to {ratio:.2g} times load_N: {', or '.join(meant)}?"
     if scene.indenter is not None and (lens := _other_lens(scene, shown)):

@@ -1,8 +1,8 @@
 """Measure a series: a sample of its frames, then all with what these show; then pose and forces."""
 
 import logging
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -75,12 +75,10 @@ def measure_parts(experiment: files.Experiment, *, store: files.PartStore | None
     scene = experiment.scene
     check_modulus(scene)
     asperities, sites = asperities_and_sites(experiment)
-    edits = edits_by_frame(experiment)
-    parts = _measure_frames(experiment, FrameOptions.of(scene, sites), edits, store=store)
+    parts = _measure_frames(experiment, FrameOptions.of(scene, sites), store=store)
     for k, part in enumerate(parts):  # own_optics is the largest part of a frame
         row = part.row | {"load_N": experiment.load_of(part.row["frame"])}
         parts[k] = replace(part, row=row, own_optics=None)
-    _warn_of_unmatched(parts, edits)
     return MeasuredSeries(scene, parts, sites).posed(asperities)
 
 
@@ -106,25 +104,17 @@ def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
     return edits
 
 
-def _warn_of_unmatched(parts: Iterable[MeasuredFrame], edits: Mapping[str, Edits]) -> None:
+def _warn_of_unmatched(parts: Sequence[MeasuredFrame], edits: Mapping[str, Edits]) -> None:
     """Log corrections that meet no contact in any of the frames that they are for."""
     asked = Counter(edit.row for own in edits.values() for edit in own)
-    lost: dict[int, list[tuple[str, HandEdit]]] = defaultdict(list)
-    for part in parts:
-        for edit in part.unmatched:
-            lost[edit.row].append((part.row["frame"], edit))
-    for row, found in sorted(lost.items()):
-        if len(found) == asked[row]:
-            names = first_names(name for name, _ in found)
-            logger.warning("%s: %s; they have no effect", names, remark_on([found[0][1]]))
+    for row, edit in sorted({edit.row: edit for part in parts for edit in part.unmatched}.items()):
+        names = [part.row["frame"] for part in parts if row in {one.row for one in part.unmatched}]
+        if len(names) == asked[row]:
+            logger.warning("%s: %s; they have no effect", first_names(names), remark_on([edit]))
 
 
 def _measure_frames(
-    experiment: files.Experiment,
-    options: FrameOptions,
-    edits: Mapping[str, Edits],
-    *,
-    store: files.PartStore | None,
+    experiment: files.Experiment, options: FrameOptions, *, store: files.PartStore | None
 ) -> list[MeasuredFrame]:
     """Measure the frames, on a pooled background where that gains; some again with optics of the others.
 
@@ -140,7 +130,7 @@ def _measure_frames(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
-    frames, method = experiment.frames, options.scene.measure.method
+    frames, edits, method = experiment.frames, edits_by_frame(experiment), options.scene.measure.method
     numbers, alone = range(len(frames)), partial(measure_scene_frame, options=options)
     parts: dict[int, MeasuredFrame] = {}
 
@@ -167,9 +157,8 @@ def _measure_frames(
     usual = _of_usual_shape(parts)
     if not usual:
         raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
-    asked = experiment.scene.images.background == "reference"
-    fault = "" if asked else fault_of_reference(usual.values(), read_reference(experiment))
-    if fault:
+    stated = experiment.scene.images.background == "reference"
+    if fault := "" if stated else fault_of_reference(usual.values(), read_reference(experiment)):
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
         parts |= measured(alone, dict.fromkeys(parts))
@@ -194,6 +183,7 @@ def _measure_frames(
         parts |= measured(alone, {k: None for k in others if parts[k].shape is None})
     elif fault:
         parts = {k: part.with_remarks(f"{fault}: not used") for k, part in parts.items()}
+    _warn_of_unmatched(list(parts.values()), edits)
     return _in_order(parts, frames)
 
 
