@@ -19,8 +19,18 @@ Chance
     Always a `numpy.random.Generator` handed over as ``rng``.
 """
 
+from typing import Any as _Any
+
 import lazy_loader as _lazy
+
+from contactimg.errors import at_the_door as _at_the_door
 
 __version__ = "0.1.0"
 
-__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
+_load, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> _Any:
+    """The public object of a name; a function checks the classes of its arguments."""
+    globals()[name] = found = _at_the_door(_load(name), __name__)
+    return found

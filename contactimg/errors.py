@@ -1,6 +1,10 @@
 """The exceptions of contactimg, each carrying one sentence a physicist can act on."""
 
-from typing import Any
+import inspect
+from functools import wraps
+from textwrap import shorten
+from types import UnionType
+from typing import Any, get_args
 
 
 class ContactimgError(Exception):
@@ -25,6 +29,45 @@ class ModelRangeError(InputError):
 
 class ConvergenceError(ContactimgError, RuntimeError):
     """An iterative solver stopped above its tolerance; the message names residual, tolerance and remedy."""
+
+
+MADE_BY = {
+    "Scene": "contactimg.read_scene reads one",
+    "Generator": "numpy.random.default_rng(seed) makes one",
+    "DataFrame": "pandas.DataFrame makes one of columns, pandas.read_csv of a file",
+}
+"""Class that an argument must have -> where it comes from."""
+
+
+def at_the_door(public: Any, module: str) -> Any:
+    """A function of a module as its users call it: an argument of another class is an `InputError`.
+
+    The classes are those of `MADE_BY` in the annotations; any other object stays as it is.
+
+    Examples
+    --------
+    >>> class Scene: ...
+    >>> def plan(scene: Scene) -> None: ...
+    >>> at_the_door(plan, "m")(scene="folder")
+    Traceback (most recent call last):
+    contactimg.errors.InputError: plan: scene must be a Scene (contactimg.read_scene reads one), got 'folder'
+    """
+    if not inspect.isfunction(public):
+        return public
+    asked = {name: one.annotation for name, one in inspect.signature(public).parameters.items()}
+
+    @wraps(public)
+    def checked(*args: Any, **options: Any) -> Any:
+        for name, value in (dict(zip(asked, args, strict=False)) | options).items():
+            kind: Any = asked.get(name)  # of a union the first class says what is meant
+            what = getattr(get_args(kind)[0] if isinstance(kind, UnionType) else kind, "__name__", "")
+            if what in MADE_BY and not isinstance(value, kind):
+                got = shorten(repr(value), 60)
+                raise InputError(f"{public.__name__}: {name} must be a {what} ({MADE_BY[what]}), got {got}")
+        return public(*args, **options)
+
+    checked.__module__ = module
+    return checked
 
 
 def finite_number(value: Any, name: str, unit: str) -> float:

@@ -15,14 +15,16 @@ share ``Phi(FALSE_ALARM_SIGMA (u/u_half - 1))`` of the contacts is found.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import exprel
 
-from contactimg.effects import local_law
+from contactimg.effects.local_law import force_parts, law_name, law_settings
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
+from contactimg.mechanics.layer import LARGEST_RATIO
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
 from contactimg.surfaces import of_asperities
@@ -64,13 +66,9 @@ def assign_forces(
     *,
     contact_modulus: float,
     modulus_relative_std: float = 0.0,
-    law: local_law.ForceLaw = "hertz",
-    work_of_adhesion: float = 0.0,
+    **settings: Any,
 ) -> pd.DataFrame:
     """Fill ``force_N``, ``force_std_N`` and ``force_hertz_N``; flag ``BEYOND_HERTZ``.
-
-    Hertz: ``p = 4 E* a^3/(3 R)``; sphere: ``p = E* [(a^2 + R^2)/2 ln((R + a)/(R - a)) - a R]``; a contact
-    that adheres (JKR) bears ``sqrt(8 pi w E* a^3)`` less.
 
     Parameters
     ----------
@@ -83,9 +81,8 @@ def assign_forces(
         E*, Pa.
     modulus_relative_std : float
         Relative standard uncertainty of E*; it enters every force alike.
-    law : {"hertz", "sphere"}
-    work_of_adhesion : float, J/m^2
-        w; 0 for contacts that do not adhere.
+    **settings
+        The law: those of `contactimg.effects.local_law.force_parts`.
 
     Returns
     -------
@@ -99,10 +96,9 @@ def assign_forces(
 
     Notes
     -----
-    Hertz holds while a/R <= 0.33, the sphere's law for linear elasticity at a/R < 1; it gives no force for a
-    contact as wide as its sphere. The relative uncertainty is ``sqrt((n std(a)/a)^2 + (std(E)/E)^2)`` with
-    the exponent ``n = d ln p/d ln a`` of `force_exponents`; with adhesion the two parts of the force, of
-    exponents n and 3/2, are taken apart, and the modulus counts as for the first.
+    Hertz holds while a/R <= 0.33, the sphere's law for linear elasticity at a/R < 1, that of a layer up to
+    `LARGEST_RATIO` thicknesses; beyond these two there is no force. The variance of a force is
+    ``(std(a) dp/da)^2 + (p std(E)/E)^2``; with adhesion the modulus counts as for the part that presses.
 
     References
     ----------
@@ -117,25 +113,15 @@ def assign_forces(
     """
     a = contacts["radius_m"].to_numpy(float)
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
-    hertzian = local_law.pressing_force(a, R, contact_modulus=contact_modulus)
-    body = {"contact_modulus": contact_modulus, "work_of_adhesion": work_of_adhesion}
-    pressed, pulled, slope = _parts_and_slope(a, R, law=law, **body)
+    hertzian = force_parts(a, R, contact_modulus=contact_modulus)[0]
+    pressed, pulled, slope = force_parts(a, R, contact_modulus=contact_modulus, **settings)
     std = np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed)
-    beyond = int(Flag.BEYOND_HERTZ)
+    beyond, too_wide = int(Flag.BEYOND_HERTZ), a > LARGEST_RATIO * settings.get("thickness", np.inf)
     known = np.asarray(contacts.get("flags", 0), np.int64)
-    flags = known & ~beyond | np.where(a > HERTZ_LIMIT * R, beyond, 0)
-    forces = {"force_N": pressed - pulled, "force_std_N": std, "force_hertz_N": hertzian}
-    return contacts.assign(**forces, flags=flags)
-
-
-def _parts_and_slope(
-    a: Values, R: Values, *, law: local_law.ForceLaw, contact_modulus: float, work_of_adhesion: float
-) -> tuple[Values, Values, Values]:
-    """Pressing force and adhesive pull (N) of contacts, and by how much their difference grows with ln a."""
-    pressed = local_law.pressing_force(a, R, contact_modulus=contact_modulus, law=law)
-    pulled = local_law.adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
-    # adhesion pulls with sqrt(8 pi w E* a^3), to the power 3/2 of the radius
-    return pressed, pulled, local_law.force_exponents(a, R, law=law) * pressed - 1.5 * pulled
+    flags = known & ~beyond | np.where((a > HERTZ_LIMIT * R) | too_wide, beyond, 0)
+    forces = {"force_N": pressed - pulled, "force_std_N": std}
+    forces = {name: np.where(too_wide, np.nan, values) for name, values in forces.items()}
+    return contacts.assign(**forces, force_hertz_N=hertzian, flags=flags)
 
 
 def visible_areas(contacts: pd.DataFrame) -> pd.Series:
@@ -222,8 +208,8 @@ def fill_forces(
     ----------
     scene : Scene
         With ``[effects] sphere_profile = "on"`` the sphere's exact law replaces Hertz's; with
-        ``adhesion = "on"`` contacts adhere (`contactimg.effects.local_law.decide_law` sets both). Without
-        ``[elastic]`` there are no forces.
+        ``adhesion = "on"`` contacts adhere, with ``layer = "on"`` the support below them acts
+        (`contactimg.effects.local_law.decide_law` sets the three). Without ``[elastic]`` there are no forces.
     contacts, frames : DataFrame
         The tables of a run; a frame without a number of contacts was not measured and gets no sums.
     sites : DataFrame or None
@@ -242,7 +228,7 @@ def fill_forces(
     (`contactimg.forces`); these are not in the sums but beside them.
     """
     elastic, stds = scene.elastic, {"length_relative_std": length_relative_std}
-    slope, law = np.zeros(len(contacts)), local_law.law_name(scene)
+    slope, law = np.zeros(len(contacts)), law_name(scene)
     if elastic is not None:
         contacts, slope = local_forces(scene, contacts, sites)
         stds["modulus_relative_std"] = elastic.young_modulus_std / elastic.young_modulus
@@ -320,14 +306,11 @@ def local_forces(
     sites : DataFrame or None
         Composite summits of the asperities.
     """
-    elastic, effects = scene.need("elastic", "computing local forces"), scene.effects
-    adhesion = elastic.work_of_adhesion if effects.adhesion == "on" else 0.0
-    body = {"contact_modulus": elastic.contact_modulus, "work_of_adhesion": adhesion}
+    elastic, settings = scene.need("elastic", "computing local forces"), law_settings(scene)
     relative = elastic.young_modulus_std / elastic.young_modulus
     radii = sphere_radii(contacts, scene, sites)
-    contacts = assign_forces(contacts, radii, law=effects.law, modulus_relative_std=relative, **body)
-    a = contacts["radius_m"].to_numpy(float)
-    return contacts, _parts_and_slope(a, radii, law=effects.law, **body)[2]
+    slope = force_parts(contacts["radius_m"].to_numpy(float), radii, **settings)[2]
+    return assign_forces(contacts, radii, modulus_relative_std=relative, **settings), slope
 
 
 def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> Values:

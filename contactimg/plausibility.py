@@ -41,10 +41,15 @@ RANGES = {
     "pixel_size_m": (2e-8, 5e-4),
     # chosen: random asperities differ by a few tens, a slip of a unit in one row by 1000
     "radius_m of one asperity over the median": (1 / 300, 300.0),
+    # chosen, for places as for radii: random ones differ by a few, a slip of a unit by 1000
+    "distance of one asperity from the median over that of most": (0.0, 100.0),
+    "longer side of the asperities over the shorter": (1.0, 100.0),
     # a cap is no higher than its sphere
     "height_m over radius_m of the asperities": (0.0, 1.0),
     # an output that may change by all of itself is not asked for
-    "[tolerance] relative": (0.0, 1.0),
+    "[tolerance] relative": (0.0, 0.99),
+    # chosen: nothing is known to 1e-6, and what may be zero is not known
+    "standard uncertainty over its value": (1e-6, 1.0),
     # chosen: shallow caps reach a few, sparse samples 0.1
     "radius_m of the asperities over their distance": (1e-3, 30.0),
     # chosen: of random places in a table of 10^4 a pair is so close once in 60 tables
@@ -55,6 +60,8 @@ RANGES = {
     CONTACT_OVER_RADIUS: (0.0, 0.5),
     # chosen: a contact beyond the table would lose its forces anyway
     CONTACT_OVER_SAMPLE: (0.0, 1.5),
+    # chosen, over the largest load: few loads of a cell good to a tenth reach 0.2, loads in any order 0.3
+    "scatter of the loads about the law": (0.0, 0.25),
     # chosen: a modulus that was measured otherwise agrees within a few; a slip of a unit gives 10 to 1000
     "forces over load": (1 / 8, 8.0),
     # chosen, of the closest threshold: thresholds change the sum by a few
@@ -140,6 +147,13 @@ def doubts_about_scene(
         yield from _doubts_about_table(scene, asperities)
         half_diagonal = float(np.hypot(*np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0))) / 2
     elastic, indenter = scene.elastic, scene.indenter
+    stated = [("[load] zero_std_N", scene.load.zero_std or 0.0, max(loads, default=0.0))]
+    if elastic is not None:
+        stated.append(("young_modulus_std_Pa", elastic.young_modulus_std, elastic.stated_modulus or 0.0))
+    for name, std, value in stated:
+        if std and value:
+            key, hint = "standard uncertainty over its value", "is one of them relative, or in another unit?"
+            yield from doubt_about(key, std / abs(value), said=f"{name} over {value:g}", hint=hint)
     if not loads or max(loads) <= 0 or elastic is None or elastic.stated_modulus is None or indenter is None:
         return
     if np.isfinite(indenter.radius):
@@ -165,6 +179,16 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
         "height_m over radius_m of the asperities", upright * height / radius, hint=columns
     )
     points = asperities[["x_m", "y_m"]].to_numpy(float)
+    heights, sides = asperities[["height_m"]].to_numpy(float), np.sort(np.ptp(points, axis=0))
+    for name, values in (("x_m or y_m", points), ("height_m", heights)):
+        off = np.linalg.norm(values - np.median(values, axis=0), axis=1)
+        row, key = int(off.argmax()), "distance of one asperity from the median over that of most"
+        said = key.replace("one asperity", f"asperity {row}")
+        hint = f"is its {name} in another unit than that of the others?"
+        yield from doubt_about(key, off[row] / max(np.median(off), radius), said=said, hint=hint)
+    if sides[0] > radius:  # not a row of caps
+        key, hint = "longer side of the asperities over the shorter", "are x_m and y_m in different units?"
+        yield from doubt_about(key, sides[1] / sides[0], hint=hint)
     if spacing := mean_spacing(asperities):
         cure, key = "are x_m, y_m and radius_m in metres?", "radius_m of the asperities over their distance"
         yield from doubt_about(key, radius / spacing, hint=cure)
@@ -193,13 +217,19 @@ def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]
 
 
 def doubts_about_calibration(
-    *, young_modulus: float, work_of_adhesion: float, contact_over_radius: float
+    *, young_modulus: float, work_of_adhesion: float, contact_over_radius: float, scatter: float
 ) -> Iterator[str]:
-    """Sentences about a JKR calibration: modulus (Pa), work of adhesion (J/m^2), contact over sphere."""
+    """Sentences about a JKR calibration.
+
+    That is modulus (Pa), work of adhesion (J/m^2), contact over sphere, and scatter of the loads about the
+    law over the largest load.
+    """
     hint = "are loads in N, and pixel_size_m and radius_m in metres?"
     said = "the largest contact radius over that of the sphere"
     adhesion = max(work_of_adhesion, 0.0)
     yield from doubt_about(CONTACT_OVER_RADIUS, contact_over_radius, said=said, hint=hint)
+    order = "do the loads belong to the frames, in their order?"
+    yield from doubt_about("scatter of the loads about the law", scatter, hint=order)
     yield from doubt_about("young_modulus_Pa", young_modulus, said="the fitted young_modulus", hint=hint)
     yield from doubt_about("work_of_adhesion_J_m2", adhesion, said="the fitted work_of_adhesion", hint=hint)
 
@@ -243,9 +273,13 @@ def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> 
     if loads.nunique() > 2 and loads.rank().corr(areas.rank()) < 0:
         yield "the area of contact falls as the load grows: is the order of the loads reversed?"
     ratio = float((loaded["force_sum_N"] / loads).median())
-    for unit, size in UNITS["N"].items():
-        if 1 / FORCES_OFF_LOAD < ratio / size < FORCES_OFF_LOAD:
-            yield f"the forces add up to {ratio:.2g} times load_N: were the loads given in {unit}?"
+    # forces grow with the cube of the pixel size
+    binned = {"twice": 2.0**3, "half": 0.5**3}.items()
+    slips = {f"is pixel_size_m {times} that of the frames (binning)": cube for times, cube in binned}
+    slips |= {f"were the loads given in {unit}": size for unit, size in UNITS["N"].items()}
+    meant = [slip for slip, k in slips.items() if 1 / FORCES_OFF_LOAD < ratio / k < FORCES_OFF_LOAD]
+    if meant:
+        yield f"the forces add up to {ratio:.2g} times load_N: {', or '.join(meant)}?"
     if scene.indenter is not None and (lens := _other_lens(scene, shown)):
         yield (
             f"{lens}, and [indenter] radius_m = {scene.indenter.radius:.3g}: is that of another lens, or "

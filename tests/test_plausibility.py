@@ -53,6 +53,16 @@ def test_the_sound_scene_and_all_samples_are_plausible(asperities):
         ({"elastic": {"thickness_m": 15.0}}, "thickness_m = 15 .* mm"),
         ({"elastic": {"work_of_adhesion_J_m2": 30.0}}, "work_of_adhesion_J_m2 = 30 .* mJ"),
         ({"tolerance": {"relative": 5.0}}, r"\[tolerance\] relative = 5 .* was it given in per cent"),
+        ({"tolerance": {"relative": 1.0}}, r"\[tolerance\] relative = 1 .* was it given in per cent"),
+        (
+            {"elastic": {"young_modulus_std_Pa": 0.02}},
+            r"young_modulus_std_Pa over 3e\+06 = 6.67e-09 .* relative",
+        ),
+        (
+            {"elastic": {"young_modulus_std_Pa": 1e8}},
+            r"young_modulus_std_Pa over 3e\+06 = 33.3 .* another unit",
+        ),
+        ({"load": {"zero_std_N": 1.0}}, r"zero_std_N over 0\.05 = 20 .* another unit"),
         ({"indenter": {"radius_m": 128.8}}, "radius_m = 129 .* was it given in mm"),
         ({"indenter": {"apex_m": [1.0, 1.0]}}, r"apex_m \(1, 1\) from the asperities .* was it given in mm"),
         ({"indenter": {"apex_m": [1000.0, 1000.0]}}, r"apex_m .* was it given in µm"),
@@ -84,6 +94,15 @@ def test_a_slip_in_a_scene_is_named_with_its_likely_unit(asperities, sections, s
             lambda t: t.assign(radius_m=t["radius_m"].where(t.index != 4, 1e3 * t["radius_m"])),
             r"radius_m of asperity 4 over the median = 1e\+03 .* another unit than the others",
         ),
+        (
+            lambda t: t.assign(y_m=t["y_m"].where(t.index != 7, 1e3 * t["y_m"])),
+            "distance of asperity 7 from the median .* is its x_m or y_m in another unit",
+        ),
+        (
+            lambda t: t.assign(height_m=t["height_m"].where(t.index != 7, 1e3 * t["height_m"])),
+            "distance of asperity 7 from the median .* is its height_m in another unit",
+        ),
+        (lambda t: t.assign(x_m=1e3 * t["x_m"]), "longer side .* are x_m and y_m in different units"),
         (lambda t: t.assign(x_m=1e-3 * t["x_m"], y_m=1e-3 * t["y_m"]), "are x_m, y_m and radius_m in metres"),
         (lambda t: t.assign(height_m=1e3 * t["height_m"].abs()), "height_m over radius_m .* different units"),
         (lambda t: t.assign(height_m=-t["height_m"].abs()), "height_m over radius_m .* wrong sign"),
@@ -104,21 +123,19 @@ def test_a_slip_in_the_asperity_table_is_named(asperities, change, said):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ((3.0, 0.03, 0.01), "fitted young_modulus = 3 .* loads in N"),
-        ((3e6, 40.0, 0.01), "fitted work_of_adhesion = 40 .* loads in N"),
-        ((3e6, 0.03, 1.3), "largest contact radius over that of the sphere = 1.3"),
+        ((3.0, 0.03, 0.01, 0.01), "fitted young_modulus = 3 .* loads in N"),
+        ((3e6, 40.0, 0.01, 0.01), "fitted work_of_adhesion = 40 .* loads in N"),
+        ((3e6, 0.03, 0.01, 0.3), "scatter of the loads .* = 0.3 .* in their order"),
+        ((3e6, 0.03, 1.3, 0.01), "largest contact radius over that of the sphere = 1.3"),
     ],
 )
 def test_a_slip_in_the_result_of_a_calibration(values, said):
-    modulus, adhesion, ratio = values
-    doubts = doubts_about_calibration(
-        young_modulus=modulus, work_of_adhesion=adhesion, contact_over_radius=ratio
-    )
+    names = ("young_modulus", "work_of_adhesion", "contact_over_radius", "scatter")
+    doubts = doubts_about_calibration(**dict(zip(names, values, strict=True)))
     with pytest.raises(InputError, match=said):
         settle(doubts, "the calibration")
-    assert not list(
-        doubts_about_calibration(young_modulus=3e6, work_of_adhesion=-0.01, contact_over_radius=0.1)
-    )
+    sound = dict(zip(names, (3e6, -0.01, 0.1, 0.05), strict=True))
+    assert not list(doubts_about_calibration(**sound))
 
 
 @pytest.mark.parametrize("slope", [1e-3, 0.1, 10.0, 100.0])

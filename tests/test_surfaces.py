@@ -128,7 +128,7 @@ def test_check_names_row_and_column():
         check_asperities(table(x_m=["1e-3", "abc"]))
     with pytest.raises(InputError, match="column 'y_m' is missing"):
         check_asperities(table().drop(columns="y_m"))
-    with pytest.raises(InputError, match="must be a table"):
+    with pytest.raises(InputError, match="must be a DataFrame"):
         check_asperities([1, 2, 3])
 
 

@@ -396,6 +396,7 @@ def calibrate_jkr(
         young_modulus=found.young_modulus.value,
         work_of_adhesion=found.work_of_adhesion.value,
         contact_over_radius=float(plain.radius.max()) / sphere_radius,
+        scatter=found.load_noise / float(np.abs(found.points["load_N"]).max()),
     )
     settle(doubts, "the calibration")
     here = series.part(used)

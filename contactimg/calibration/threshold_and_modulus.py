@@ -174,11 +174,11 @@ def _crossing(t: Values, slopes: Values) -> int:
     """The interval of thresholds in which the slope falls through 1; the one nearest to 0.5 of several."""
     falls = np.flatnonzero((slopes[:-1] >= 1) & (slopes[1:] < 1))
     if not falls.size:
-        small = "too small: the modulus may be too small"
-        side = small if slopes.max() < 1 else "too large: it may be too large"
+        side = "small" if slopes.max() < 1 else "large"
         raise InputError(
             f"no threshold between {t[0]:g} and {t[-1]:g} gives slope 1: it runs from {slopes[0]:.4g} to "
-            f"{slopes[-1]:.4g}, so the forces are {side}; check modulus, loads, pixel size and asperity radii"
+            f"{slopes[-1]:.4g}, so the forces are too {side}: modulus or pixel size (cubed) may be too "
+            f"{side}; check loads and asperity radii as well"
         )
     return int(falls[np.abs(t[falls] - 0.5).argmin()])
 
@@ -272,6 +272,7 @@ def calibrate_modulus(
     if not compatible:
         message = (
             f"slope 1 needs E = {value / 1e6:.4g} +- {tuned.std / 1e6:.2g} MPa, outside the measured "
-            f"{young_modulus / 1e6:.4g} +- {young_modulus_std / 1e6:.2g} MPa (1.96 standard uncertainties)"
+            f"{young_modulus / 1e6:.4g} +- {young_modulus_std / 1e6:.2g} MPa (1.96 standard uncertainties), "
+            f"or pixels {slope.value ** (-1 / 3):.3g} times as large as stated"
         )
     return ModulusCalibration(tuned, slope, float(distance), compatible, message)

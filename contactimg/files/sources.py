@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import overload
 
+import numpy as np
+
 from contactimg.errors import FrameError, InputError
 from contactimg.files import decoders
 from contactimg.frame import Frame
@@ -31,6 +33,9 @@ _DECODERS: dict[str, _Decoder] = {
 }
 SUFFIXES = tuple(_DECODERS)
 """File name extensions that hold frames; upper or lower case."""
+MOST_OVER_FULL, HOT_SHARE = 1.05, 1e-3
+"""Grey level of a saturated pixel over the stated full scale, and share of the pixels that may be above it.
+Chosen: pixels of a sensor saturate a few per cent apart, and hot ones are fewer than one of a thousand."""
 _ONE_IMAGE = re.compile(rf"(.+({'|'.join(map(re.escape, SUFFIXES))}))\[\d+\]", re.IGNORECASE)
 
 
@@ -73,7 +78,8 @@ class FrameSource:
         Raises
         ------
         FrameError
-            If the file cannot be read: one sentence with the file and the reason.
+            If the file cannot be read, or has grey levels above the full scale of the camera: one sentence
+            with the file and the reason.
         """
         try:
             with warnings.catch_warnings(action="ignore"):
@@ -82,6 +88,11 @@ class FrameSource:
         except Exception as error:
             raise FrameError(f"{self.name} cannot be read: {_reason(error)}") from None
         stated = None if self.camera is None else self.camera.full_scale
+        if stated is not None and np.count_nonzero(image > MOST_OVER_FULL * stated) > HOT_SHARE * image.size:
+            raise FrameError(
+                f"{self.name} has grey levels up to {image.max():g}, and [camera] full_scale_levels = "
+                f"{stated:g}: give the level at which the sensor saturates, or leave the key out"
+            )
         frame = Frame(image, self.name, pixels.full_scale if stated is None else stated)
         frame = linearise(frame, self.camera)
         return frame if self.correct is None else self.correct(frame)

@@ -42,6 +42,7 @@ _UNITS = {  # ending in another unit -> ending in the schema, how many make one 
 }
 _Places = dict[str, tuple[int, float]]
 """Column of a schema -> its place in a row, and the divisor of its numbers."""
+_COMMENT = re.compile(r"\s*#(?!\d)")  # at the start of a line; #1 is the name of a frame
 _SHOWN_CHARACTERS = 60  # of a cell or header in a message
 _KINDS = {
     b"PK": "an Excel workbook or another zip file",
@@ -69,8 +70,9 @@ def read_table(
     schema : Schema
         The columns to read; blank lines are skipped.
     required : collection of str, optional
-        Columns that must be present with a value in every row. By default all columns must be present but
-        those that a later version added (`Schema.later`), and cells may be empty.
+        For tables written by hand: columns that must be present with a value in every row; what follows a #
+        at the start of a line or in a number is skipped. By default the table is one of a run: all columns
+        must be present but those that a later version added (`Schema.later`), and cells may be empty.
     infinite : bool
         Whether ``inf`` is accepted.
 
@@ -85,13 +87,13 @@ def read_table(
     InputError
         With the file, and the line and column of the first cell that is not valid.
     """
-    separator, rows = _csv_rows(path)
+    separator, rows = _csv_rows(path, by_hand=required is not None)
     header = [name.strip() for name in next(rows, (1, []))[1]]
     needed = schema.first if required is None else required
     places, comma = _places(path, header, schema, needed), separator != ","
     table = _converted(path, rows, places, schema, required or (), infinite=infinite, decimal_comma=comma)
     missing, taken = [name for name in schema.columns if name not in places], {k for k, _ in places.values()}
-    if missing and (unread := [repr(name) for k, name in enumerate(header) if k not in taken]):
+    if missing and (unread := [repr(name) for k, name in enumerate(header) if name and k not in taken]):
         table.attrs["remark"] = f"not read: {first_names(unread)}; it may also hold {', '.join(missing)}"
     return table
 
@@ -113,7 +115,8 @@ def _converted(
     InputError
         With line and column of the first cell that is not valid.
     """
-    blocks, rows = list[pd.DataFrame](), iter(rows)
+    numbers = sorted(place for name, (place, _) in places.items() if schema.columns[name][0] != "str")
+    blocks, rows = list[pd.DataFrame](), ((line, _up_to_comment(row, numbers)) for line, row in rows)
     # so many at once, chosen for memory: text takes about twenty times that of numbers
     while block := list(islice(rows, 50_000)):
         values: dict[str, Any] = {}
@@ -154,18 +157,24 @@ def in_western_code(text: str) -> str:
     return text.encode("utf-8", errors="surrogateescape").decode("cp1252", errors="replace")
 
 
-def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
-    """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out."""
+def _csv_rows(path: str | Path, *, by_hand: bool = True) -> tuple[str, Iterator[tuple[int, list[str]]]]:
+    """Separator of a CSV file, and its rows with the numbers of their lines, without blanks and comments.
+
+    Tables that were not written by hand have no comments.
+    """
     text = read_text(path)
+    if by_hand:  # a line without a separator is no header
+        text = re.sub(r"(?m)^[ \t]*#[^,;\t\n]*$", "", text)
     separator = max((",", ";", "\t"), key=text.lstrip("\r\n").partition("\n")[0].count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
     def rows() -> Iterator[tuple[int, list[str]]]:
         width = 0
         try:
-            for row in lines:
-                if not any(map(str.strip, row)):
+            for cells in lines:
+                if not any(map(str.strip, cells)) or (by_hand and width and _COMMENT.match(cells[0])):
                     continue
+                row = _without_comment(cells, width) if width else [cells[0].removeprefix("# "), *cells[1:]]
                 width = width or len(row)
                 if len(row) != width:
                     cure = "; decimal commas need semicolons between cells"
@@ -178,6 +187,18 @@ def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
             raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
 
     return separator, rows()
+
+
+def _without_comment(row: list[str], width: int) -> list[str]:
+    """The cells of a row without empty ones, or those of a comment, behind the last one."""
+    last, beyond = "".join(row[width - 1 : width]), "".join(row[width : width + 1])
+    return row[:width] if "#" in last or _COMMENT.match(beyond) or not "".join(row[width:]).strip() else row
+
+
+def _up_to_comment(row: list[str], numbers: Iterable[int]) -> list[str]:
+    """The cells of a row, empty from the # on that is in one of the cells of ``numbers``."""
+    k = next((k for k in numbers if "#" in row[k]), None)
+    return row if k is None else [*row[:k], row[k].partition("#")[0], *[""] * (len(row) - k - 1)]
 
 
 def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
@@ -414,12 +435,17 @@ def _our_name(header: str) -> str:
 
 def _loads_of_any_form(path: str | Path, column: str) -> pd.DataFrame:
     """The loads of the first table in a text that has a column of them, in a unit that its header states."""
-    text, shown = in_western_code(read_text(path)), ""
+    texts, shown = in_western_code(read_text(path)).split("\n"), ""
     for separator in ("\t", ";", ",", None, "\n"):  # None: any white space; a line end: a single column
+
+        def parted(line: str, separator: str | None = separator) -> list[str]:
+            # elsewhere a name may hold a blank and a #
+            line = line.partition(" #")[0] if separator in (None, "\n") else line
+            return [cell.strip().strip('"') for cell in line.split(separator)]
+
+        lines = [[] if _COMMENT.match(line) else parted(line) for line in texts]
         # numpy marks a header as a comment
-        parted = (line.removeprefix("# ").split(separator) for line in text.split("\n"))
-        lines = [[cell.strip().strip('"') for cell in cells] for cells in parted]
-        for number, header in enumerate(lines, start=1):
+        for number, header in enumerate((parted(line.removeprefix("# ")) for line in texts), start=1):
             ours = [_our_name(name) for name in header]
             loads = [k for k, name in enumerate(ours) if name[:5] == "load_" and column in ("", header[k])]
             if (shown and not loads) or (len(header) < 2 and separator != "\n"):
@@ -453,7 +479,8 @@ def _rows_below(lines: list[list[str]], number: int, width: int) -> list[tuple[i
     A missing last cell is empty, and so is a number that the instrument did not know (NaN).
     """
     rows = []
-    for line, cells in enumerate(lines[number:], start=number + 1):
+    for line, whole in enumerate(lines[number:], start=number + 1):
+        cells = _without_comment(whole, width)
         if not any(cells):
             continue
         if not width - 1 <= len(cells) <= width:

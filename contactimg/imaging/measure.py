@@ -99,6 +99,8 @@ class ImageMeasurement:
         What the rims say of an air film; None where none was looked for.
     foreground : Foreground
         What was measured, for `count_again`.
+    unmatched : sequence of HandEdit
+        Corrections that meet no contact.
     """
 
     disks: pd.DataFrame
@@ -120,6 +122,7 @@ class ImageMeasurement:
     measurable: bool
     film: FilmVerdict | None
     foreground: Foreground
+    unmatched: Sequence[HandEdit] = ()
 
     @property
     def resolved(self) -> bool:
@@ -309,6 +312,7 @@ def _tabulate(judged: Judged, threshold: float = float("nan")) -> ImageMeasureme
         measurable=measurable,
         film=None if fit is None or fit.film is None else fit.film.verdict,
         foreground=foreground,
+        unmatched=judged.unmatched,
     )
 
 

@@ -159,6 +159,8 @@ class MeasuredFrame:
         Grey level of its background; 0 where that was subtracted before.
     film : FilmVerdict or None
         What its rims say of an air film; None where none was looked for.
+    unmatched : tuple of HandEdit
+        Corrections that meet no contact.
     """
 
     row: dict[str, Any]
@@ -167,6 +169,7 @@ class MeasuredFrame:
     own_optics: SharedOptics | None = None
     level: float = 0.0
     film: FilmVerdict | None = None
+    unmatched: Edits = ()
 
     @classmethod
     def of(cls, result: "MeasuredFrame | FailedFrame") -> "MeasuredFrame":
@@ -287,7 +290,8 @@ def measure_scene_frame(
     outlines = outlines_table(measurement, frame.name)
     tables = FrameTables(contacts_table(measurement, frame.name), rejected, outlines)
     row, own = frame_row(measurement, frame.name), measurement.own_optics if len(measurement.disks) else None
-    return MeasuredFrame(row, frame.shape, tables, own, measurement.level, measurement.film)
+    level, film_seen, unmatched = measurement.level, measurement.film, tuple(measurement.unmatched)
+    return MeasuredFrame(row, frame.shape, tables, own, level, film_seen, unmatched)
 
 
 def measure_prepared(

@@ -183,6 +183,7 @@ def with_pose(run: files.Run, sites: pd.DataFrame | None, pose: fit.PoseFit | No
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
     frames = run.frames
     located = CONTACTS.conform(locate_frames(run.contacts, frames, pose.pose, targets))
+    frames = _noted(frames, cut_frames(located, pose.pose.shape))
     if targets is not None:
         counts = _known(located, "asperity")
         few = counts[counts["known"] < fit.NEARLY_ALL * counts["all"]]
@@ -208,24 +209,27 @@ def with_forces(run: files.Run, sites: pd.DataFrame | None, law: LawPlan | None)
     scene = run.scene if law is None else law.scene
     contacts, frames = fill_forces(scene, run.contacts, run.frames, sites, **lengths)
     notes = {
-        name: f"{count - found} contacts have no asperity and so no force; the sum leaves them out"
+        name: f"{count - found} contacts have no force, for want of an asperity or of a law for contacts "
+        "so wide; the sum leaves them out"
         for name, found, count in _known(contacts, "force_N").itertuples()
         if 0 < found < count
     }
     frames = _noted(frames, notes)
     if law is not None:
-        cut = frames["frame"].map(_border_shares(contacts, run.pose.pose.shape)) > CUT_SHARE
+        cut = frames["frame"].isin(list(cut_frames(contacts, run.pose.pose.shape)))
         frames = _noted(frames, _unbalanced(frames, law.scene, cut), Status.OFF_LOAD)
     return replace(run, contacts=contacts, frames=frames)
 
 
-def _border_shares(contacts: pd.DataFrame, shape: tuple[int, int]) -> pd.Series:
-    """Share of the area of contact of each frame that lies along its border or is cut by a hole."""
+def cut_frames(contacts: pd.DataFrame, shape: tuple[int, int]) -> dict[Any, str]:
+    """Name of a frame of which contacts lie along the border or are cut by a hole -> what is missing."""
     x, y = contacts["x_px"], contacts["y_px"]
     inside = np.minimum.reduce([x, shape[1] - 1 - x, y, shape[0] - 1 - y])
     outer = (inside < BORDER_WIDTH * min(shape)) | (contacts["flags"] & int(Flag.EDGE) > 0)
-    areas = contacts["area_m2"].groupby(contacts["frame"]).sum()
-    return contacts["area_m2"].where(outer, 0.0).groupby(contacts["frame"]).sum() / areas
+    sums = contacts[["area_m2"]].assign(outer=contacts["area_m2"].where(outer, 0.0))
+    sums = sums.groupby(contacts["frame"]).sum()
+    cut = sums.index[sums["outer"] > CUT_SHARE * sums["area_m2"]]
+    return dict.fromkeys(cut, "contacts lie along the border: area and forces beyond it are missing")
 
 
 def _unbalanced(frames: pd.DataFrame, scene: Scene, cut: pd.Series) -> dict[str, str]:

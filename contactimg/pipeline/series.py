@@ -11,7 +11,8 @@ import pandas as pd
 from contactimg import files
 from contactimg.engine.parallel import sharing
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
+from contactimg.files.atomic import first_names
+from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit, remark_on
 from contactimg.imaging.fit.pooling import pool_edges, pool_optics
 from contactimg.imaging.profile.limits import FEWEST
 from contactimg.imaging.profile.optics import SharedOptics
@@ -49,8 +50,6 @@ def measure_series(scene: Scene, *, workers: int | None = None) -> files.Run:
         If no frame at all could be measured; the message gives the first reason. For a value of the scene
         that is no plausible one (`contactimg.plausibility`).
     """
-    if not isinstance(scene, Scene):
-        raise InputError(f"measure_series needs a Scene, got {scene!r}; contactimg.read_scene reads one")
     settle(doubts_about_scene(scene), scene.folder)
     with sharing(workers):
         return measure_parts(files.open_experiment(scene)).run
@@ -89,6 +88,15 @@ def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
             for name in names if row["frame"] == files.EVERY_FRAME else [row["frame"]]:
                 edits[name] = (*edits.get(name, ()), edit)
     return edits
+
+
+def _warn_of_unmatched(parts: Sequence[MeasuredFrame], edits: Mapping[str, Edits]) -> None:
+    """Log corrections that meet no contact in any of the frames that they are for."""
+    asked = Counter(edit.row for own in edits.values() for edit in own)
+    for row, edit in sorted({edit.row: edit for part in parts for edit in part.unmatched}.items()):
+        names = [part.row["frame"] for part in parts if row in {one.row for one in part.unmatched}]
+        if len(names) == asked[row]:
+            logger.warning("%s: %s; they have no effect", first_names(names), remark_on([edit]))
 
 
 def _measure_frames(
@@ -135,9 +143,8 @@ def _measure_frames(
     usual = _of_usual_shape(parts)
     if not usual:
         raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
-    asked = experiment.scene.images.background == "reference"
-    fault = "" if asked else pooling.fault_of_reference(usual.values(), read_reference(experiment))
-    if fault:
+    stated = experiment.scene.images.background == "reference"
+    if fault := "" if stated else pooling.fault_of_reference(usual.values(), read_reference(experiment)):
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
         parts |= measured(alone, dict.fromkeys(parts))
@@ -162,6 +169,7 @@ def _measure_frames(
         parts |= measured(alone, {k: None for k in others if parts[k].shape is None})
     elif fault:
         parts = {k: part.with_remarks(f"{fault}: not used") for k, part in parts.items()}
+    _warn_of_unmatched(list(parts.values()), edits)
     return _in_order(parts, frames)
 
 

@@ -73,11 +73,6 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
 
 
 def _checked_columns(asperities: pd.DataFrame) -> dict[str, Values]:
-    if not isinstance(asperities, pd.DataFrame):
-        raise InputError(
-            f"asperities must be a table (DataFrame) with columns {', '.join(ASPERITIES.first)}, "
-            f"got {type(asperities).__name__}"
-        )
     missing = [name for name in ASPERITIES.first if name not in asperities]
     if missing:
         raise InputError(

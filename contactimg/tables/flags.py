@@ -33,7 +33,8 @@ class Flag(enum.IntFlag):
     """The pixels differ from the fitted disk by more than the noise allows, or the fit was cut off because
     the frame would have taken too long: the uncertainty then covers the area of the contact's light."""
     BEYOND_HERTZ = 1 << 5, "the law of the exact sphere holds further; its force is uncertain"
-    """The ratio a/R of contact radius to asperity radius exceeds 0.33, the range of Hertz's law."""
+    """The contact is wider than 0.33 radii of its asperity, the range of Hertz's law, or than two thicknesses
+    of the layer below it, beyond which there is no law and no force."""
     OVERLAP = 1 << 6, "lower the load, or take areas from the measurement"
     """Two model contacts are closer than the sum of their radii: in reality they would merge."""
     LOW_SIGNAL = 1 << 7, "take more light, or average frames"

@@ -238,7 +238,9 @@ def test_a_threshold_that_is_wrong_breaks_the_slope():
 @pytest.mark.parametrize(("factor", "side"), [(0.3, "too small"), (5.0, "too large")])
 def test_no_threshold_brackets_one(factor, side):
     t, load = np.linspace(0.1, 0.8, 20), np.array([0.1, 0.3])
-    with pytest.raises(InputError, match=f"no threshold between 0.1 and 0.8 gives slope 1.*{side}"):
+    with pytest.raises(
+        InputError, match=f"no threshold between 0.1 and 0.8 gives slope 1.*{side}: .*pixel size"
+    ):
         calibrate_threshold(t, factor * curve(t, load), load)
 
 
@@ -251,6 +253,8 @@ def test_modulus_and_its_distance_from_the_measured_one():
     far = calibrate_modulus(load / 1.10, load, young_modulus=3e6, young_modulus_std=5e4)
     assert not far.compatible
     assert "outside the measured 3 +- 0.05 MPa" in far.message
+    # forces grow with the cube of the pixel size: 1.1^(1/3)
+    assert far.message.endswith("or pixels 1.03 times as large as stated")
 
 
 def test_both_on_one_curve_are_refused():

@@ -15,11 +15,13 @@ from contactimg.effects.output_change import WRITTEN, Answer, output_changes
 from contactimg.effects.plan import make_plan
 from contactimg.effects.solve_without import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.files import write_scene
-from contactimg.forces import local_forces
+from contactimg.forces import local_forces, sphere_radii
+from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.predict import choice_sentence, predict_loads
 from contactimg.prediction import predict_contacts, scene_of_model
 from contactimg.scene import scene_from_dict
 from contactimg.surfaces import composite_apexes
+from contactimg.tables import Flag
 
 NAMES = ("SA+ 0.1 N", "SA- 5 mN", "RA- adhesive", "RA+ dry", "layer of 0.3 mm", "under a flat", "close pair")
 
@@ -253,17 +255,47 @@ def test_a_law_that_is_ordered_states_what_it_leaves_out():
     )
 
 
-def test_a_layer_as_thin_as_the_contacts_is_told():
-    def messages(thickness):
-        scene, contacts = measured([4e-5], elastic={"young_modulus_Pa": 3e6, "thickness_m": thickness})
-        return decide_law(scene, law_evidence(scene, contacts, np.full(1, 1e-4))).messages
+def forces_on_layer(thickness, switch="auto"):
+    """Law and row of a contact of 20 um on a layer."""
+    elastic = {"young_modulus_Pa": 3e6, "young_modulus_std_Pa": 3e5, "thickness_m": thickness}
+    scene, contacts = measured([2e-5], elastic=elastic, effects={"layer": switch})
+    plan = decide_law(scene, law_evidence(scene, contacts, np.full(1, 1e-4)))
+    return plan.sentence(), local_forces(plan.scene, contacts, None)[0].iloc[0]
 
-    # H of layer_contact at a/t = 0.4 is 1.0437, and 1 - 1/H what the law of the half-space lacks
-    assert "contact radii reach 0.4 of the layer's thickness" in messages(1e-4)[0]
-    assert messages(1e-4)[0].endswith("forces are low by up to 4.2 %")
-    assert messages(1e-5)[0].endswith("%")
-    assert "more than" in messages(1e-5)[0]
-    assert messages(1e-2) == ()
+
+def test_the_support_of_a_thin_layer_is_in_the_forces():
+    said, thin = forces_on_layer(5e-5)
+    thick, half_space = forces_on_layer(1e-2)
+    left, low = forces_on_layer(5e-5, "off")
+    # H of layer_factors at a/t = 0.4 is 1.0437
+    assert thin["force_N"] == pytest.approx(1.0437 * half_space["force_N"], rel=1e-4)
+    assert thin["force_std_N"] == pytest.approx(0.1 * thin["force_N"])
+    assert low["force_N"] == half_space["force_N"]
+    assert ["on the layer" in text for text in (said, thick, left)] == [True, False, False]
+    # 1 - 1/H is what the law of the half-space lacks
+    assert "left out, as the scene says: the support of the layer under a contact (4.2 %" in left
+
+
+def test_beyond_the_law_of_a_layer_there_is_a_flag_and_no_force():
+    """At two thicknesses a half-space's law is low by 62 %, and by more beyond."""
+    inside, beyond = (forces_on_layer(2e-5 / ratio)[1] for ratio in (1.99, 2.01))
+    assert inside["force_N"] > 2.6 * inside["force_hertz_N"]
+    assert beyond[["force_N", "force_std_N"]].isna().all()
+    assert [row["flags"] for row in (inside, beyond)] == [0, Flag.BEYOND_HERTZ]
+
+
+def test_measured_and_predicted_forces_on_a_thin_layer_follow_one_law():
+    """Contacts of 20 um on a layer of 50 um: their forces by the measured radii add up to the load."""
+    elastic = {"young_modulus_Pa": 3e6, "thickness_m": 5e-5}
+    scene, table, load = mechanical_scene("SA+ 1 mN", output="all")
+    scene = scene_from_dict(scene.source | {"elastic": elastic})
+    found = predict_contacts(scene, table, load=load)
+    contacts = found.contacts.assign(frame="f", radius_std_m=0.0)
+    sites = contact_sites(table, scene)
+    plan = decide_law(scene, law_evidence(scene, contacts, sphere_radii(contacts, scene, sites)))
+    assert plan.scene.effects.layer == "on"
+    forces = local_forces(plan.scene, contacts, sites)[0]
+    assert forces["force_N"].sum() == pytest.approx(load, rel=0.01)
 
 
 def test_uncoupled_is_the_same_scene_without_coupling():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from contactimg import Flag, InputError
 from contactimg.files import read_asperities, read_loads, read_table, write_table
-from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS
+from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, REJECTED
 
 SCHEMAS = [ASPERITIES, CONTACTS, FRAMES]  # between them every kind of column
 
@@ -51,6 +51,11 @@ def asperities_of(tmp_path, content):
         'load_N,comment,frame\n0.02,"slow, dry",a.tif\n0.5,,b.tif\n',
         "Frame,LOAD_N\na.tif,0.02\nb.tif,0.5\n",
         "frame,load_N,temp µ\n".encode("cp1252") + b"a.tif,0.02,1\nb.tif,0.5,2\n",
+        "frame,load_N\na.tif,0.02,\nb.tif,0.5, ,\n",
+        "# monday\nframe,load_N\na.tif,0.02 # read twice, by hand\n# c.tif,0.9\n#d.tif,1\nb.tif,0.5,# 3\n#\n",
+        "# frame,load_N,friction_N\na.tif,0.02 # was 0.03, 0.04\nb.tif,0.5,\n",
+        "Bild\tKraft [N]\na.tif\t0,02 # 7\n# c.tif\t3\nb.tif\t0,5\t# 8\n",
+        "frame Load(N)\na.tif 0.02 # 7\nb.tif 0.5 #8\n# c.tif 7\n",
     ],
     ids=[
         "plain",
@@ -64,6 +69,11 @@ def asperities_of(tmp_path, content):
         "extra",
         "capitals",
         "cp1252",
+        "empty cells",
+        "comments",
+        "comment before cells",
+        "comments behind tabs",
+        "comments behind blanks",
     ],
 )
 def test_ways_to_write_the_same_loads(tmp_path, content):
@@ -77,12 +87,22 @@ def test_ways_to_write_the_same_loads(tmp_path, content):
     }
 
 
+def test_a_number_sign_in_a_name_is_no_comment(tmp_path):
+    loads = loads_of(tmp_path, "frame,load_N\nimg #3.tif,0.02\n#4,0.5 # by number\n")
+    assert loads["frame"].tolist() == ["img #3.tif", "#4"]
+    assert loads["load_N"].tolist() == [0.02, 0.5]
+    loads = loads_of(tmp_path, "Bild\tKraft [N]\nimg #3.tif\t0,02\n")
+    assert loads["frame"].tolist() == ["img #3.tif"]
+    assert "line 2 has 3 cells" in refusal(tmp_path, "frame,load_N\na.tif,0,5 # decimals\n")
+
+
 def test_columns_that_are_not_read_are_named(tmp_path):
     loads = loads_of(tmp_path, "frame,load_N,fricton_N,time_ms\na.tif,0.02,1,2\n")
     assert loads.attrs["remark"] == (
         "not read: 'fricton_N', 'time_ms'; it may also hold friction_N, velocity_m_s, tangential_N, time_s"
     )
-    assert "remark" not in loads_of(tmp_path, "frame,load_N\na.tif,0.02\n").attrs
+    for end in ("", ",", ", "):
+        assert "remark" not in loads_of(tmp_path, f"frame,load_N{end}\na.tif,0.02{end}\n").attrs
 
 
 def test_optional_columns_are_kept(tmp_path):
@@ -99,7 +119,8 @@ def test_header_alone_is_an_empty_table(tmp_path):
 
 def test_asperities(tmp_path):
     table = asperities_of(
-        tmp_path, "x_m,y_m,height_m,radius_m,kind\n1e-3,2e-3,4e-5,1e-4,cap\n0,0,-1e-5,2e-4,\n"
+        tmp_path,
+        "x_m,y_m,height_m,radius_m,kind\n# drawn\n1e-3,2e-3,4e-5,1e-4 # cut,cap\n0,0,-1e-5,2e-4,\n",
     )
     assert list(table) == list(ASPERITIES.first)
     np.testing.assert_array_equal(table.to_numpy(), [[1e-3, 2e-3, 4e-5, 1e-4], [0, 0, -1e-5, 2e-4]])
@@ -275,6 +296,14 @@ def rows_of(schema):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("tables")
+
+
+def test_the_table_of_a_run_has_no_comments(tmp_path):
+    """A frame may be called #a.tif or a # b.tif."""
+    rows = {"frame": ["1.tif", "#a.tif", "a # b.tif"], "x_px": 1.0, "y_px": 2.0}
+    table = REJECTED.conform(pd.DataFrame(rows))
+    write_table(table, REJECTED, tmp_path / "t.csv")
+    pd.testing.assert_frame_equal(read_table(tmp_path / "t.csv", REJECTED), table)
 
 
 @pytest.mark.parametrize("schema", SCHEMAS, ids=lambda schema: schema.name)

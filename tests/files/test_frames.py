@@ -136,6 +136,20 @@ def test_stated_full_scale_wins(tmp_path, levels):
     assert replace(source, camera=camera).read().full_scale == 4095
 
 
+def test_a_full_scale_below_the_levels_of_a_frame_is_refused(tmp_path):
+    """Pixels scatter by a few per cent where they saturate, and one of a thousand may be hot."""
+    levels = np.linspace(0, 1000, 5000).astype(np.uint16).reshape(50, 100)
+    levels[0, :5] = 65535
+    (source,) = list_frames(write_tiff(tmp_path / "a.tif", levels))
+
+    def read(stated):
+        return replace(source, camera=Camera(pixel_size_m=6e-6, full_scale_levels=stated)).read()
+
+    assert read(970.0).full_scale == 970
+    with pytest.raises(FrameError, match=r"a\.tif has grey levels up to 65535, and .*_levels = 255: give"):
+        read(255.0)
+
+
 def test_pages_are_named_from_0_and_read_one_by_one(tmp_path, levels):
     stack = np.stack([levels, levels + 1, levels + 2])
     frames = read_frames(write_tiff(tmp_path / "s.tif", stack))

@@ -1,6 +1,7 @@
 """Corrections by hand: what each does to the contacts, and that nothing else changes."""
 
 import logging
+from shutil import copytree
 
 import numpy as np
 import pandas as pd
@@ -115,10 +116,22 @@ def test_a_masked_disk_hides_its_contact(folder, method):
 
 
 @METHODS
-def test_an_edit_without_a_contact_is_named(folder, method):
+def test_an_edit_without_a_contact_is_named(folder, method, caplog):
     run = measure(folder, at("exclude", (120.0, 130.0)), method=method)
     assert "row 1 (exclude at (121, 129))" in run.frames["message"].iloc[0]
+    assert "frame_1.tif: these edits match no contact: row 1 (exclude at (121, 129))" in caplog.text
     pd.testing.assert_frame_equal(run.contacts, measure(folder, method=method).contacts)
+
+
+def test_an_edit_of_all_frames_need_not_match_in_each(folder, tmp_path, caplog):
+    copytree(folder, tmp_path, dirs_exist_ok=True)
+    truth = pd.DataFrame(OTHERS, columns=["x_px", "y_px", "radius_px"])
+    frame, _ = render(truth, Optics(shape=(240, 300), dust=0), np.random.default_rng(17))
+    write_frame(Frame(frame), tmp_path / "frame_2.tif")
+    run = measure(tmp_path, at("exclude", ALONE), at("exclude", (120.0, 130.0)))
+    assert ["row 1" in text for text in run.frames["message"]] == [False, True]
+    (said,) = (text for text in caplog.messages if "match no contact" in text)
+    assert said.startswith("frame_1.tif, frame_2.tif: these edits match no contact: row 2 (exclude")
 
 
 def test_an_edit_of_a_frame_that_is_not_there_is_a_warning(folder, caplog):

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+import tifffile
 from small_series import copy_of
 
 from contactimg.cli import main
@@ -89,6 +90,21 @@ def test_forces_off_their_load_are_said_whatever_else_is():
     assert balanced(5.0, INSIDE, before="poor fit")[0] == "forces off load"
     assert balanced(1.0, INSIDE, before="poor fit")[0] == "poor fit"
     assert balanced(5.0, INSIDE, before="no pose")[0] == "no pose"
+
+
+def test_frames_that_cut_the_contact_say_what_is_missing(small_series, tmp_path, capsys):
+    """Less than two thirds of the width: the forces add up to 82 % of the largest load."""
+    folder, out = copy_of(small_series, tmp_path / "frames"), tmp_path / "out"
+    for path in folder.glob("*.tif"):
+        tifffile.imwrite(path, tifffile.imread(path)[:, :250])
+    said = "contacts lie along the border: area and forces beyond it are missing"
+    words = [str(folder), "-o"]
+    assert main(["process", *words, str(out), "--no-pictures", "--quiet"]) == 0
+    assert pd.read_csv(out / "frames.csv")["message"].str.contains(said).all()
+    capsys.readouterr()
+    for command in (["calibrate", "modulus", *words, str(tmp_path / "m")], ["analyse", str(out)]):
+        assert main(command) == 0
+        assert f"3 frames: {said}" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_frame_that_shows_a_part_of_the_contact_bears_a_part_of_the_load():

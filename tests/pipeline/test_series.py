@@ -28,11 +28,6 @@ def run(small_series):
     return measure_series(read_scene(small_series), workers=1)
 
 
-def test_a_folder_is_no_scene(small_series):
-    with pytest.raises(InputError, match=r"measure_series needs a Scene, got .*read_scene reads one"):
-        measure_series(str(small_series))
-
-
 def scaled_scene(scene, length, pressure):
     """The scene with every length and every pressure in other units; pixels stay."""
     data = {section: dict(keys) for section, keys in scene.source.items()}

@@ -31,8 +31,8 @@ from contactimg.pipeline.analyse.places import (
     usable_frames,
 )
 from contactimg.pipeline.analyse.sheared import Sheared, analyse_shear
-from contactimg.pipeline.measured_series import doubt_match
-from contactimg.pipeline.results import reservations, write_results
+from contactimg.pipeline.measured_series import cut_frames, doubt_match
+from contactimg.pipeline.results import frame_notes, reservations, write_results
 from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile, plot_sheared_areas
 from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE, RESULTS, RUN_MODELS
@@ -211,6 +211,10 @@ def _notes_on_frames(place: Place) -> list[str]:
     used = usable_frames(place)
     unused = place.frames[~place.frames["frame"].isin(used["frame"])]
     notes = [f"{place.name}, {note}" for note in reservations(used)]
+    if place.pose is not None:
+        cut = cut_frames(place.contacts[place.contacts["frame"].isin(used["frame"])], place.pose.shape)
+        cut_notes = frame_notes(pd.DataFrame(cut.items(), columns=["frame", "message"]))
+        notes += [f"{place.name}, {note}" for note in cut_notes]
     for row in unused.to_dict("records"):
         if np.isnan(row["area_m2"]) or row["load_N"] > 0:
             reason = row["message"] or "it has no area"
