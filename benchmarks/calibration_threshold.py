@@ -13,7 +13,7 @@ import pandas as pd
 from shared import PIXEL, pattern_scene
 
 from contactimg.analysis.estimates import CoverageEstimate
-from contactimg.calibration.threshold import load_slope
+from contactimg.calibration.threshold_and_modulus import load_slope
 from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline.calibrate.thresholds import run_modulus, run_threshold
 from contactimg.pipeline.inputs import need_asperities

@@ -13,9 +13,9 @@ from effect_scenes import SCENES, mechanical_scene, possible_effects
 from shared import times_by_turns
 
 from contactimg import solve_adhesive, solve_interacting
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.effects.output_change import OUTPUTS, relative_change
 from contactimg.effects.plan import make_plan
+from contactimg.effects.solve_without import MECHANICAL_EFFECTS, estimate_mechanics
 
 LOOK_FROM = 2e-3
 """Changes below it, true and estimated, are not compared: single contacts decide them."""

@@ -14,8 +14,8 @@ from optics_scenes import CHANGES, optics_scene
 from optics_truth import NOISE, Photographed
 from shared import times_by_turns
 
-from contactimg.effects.optics import OPTICS, estimate_optics
 from contactimg.effects.plan import decide
+from contactimg.effects.render_without import OPTICS, estimate_optics
 from contactimg.render import render_contacts
 
 

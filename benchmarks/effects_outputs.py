@@ -12,9 +12,9 @@ import pandas as pd
 from effect_scenes import possible_effects
 
 from contactimg import generate_asperities
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS
 from contactimg.effects.output_change import WRITTEN, Answer, output_changes
 from contactimg.effects.plan import make_plan
+from contactimg.effects.solve_without import MECHANICAL_EFFECTS
 from contactimg.errors import ContactimgError
 from contactimg.prediction import predict_contacts
 from contactimg.scene import Scene, scene_from_dict

@@ -10,8 +10,8 @@ import pandas as pd
 from hard_problems import ALL_CASES
 from shared import ROOT, markdown
 
+from contactimg.models.convergence import CONVERGED
 from contactimg.models.hard_cases import run_cases
-from contactimg.models.proof import CONVERGED
 
 PAGE = ROOT / "docs" / "hard_cases.md"
 HEAD = """# Hard cases

@@ -47,7 +47,7 @@ def mechanisms():
     foreign = importlib.import_module(BASE + "detect.bars_and_scratches").NONE
     table = {
         "better covers of groups": [("fit.assemble", "Assembly.improve_covers", lambda _self: None)],
-        "coarser look at groups": [("fit.covers", "_simpler", lambda *_a: None)],
+        "coarser look at groups": [("fit.split_and_join", "_simpler", lambda *_a: None)],
         "one ellipse for touching disks": [("fit.assemble", "Assembly.join_ellipses", lambda _self: None)],
         "falls along outlines": [("evidence.rules", "_fall_of_rims", fall_of_disks)],
         "wide residuals": [("fit.assemble", "Assembly.add_wide_residuals", lambda _self: None)],

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from spectral_truth import ASPERITIES, CASES, CONTACTS, MODULUS, Case, patterns, solved, stored_cases
 
-from contactimg.effects.mechanics import estimate_mechanics
+from contactimg.effects.solve_without import estimate_mechanics
 from contactimg.scene import scene_from_dict
 
 LOADS = {

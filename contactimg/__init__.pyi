@@ -21,10 +21,10 @@ from .analysis.radial_profiles import normalise_profile as normalise_profile
 from .analysis.radial_profiles import radial_profile as radial_profile
 from .analysis.radial_profiles import ring_profile as ring_profile
 from .analysis.topography import describe_topography as describe_topography
+from .calibration.area_plateau import find_plateau as find_plateau
 from .calibration.jkr import calibrate_jkr as calibrate_jkr
-from .calibration.plateau import find_plateau as find_plateau
-from .calibration.threshold import calibrate_modulus as calibrate_modulus
-from .calibration.threshold import calibrate_threshold as calibrate_threshold
+from .calibration.threshold_and_modulus import calibrate_modulus as calibrate_modulus
+from .calibration.threshold_and_modulus import calibrate_threshold as calibrate_threshold
 from .design.laws import WantedLaw as WantedLaw
 from .design.surface import DesignedSurface as DesignedSurface
 from .design.surface import design_heights as design_heights

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import exprel
 
 from contactimg.effects.local_law import force_parts, law_name, law_settings
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
@@ -352,7 +353,7 @@ def unseen_sum(contacts: pd.DataFrame, terms: ArrayLike, smallest: float, *, pow
     contacts : DataFrame
         Those of one frame, with ``radius_m``.
     terms : array_like, shape (n,)
-        What is summed, which goes with ``u^power``; its ratio to that of those below is the median of these.
+        What is summed, which goes with ``u^power``; its ratio to that is the mean of the smaller contacts.
     smallest : float, m
         Radius of which half of the contacts are detected.
     power : float
@@ -375,18 +376,23 @@ def unseen_sum(contacts: pd.DataFrame, terms: ArrayLike, smallest: float, *, pow
     known = np.isfinite(terms)
     if not smallest > 0 or not known.any():
         return NOTHING
-    factor = float(np.median(terms[known] / radius[known] ** (2 * power)))
     ratio = (radius / smallest) ** 2
     low, middle, high = halves = np.linspace(*WINDOW, 3)
-    width = high - low
+    width, small = high - low, known & (ratio < high)
+    alike = small if small.any() else known
+    factor = float(np.mean(terms[alike] / radius[alike] ** (2 * power)))
     near, far = np.histogram(ratio, halves)[0]
     number, trend = near + far + PRIOR_COUNT, near - far
-    # a straight line through the two halves, to where the missing area is; shrunk as far as it is chance
-    # (2/3: mean of u/u_half over the unseen area, of a uniform density up to 1)
+    # a straight line and an exponential through the two halves, to where the missing area is; shrunk as far
+    # as the trend is chance (2/3: mean of u/u_half over the unseen area, of a uniform density up to 1)
     reach = (middle - 2 / 3) / (0.25 * width**2)
     shrunk = trend**2 / (trend**2 + number)
-    density = max(number / width + shrunk * reach * trend, PRIOR_COUNT / width)  # per u_half
+    line = max(number / width + shrunk * reach * trend, PRIOR_COUNT / width)  # per u_half
+    rate = shrunk * np.log((near + PRIOR_COUNT) / (far + PRIOR_COUNT)) / (0.5 * width)
+    steeper = number / width * np.exp(rate * (low - 2 / 3)) / exprel(-rate * width)
+    density = np.sqrt(line * steeper)
     variance = number / width**2 + (shrunk * reach) ** 2 * number + ((1 - shrunk) * reach * trend) ** 2
+    variance = variance * steeper / line + (steeper - line) ** 2
     scale = abs(factor) * smallest ** (2 * power)
     own = density * _missed_moment(2 * power)  # the unseen are a number of independent contacts themselves
     std = scale * np.sqrt(variance * _missed_moment(power) ** 2 + own)

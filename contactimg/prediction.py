@@ -13,17 +13,17 @@ from scipy.special import ellipe
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
 from contactimg.effects.local_law import law_name
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, refuse_touching, solve_scene
 from contactimg.effects.output_change import ANNULUS
 from contactimg.effects.plan import Plan, make_plan
+from contactimg.effects.solve_without import MECHANICAL_EFFECTS, coupling_level, refuse_touching, solve_scene
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.mechanics import hertz
 from contactimg.models.base_gap import MAX_TOUCHING_SHARE
 from contactimg.models.conditions import ContactConditions
+from contactimg.models.convergence import CONVERGED
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import RingSolution, ring_weights, solve_greenwood_williamson
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
-from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.models.surroundings import MeanField, rim_share
 from contactimg.pose import Pose

@@ -198,7 +198,7 @@ def _calibrate(
         record = result.record | {"frames": out.record["inputs"]}
         files.write_json(record, out.folder / files.CALIBRATION_FILE)
         pipeline.write_results(out.folder, result.tables, result.figures)
-        from contactimg.report.units import in_display_units, numbers_of
+        from contactimg.plots.numbers import in_display_units, numbers_of
 
         say(f"{folder}, calibrate {click.get_current_context().info_name}")
         for row in in_display_units(numbers_of(result.record)).itertuples():

@@ -138,7 +138,7 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
 
     Variants of a quantity and what its fit is judged by stay in results.csv.
     """
-    from contactimg.report.units import in_display_units
+    from contactimg.plots.numbers import in_display_units
     from contactimg.tables import VARIANTS
 
     table = in_display_units(results)

@@ -44,8 +44,7 @@ def law_name(scene: Scene) -> str:
     >>> law_name(scene_from_dict({"effects": {"sphere_profile": "on", "adhesion": "on"}}))
     'sphere+jkr'
     """
-    profile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
-    return profile + ("+jkr" if scene.effects.adhesion == "on" else "")
+    return scene.effects.law + ("+jkr" if scene.effects.adhesion == "on" else "")
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ def law_settings(scene: Scene) -> dict[str, Any]:
     layer = effects.layer == "on" and elastic.thickness is not None
     return {
         "contact_modulus": elastic.contact_modulus,
-        "law": "sphere" if effects.sphere_profile == "on" else "hertz",
+        "law": effects.law,
         "work_of_adhesion": elastic.work_of_adhesion if effects.adhesion == "on" else 0.0,
         "thickness": elastic.thickness if layer else np.inf,
         "poisson_ratio": elastic.poisson_ratio,

@@ -14,7 +14,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.mechanics import (
+from contactimg.effects.output_change import EffectEstimate, change_sentence, requested_outputs
+from contactimg.effects.render_without import estimate_optics
+from contactimg.effects.solve_without import (
     MECHANICAL_EFFECTS,
     Level,
     MechanicalEstimates,
@@ -22,8 +24,7 @@ from contactimg.effects.mechanics import (
     coupling_level,
     estimate_mechanics,
 )
-from contactimg.effects.optics import estimate_optics
-from contactimg.effects.output_change import EffectEstimate, change_sentence, requested_outputs
+from contactimg.mechanics.finite_strain import load_over_law
 from contactimg.models.solution import InteractingSolution
 from contactimg.scene import Effects, Scene, Tolerance
 from contactimg.tables import EFFECTS
@@ -42,13 +43,6 @@ leaving out one.
 
 SAFETY_FACTOR = 1.25
 """Factor on what the dropped effects add to the solution. Chosen: differences add up to first order only."""
-
-STRAIN_RATIO = (0.0, 0.052, 0.104, 0.209, 0.314, 0.421, 0.528, 0.637, 0.749)
-OVER_HERTZ = (1.0, 0.997, 0.993, 0.988, 0.991, 1.000, 1.024, 1.057, 1.106)
-OVER_SPHERE = (1.0, 0.996, 0.988, 0.971, 0.951, 0.926, 0.901, 0.864, 0.808)
-"""a/R, and the load of a rigid sphere on incompressible neo-Hookean rubber at this contact radius over that
-of Hertz's law and of the exact sphere's: axisymmetric finite elements (`benchmarks/finite_strain.py`), good
-to 0.6 %, 1 % at the last. Beyond the table its last value stands for at least that much."""
 
 SLOPE_FACTORS = {"area": 1.0, "force": 0.12}
 """Change of an output by the true geometry of caps on a lens, over the square of the largest slope of the
@@ -321,7 +315,7 @@ def unmodelled_effects(solution: InteractingSolution, *, law: str, output: str) 
         return ()
     rows, (x0, y0) = solution.touching, solution.conditions.apex
     a, R, weight = solution.radius[rows], solution.composite_radius[rows], np.abs(solution.force[rows])
-    load = np.interp(a / R, STRAIN_RATIO, OVER_SPHERE if law == "sphere" else OVER_HERTZ)
+    load = load_over_law(a / R, law)
     total = float(weight.sum())
     unequal = np.abs(load / (weight @ load / total) - 1) if total > 0 else 0 * load
     area = a**2 * (load ** (-2 / 3) - 1)

@@ -24,7 +24,8 @@ from contactimg.imaging.background.subtract import remove_background
 from contactimg.imaging.count.method import choose_threshold, measure_by_count
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
-from contactimg.imaging.evidence.rules import PLACE, Judged, find_dust, judge_contacts
+from contactimg.imaging.evidence.reference_dust import find_dust
+from contactimg.imaging.evidence.rules import PLACE, Judged, judge_contacts
 from contactimg.imaging.evidence.status import LIGHT_CHANGE, judge_frame
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
@@ -50,9 +51,13 @@ CORRECTIONS = ("position_drift", "dust", "film")
 LINEARITY = 0.01
 """Error of a camera's response at mid-level, of the contrast, where nothing is known of it. By hand: usual
 for CCD cameras."""
+SI = ("_m", "_m2", "_N")
+"""Endings of what a frame alone does not tell."""
 SHORTEST_OUTLINE = 8
 """Points of the shortest outline that is drawn. By hand: noise makes shorter."""
-NUMBERS = [name for name in CONTACTS.columns if name.endswith(("_px", "_px2", "_rad"))]
+NUMBERS = [
+    name for name, (kind, _) in CONTACTS.columns.items() if kind == "float64" and not name.endswith(SI)
+]
 """Columns of the contacts of a frame that are numbers; the others are label, shape and flags."""
 
 

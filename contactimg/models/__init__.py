@@ -6,7 +6,8 @@ asperity, or a `RingSolution` with averages over rings around the axis.
 
 Read in this order:
 
-- ``solution`` and ``validity``: what a solved problem is, and how far it is from the limits of the models;
+- ``solution``, ``convergence`` and ``validity``: what a solved problem is, the checks that its numbers must
+  pass, and how far it is from the limits of the models;
 - ``interacting``: every contact of a pattern, elastically coupled. Below it ``composite_summits``
   (asperities and lens combined, for all loads), ``scaled_problem`` (removes the dimensions),
   ``asperity_laws`` (one contact), ``coupling`` and ``fast_coupling`` (displacement by the neighbours),

@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
-from contactimg.models import proof
+from contactimg.models import convergence
 from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, Caps
 from contactimg.models.conditions import ContactConditions
 from contactimg.models.coupling import DenseCoupling, Kernel
@@ -43,7 +43,7 @@ MAX_TOTAL_STEPS = 5000
 s."""
 
 
-@proof.refuse_beyond_floats
+@convergence.refuse_beyond_floats
 def solve_adhesive(
     asperities: pd.DataFrame,
     *,
@@ -131,7 +131,7 @@ def solve_adhesive(
             f"work_of_adhesion must be positive, got {work_of_adhesion!r} J/m^2; "
             "use solve_interacting without adhesion"
         )
-    proof.check_range("work_of_adhesion", w, proof.ADHESION_RANGE_J_M2, "J/m^2")
+    convergence.check_range("work_of_adhesion", w, convergence.ADHESION_RANGE_J_M2, "J/m^2")
     check_choice("coupling", coupling, COUPLINGS)
     check_choice("law", law, LAWS)
     conditions = ContactConditions(
@@ -364,7 +364,7 @@ class AdhesivePath:
     def prove(self, solution: InteractingSolution, state: AdhesiveState) -> str:
         """Status of a solution, from what follows of its numbers; an error if they contradict each other."""
         p, rows, load = self.problem, state.rows, self.problem.load or 0.0
-        proof.check_finite(
+        convergence.check_finite(
             {"force": solution.force, "contact radius": solution.radius, "indentation": solution.indentation}
         )
         force = solution.force[p.order[rows]] / p.force_unit
@@ -380,11 +380,11 @@ class AdhesivePath:
             errors["forces at the contact radii"] = float(np.abs(law_force - force).sum()) / total
             error = penetration - depth + state.equations.matrix @ force
             errors["penetrations"] = float(np.abs(error).max()) / size
-        unbalanced = errors["sum of the forces"] > proof.MAX_RELATIVE_ERROR
+        unbalanced = errors["sum of the forces"] > convergence.MAX_RELATIVE_ERROR
         below = load != 0 and unbalanced and away <= ROUNDING_FRACTION * total
         if below:
             errors["sum of the forces"] = 0.0
-        status = proof.judge(errors, self.tolerance)
+        status = convergence.judge(errors, self.tolerance)
         if below:
             return (
                 f"the load of {load * p.force_unit:.6g} N is below the accuracy of the adhesive forces, "
@@ -392,7 +392,7 @@ class AdhesivePath:
             )
         overlap = np.delete(self._overlaps(slice(None), rows, state.balance), rows)
         overlap = overlap[overlap > 0] * p.depth
-        if overlap.size and float(overlap.max()) > proof.MAX_RELATIVE_ERROR * size * p.depth:
+        if overlap.size and float(overlap.max()) > convergence.MAX_RELATIVE_ERROR * size * p.depth:
             return (
                 f"{overlap.size} asperities without contact overlap the indenter, by up to "
                 f"{float(overlap.max()) * 1e6:.3g} um: their contacts broke on the way to this solution; "

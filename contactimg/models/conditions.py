@@ -6,7 +6,7 @@ import numpy as np
 
 from contactimg.errors import InputError
 from contactimg.mechanics.checks import checked_poisson_ratio
-from contactimg.models.proof import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
+from contactimg.models.convergence import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
 from contactimg.surfaces import LENGTH_RANGE_M
 
 CELLS_PER_SPACING = 2.0

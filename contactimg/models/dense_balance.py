@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.models.convergence import MAX_RELATIVE_ERROR
 from contactimg.models.newton_iteration import STEP_FRACTIONS
-from contactimg.models.proof import MAX_RELATIVE_ERROR
 
 Values = NDArray[np.float64]
 

@@ -16,10 +16,10 @@ from scipy.special import ellipe, ellipk
 
 from contactimg.errors import ConvergenceError
 from contactimg.mechanics import hertz
+from contactimg.models.convergence import refuse_beyond_floats, relative_error
 from contactimg.models.dense_balance import Balance, BalanceEquations
 from contactimg.models.greenwood_williamson import AsperityLayer, RingSolution, check_rings, ring_weights
 from contactimg.models.height_distributions import HeightLaw
-from contactimg.models.proof import refuse_beyond_floats, relative_error
 
 Values = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
-from contactimg.models import proof
+from contactimg.models import convergence
 from contactimg.models.height_distributions import HeightLaw
 from contactimg.models.newton_iteration import MAX_DOUBLINGS
 from contactimg.models.validity import HERTZ_LIMIT
@@ -150,8 +150,8 @@ class RingSolution:
         Largest error of a depth over the largest depth, or relative error of the load; 0 for ``"gw"``, a
         closed form.
     status : str
-        ``"converged"`` if the final numbers have passed every check of `contactimg.models.proof`; otherwise a
-        sentence that says what does not hold.
+        ``"converged"`` if the final numbers have passed every check of `contactimg.models.convergence`;
+        otherwise a sentence that says what does not hold.
     """
 
     model: str
@@ -163,7 +163,7 @@ class RingSolution:
     area: float
     iterations: int = 0
     residual: float = 0.0
-    status: str = proof.CONVERGED
+    status: str = convergence.CONVERGED
 
     @cached_property
     def pressure(self) -> Values:
@@ -204,8 +204,8 @@ class RingSolution:
     def proved(self, errors: dict[str, float], tolerance: float = 0.0) -> "RingSolution":
         """The solution with its status, once its numbers are finite and the errors are small."""
         names = ("r", "depth", "pressure", "density", "area_fraction", "indentation", "area")
-        proof.check_finite({name.replace("_", " "): getattr(self, name) for name in names})
-        return replace(self, status=proof.judge(errors, tolerance))
+        convergence.check_finite({name.replace("_", " "): getattr(self, name) for name in names})
+        return replace(self, status=convergence.judge(errors, tolerance))
 
     def limits(self) -> list[str]:
         """One sentence for each assumption of the model that does not hold."""
@@ -251,7 +251,7 @@ def ring_weights(r: Values) -> Values:
     return weights
 
 
-@proof.refuse_beyond_floats
+@convergence.refuse_beyond_floats
 def solve_greenwood_williamson(
     heights: HeightLaw,
     *,
@@ -306,7 +306,7 @@ def solve_greenwood_williamson(
     area = np.pi**2 * indenter_radius * radius * density * float(heights.moment(deepest, 2))
     depth = deepest - reach * place**2  # 0 at the end of a loaded region, without a rounding error
     solution = RingSolution("gw", layer, r, depth, np.zeros_like(r), load, area)
-    return solution.proved({"sum of the forces": proof.relative_error(force, load)})
+    return solution.proved({"sum of the forces": convergence.relative_error(force, load)})
 
 
 def check_rings(indenter_radius: float, load: float, rings: int) -> None:
@@ -315,7 +315,7 @@ def check_rings(indenter_radius: float, load: float, rings: int) -> None:
         raise InputError(f"indenter_radius must be positive and finite, got {indenter_radius!r} m")
     if not (np.isfinite(load) and load > 0):
         raise InputError(f"load must be positive, got {load!r} N")
-    proof.check_range("indenter_radius", indenter_radius, LENGTH_RANGE_M, "m")
-    proof.check_range("load", load, proof.LOAD_RANGE_N, "N")
+    convergence.check_range("indenter_radius", indenter_radius, LENGTH_RANGE_M, "m")
+    convergence.check_range("load", load, convergence.LOAD_RANGE_N, "N")
     if rings < 8:
         raise InputError(f"rings must be at least 8, got {rings!r}")

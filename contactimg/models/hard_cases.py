@@ -18,10 +18,10 @@ from contactimg.engine.progress import counted
 from contactimg.errors import ContactimgError
 from contactimg.mechanics import hertz, jkr
 from contactimg.models.adhesive import solve_adhesive
+from contactimg.models.convergence import CONVERGED
 from contactimg.models.greenwood_williamson import solve_greenwood_williamson
 from contactimg.models.height_distributions import UniformHeights
 from contactimg.models.interacting import solve_interacting
-from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.surfaces import generate_asperities
 

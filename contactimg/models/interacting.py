@@ -20,9 +20,9 @@ from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, AsperityLaw, Laye
 from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.conditions import ContactConditions
 from contactimg.models.contact_solver import METHODS, ContactSolver
+from contactimg.models.convergence import check_finite, judge, refuse_beyond_floats, relative_error
 from contactimg.models.coupling import Kernel
 from contactimg.models.newton_iteration import ContactSystem
-from contactimg.models.proof import check_finite, judge, refuse_beyond_floats, relative_error
 from contactimg.models.scaled_problem import ScaledProblem, check_choice, scale_problem
 from contactimg.models.solution import InteractingSolution
 

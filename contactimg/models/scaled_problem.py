@@ -12,7 +12,7 @@ from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.asperity_laws import Caps
 from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.conditions import ContactConditions
-from contactimg.models.proof import CONVERGED
+from contactimg.models.convergence import CONVERGED
 from contactimg.models.solution import InteractingSolution
 
 Values = NDArray[np.float64]

@@ -40,8 +40,8 @@ class InteractingSolution:
     conditions : ContactConditions
         Lens, elastic body and what was prescribed.
     status : str
-        ``"converged"`` if the final numbers have passed every check of `contactimg.models.proof`; otherwise a
-        sentence that says what does not hold.
+        ``"converged"`` if the final numbers have passed every check of `contactimg.models.convergence`;
+        otherwise a sentence that says what does not hold.
     iterations : int
         Newton steps.
     residual : float
@@ -138,7 +138,6 @@ class InteractingSolution:
             **dict.fromkeys(("radius_m", "semi_major_m", "semi_minor_m"), a),
             "area_m2": np.pi * a**2,
             "shape": "disk",
-            "holes": 0,
             "asperity": rows,
             "force_N": self.force[rows],
             "flags": contact_flags(x, y, a, self.composite_radius[rows]),

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.effects.optics import measuring
+from contactimg.effects.render_without import measuring
 from contactimg.errors import FrameWarning, InputError
 from contactimg.files import FrameTables, read_part
 from contactimg.forces import common_radius
@@ -313,7 +313,7 @@ def measure_prepared(
     optics: SharedOptics | None = None,
     **other: Any,
 ) -> ImageMeasurement:
-    """Measure a frame as its scene says (`contactimg.effects.optics.measuring`), with ``optics`` of others.
+    """Measure a frame as its scene says (`render_without.measuring`), with ``optics`` of other frames.
 
     ``other`` are further parameters of `contactimg.imaging.measure.measure_image`, instead of the scene's.
     """

@@ -10,6 +10,7 @@ import pandas as pd
 
 from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.plan import Plan, make_plan
+from contactimg.effects.solve_without import MECHANICAL_EFFECTS
 from contactimg.engine.parallel import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.pipeline.inputs import largest_load, need_asperities, scene_asperities
@@ -26,7 +27,7 @@ from contactimg.prediction import (
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
-BEYOND_AVERAGES = ("adhesion", "layer", "sphere_profile")
+BEYOND_AVERAGES = tuple(name for name in MECHANICAL_EFFECTS if "coupling" not in name)
 """Effects that the statistical models cannot represent."""
 
 

@@ -19,8 +19,7 @@ from contactimg.optics.render_settings import point_spread, rendered_effects
 from contactimg.optics.sensor import add_read_noise, add_shot_noise, digitise
 from contactimg.optics.spots import Spots, spots_image
 from contactimg.optics.synthetic_background import dust_shadow, light_falloff, surface_texture
-from contactimg.render.contacts import contact_spots, place_contacts
-from contactimg.render.smooth import smooth_contact, smooth_contact_spot
+from contactimg.render.contacts import contact_spots, place_contacts, smooth_contact, smooth_contact_spot
 from contactimg.scene import Scene, Simulate
 
 Values = NDArray[np.float64]

@@ -23,9 +23,8 @@ from contactimg.files.runs import is_out_of_date
 from contactimg.pipeline.pictures import file_stem
 from contactimg.pipeline.pooled_background import evenly_spread
 from contactimg.plots import CAPTIONS, caption_of, plot_area
-from contactimg.plots.numbers import number_with_std, plain_number
+from contactimg.plots.numbers import in_display_units, number_with_std, numbers_of, plain_number
 from contactimg.report import summary
-from contactimg.report.units import in_display_units, numbers_of
 from contactimg.tables import FAILED, RESULTS, RUN_MODELS, SCORES, VARIANTS, Flag
 
 logger = logging.getLogger(__name__)

@@ -6,13 +6,12 @@ import pandas as pd
 
 from contactimg.analysis.estimates import CoverageEstimate, Estimate
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.calibration.threshold import load_slope
+from contactimg.calibration.threshold_and_modulus import load_slope
 from contactimg.errors import InputError
 from contactimg.files import Run
 from contactimg.files.atomic import first_names
-from contactimg.plots.numbers import number_with_interval, number_with_std, plain_number
+from contactimg.plots.numbers import display_unit, number_with_interval, number_with_std, plain_number
 from contactimg.pose.fit import SIGNIFICANT_FRACTION
-from contactimg.report.units import display_unit
 from contactimg.scene import Scene
 from contactimg.tables import Status
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.calibration.plateau import find_plateau
+from contactimg.calibration.area_plateau import find_plateau
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameTables
 from contactimg.frame import Frame

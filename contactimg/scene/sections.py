@@ -411,7 +411,7 @@ PAPER_MODEL: dict[str, Switch] = {
     "layer": "off",
     "sphere_profile": "off",
 }
-"""Switches of the paper's model."""
+"""Switches of the paper's model, one for each mechanical effect."""
 
 
 class Effects(Section):
@@ -451,6 +451,11 @@ class Effects(Section):
             return data
         auto = {name: switch for name, switch in PAPER_MODEL.items() if data.get(name, "auto") == "auto"}
         return data | auto
+
+    @property
+    def law(self) -> Literal["hertz", "sphere"]:
+        """The law of a contact's force without adhesion that the switches call for."""
+        return "sphere" if self.sphere_profile == "on" else "hertz"
 
     def switches(self) -> dict[str, Switch]:
         """Effect -> its switch, in order."""

@@ -158,8 +158,7 @@ CONTACTS = Schema(
     semi_major_std_px=("float64", "standard uncertainty of semi_major_px, px; ellipses only"),
     semi_minor_std_px=("float64", "standard uncertainty of semi_minor_px, px; ellipses only"),
     angle_std_rad=("float64", "standard uncertainty of angle_rad, rad; ellipses only"),
-    perimeter_px=("float64", "length of the outline, px, that of holes included"),
-    holes=("Int64", "number of holes in the contact"),
+    perimeter_px=("float64", "perimeter of the fitted disk or ellipse, px; empty where pixels were counted"),
 )
 
 SHARED_SHIFTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from contactimg.analysis.annuli import annulus_moments
 from contactimg.analysis.radial_profiles import ring_profile
-from contactimg.effects.mechanics import estimate_mechanics, solve_scene
-from contactimg.effects.optics import measuring
 from contactimg.effects.output_change import POWER, chosen_change, relative_change
+from contactimg.effects.render_without import measuring
+from contactimg.effects.solve_without import estimate_mechanics, solve_scene
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.frame import Frame
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS

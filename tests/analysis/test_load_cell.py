@@ -7,7 +7,7 @@ import pytest
 import contactimg
 from contactimg.analysis.area_power_law import fit_area_law
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.calibration.threshold import calibrate_modulus, load_slope
+from contactimg.calibration.threshold_and_modulus import calibrate_modulus, load_slope
 from contactimg.errors import InputError
 from contactimg.scene import scene_from_dict
 

@@ -6,9 +6,9 @@ from scipy import stats
 
 from contactimg.analysis.estimates import CoverageEstimate, student_estimate
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
+from contactimg.calibration.area_plateau import find_plateau
 from contactimg.calibration.jkr import calibrate_jkr, classify_branches
-from contactimg.calibration.plateau import find_plateau
-from contactimg.calibration.threshold import calibrate_modulus, calibrate_threshold, load_slope
+from contactimg.calibration.threshold_and_modulus import calibrate_modulus, calibrate_threshold, load_slope
 from contactimg.errors import InputError
 from contactimg.mechanics import jkr
 

@@ -20,15 +20,15 @@ from effect_scenes import (
 )
 
 from contactimg import ConvergenceError, InputError, ModelRangeError
-from contactimg.effects.mechanics import (
+from contactimg.effects.output_change import OUTPUTS, WRITTEN, relative_change
+from contactimg.effects.plan import make_plan
+from contactimg.effects.solve_without import (
     MECHANICAL_EFFECTS,
     PART_CONTACTS,
     coupling_level,
     estimate_mechanics,
     solve_scene,
 )
-from contactimg.effects.output_change import OUTPUTS, WRITTEN, relative_change
-from contactimg.effects.plan import make_plan
 from contactimg.scene import scene_from_dict
 
 FACTOR = 3

@@ -14,16 +14,16 @@ from small_series import SCENE
 
 from contactimg import measure_image, render_contacts, render_reference, scene_from_dict
 from contactimg.cli import main
-from contactimg.effects import optics as optics_module
-from contactimg.effects.optics import (
+from contactimg.effects import render_without as optics_module
+from contactimg.effects.output_change import EffectEstimate
+from contactimg.effects.plan import make_plan
+from contactimg.effects.render_without import (
     OPTICS,
     SHARP_BLUR_PX,
     estimate_optics,
     film_rim,
     measuring,
 )
-from contactimg.effects.output_change import EffectEstimate
-from contactimg.effects.plan import make_plan
 from contactimg.files import read_frames, read_scene, write_scene
 from contactimg.imaging import foreground
 from contactimg.imaging.background import subtract as reference

@@ -11,9 +11,9 @@ from spectral_truth import MODULUS, stored_cases
 
 from contactimg.cli import main
 from contactimg.effects.local_law import decide_law, law_evidence
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.effects.output_change import WRITTEN, Answer, output_changes
 from contactimg.effects.plan import make_plan
+from contactimg.effects.solve_without import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.files import write_scene
 from contactimg.forces import local_forces, sphere_radii
 from contactimg.pipeline.inputs import contact_sites

@@ -11,7 +11,7 @@ from effect_scenes import hexagon, mechanical_scene, pattern
 import contactimg
 from contactimg import InputError
 from contactimg.cli import main
-from contactimg.effects import mechanics
+from contactimg.effects import solve_without
 from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import SAFETY_FACTOR, decide, make_plan
 from contactimg.files import read_scene, write_scene
@@ -123,14 +123,14 @@ def test_what_acts_through_coupling_goes_with_it():
 def test_an_effect_without_a_solution_is_left_out_and_named(monkeypatch):
     scene, table, load = mechanical_scene("close pair")
     assert make_plan(scene, table, load=load).is_on("full_coupling")
-    solve = mechanics.solve_scene
+    solve = solve_without.solve_scene
 
     def no_full_coupling(*args, coupling, **options):
         if coupling == "full":
             raise contactimg.ConvergenceError("full coupling did not converge")
         return solve(*args, coupling=coupling, **options)
 
-    monkeypatch.setattr(mechanics, "solve_scene", no_full_coupling)
+    monkeypatch.setattr(solve_without, "solve_scene", no_full_coupling)
     plan = make_plan(scene, table, load=load)
     assert not plan.is_on("full_coupling")
     sentence = "full_coupling is not compared: no solution to compare with: full coupling did not converge"
@@ -141,7 +141,7 @@ def test_apply_makes_every_mechanical_switch_explicit_and_plans_the_same_again()
     scene, table, load = mechanical_scene("layer of 1 mm")
     plan = make_plan(scene, table, load=load)
     explicit = plan.apply(scene)
-    for name in mechanics.MECHANICAL_EFFECTS:
+    for name in solve_without.MECHANICAL_EFFECTS:
         assert getattr(explicit.effects, name) == ("on" if plan.is_on(name) else "off")
     again = make_plan(explicit, table, load=load)
     assert on(again.decisions) == on(plan.decisions)

@@ -9,8 +9,9 @@ import pytest
 from effect_scenes import mechanical_scene
 
 from contactimg import solve_interacting
-from contactimg.effects.plan import OVER_HERTZ, OVER_SPHERE, STRAIN_RATIO, make_plan, unmodelled_effects
+from contactimg.effects.plan import make_plan, unmodelled_effects
 from contactimg.mechanics import hertz, sphere
+from contactimg.mechanics.finite_strain import OVER_HERTZ, OVER_SPHERE, STRAIN_RATIO
 
 FLAT = {"indenter_radius": np.inf, "contact_modulus": 4e6}
 

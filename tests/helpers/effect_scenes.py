@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from contactimg import generate_asperities
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.effects.output_change import requested_outputs
+from contactimg.effects.solve_without import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.scene import Scene, scene_from_dict
 
 SA_LENS, RA_LENS = 0.1288, 0.013

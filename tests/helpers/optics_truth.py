@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.optics import OPTICS, film_rim
 from contactimg.effects.output_change import POWER
+from contactimg.effects.render_without import OPTICS, film_rim
 from contactimg.imaging.fit.film_choice import film_makes_contrast
 from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.inputs import contact_sites, need_asperities

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-import contactimg.effects.optics as optics_module
+import contactimg.effects.render_without as optics_module
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict

@@ -21,7 +21,7 @@ import pytest
 from review_runs import process
 
 from contactimg.cli import main
-from contactimg.effects import optics
+from contactimg.effects import render_without
 from contactimg.errors import InputError
 from contactimg.files import read_edits, read_scene
 from contactimg.review import Session
@@ -261,14 +261,14 @@ def test_measuring_again_gives_the_tables_of_process(client, session, top):
 
 def test_frames_without_new_edits_are_not_measured_again(client, session, monkeypatch):
     names = {source.read().image.tobytes(): source.name for source in session.open().frames}
-    measured, measure_image = set(), optics.measure_image
+    measured, measure_image = set(), render_without.measure_image
 
     def recorded(image, *arguments, **options):
         if np.isnan(options["optics"].contrast):  # not the second time, with the contrast of the series
             measured.add(names[image.tobytes()])
         return measure_image(image, *arguments, **options)
 
-    monkeypatch.setattr(optics, "measure_image", recorded)
+    monkeypatch.setattr(render_without, "measure_image", recorded)
     for rows in ([], [edit(frame="frame_1.tif", x=5.0, y=5.0)], [edit(x=6.0, y=6.0)]):
         client.post("edits/insert", {"rows": rows})
         measured.clear()

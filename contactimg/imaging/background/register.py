@@ -178,8 +178,8 @@ def _consistent(sums: NDArray) -> bool:
     tiles = sums[sums[..., 9] > FEWEST_VALUES]
     own = tiles[:, 3] + tiles[:, 5]
     correlation = (tiles[:, 0] + tiles[:, 2])[own > 0] / own[own > 0]
-    best = np.percentile(correlation, 90) if len(correlation) else 0.0
-    return len(correlation) < FEWEST_PLACES or bool(np.median(correlation) > AS_GOOD_FRACTION * best)
+    few = len(correlation) < FEWEST_PLACES
+    return few or median(correlation) > AS_GOOD_FRACTION * quantile(correlation, 0.9)
 
 
 def _rotation_and_scale(sums: NDArray, x: NDArray, y: NDArray, shape: tuple[int, int]) -> tuple[float, float]:

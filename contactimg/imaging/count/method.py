@@ -29,7 +29,8 @@ from contactimg.imaging.detect.candidates import SPECK_PX2, Contrast
 from contactimg.imaging.detect.components import half_axes, sides_cut
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX, LEAST_VARIANCE_PX2, estimate_blur
-from contactimg.imaging.evidence.rules import PLACE, Columns, Judged, find_dust
+from contactimg.imaging.evidence.reference_dust import find_dust
+from contactimg.imaging.evidence.rules import PLACE, Columns, Judged
 from contactimg.imaging.fit.unseen_contrast import LARGEST_CONTRAST_RATIO, PLATEAU_STD_FRACTION
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS

@@ -1,4 +1,6 @@
-"""Split components that consist of several contacts.
+"""Split components that consist of several contacts, for the method "threshold".
+
+`contactimg.imaging.fit.split_and_join` does it for the method "disk".
 
 A component that is not round is a candidate. An ellipse, or nearly one and convex, is one contact, also with
 holes in it. Disks are inscribed in others; those that overlap no more than contacts do share its pixels. Each

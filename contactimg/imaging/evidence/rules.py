@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe
 
+from contactimg.compiled import njit
 from contactimg.imaging.detect.components import (
     component_of_pixels,
     half_axes,
@@ -29,13 +30,14 @@ from contactimg.imaging.detect.inscribed_disks import (
     find_holes,
     share_of_hull,
 )
-from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
+from contactimg.imaging.evidence.reference_dust import find_dust
+from contactimg.imaging.fit.contact_pixels import look_at_pixels
 from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, erase_disks
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y
 from contactimg.imaging.foreground import BRIGHT_STEP, Foreground
 from contactimg.imaging.kernels.pairs import areas_beyond_chords, count_touching, label_groups
-from contactimg.imaging.pixels.masks import Mask, clear_disks, nearest_pixels, touches
+from contactimg.imaging.pixels.masks import Mask, clear_disks, for_kernel, touches
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import (
@@ -73,8 +75,6 @@ hand."""
 RIM_FALL = 0.5
 """Least fall across the rim of a wide contact, of its contrast. Theory: 0.95 of a blurred edge; by hand:
 a point spread function with heavy tails leaves 0.66, a fibre out of focus 0.35 to 0.45."""
-CROSS = (0, 1, -1, 0, 0), (0, 0, 0, 1, -1)
-"""Columns and rows of the pixels about a place that are read."""
 LONGEST = 3.5
 """Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
 hand."""
@@ -399,35 +399,6 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     }
 
 
-def find_dust(foreground: Foreground, places: NDArray[np.float64], blur: float) -> NDArray[np.bool_]:
-    """Places (x, y, radius, px) that the reference makes by a dip more than the frame by its own rise.
-
-    Dust that darkened the reference and has gone looks like a bright contact in the difference.
-    """
-    pair, dust = foreground.frame_pair, np.zeros(len(places), np.bool_)
-    if pair.reference is None or not len(places) or not foreground.dust:
-        return dust
-    # most contacts lie where the reference shows nothing: a few pixels of it tell
-    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, places[:, 2] + CLEAR_BLUR_WIDTHS * blur)
-    rows = np.flatnonzero(dip > AGREEMENT_SIGMA * foreground.noise)
-    if len(rows):
-        own, other = (
-            foreground.sign * measure_rise(np.ascontiguousarray(image), places[rows], blur)
-            for image in (pair.frame, pair.reference)
-        )
-        dust[rows] = (own > other) & (own < -other)
-    return dust
-
-
-def _rise_of_pixels(image: NDArray, places: NDArray, distance: NDArray) -> NDArray[np.float64]:
-    """Mean of five pixels at each place minus the median of eight around it."""
-    (x, y), turns = places[:, :2, None].swapaxes(0, 1), np.arange(8) * np.pi / 4
-    near = image[nearest_pixels(x + np.array(CROSS[0]), y + np.array(CROSS[1]), image.shape)]
-    x, y = x + distance[:, None] * np.cos(turns), y + distance[:, None] * np.sin(turns)
-    around = np.sort(image[nearest_pixels(x, y, image.shape)])
-    return np.asarray(near.mean(axis=1, dtype=float) - around[:, 3:5].mean(axis=1, dtype=float))
-
-
 def _columns(result: FrameFit, e: Columns, shift: float) -> Columns:
     """Columns of the contacts in pixels of the frame, for all disks of the fit.
 
@@ -528,7 +499,7 @@ def excess_of_counts(e: Columns) -> tuple[NDArray[np.bool_], float, float]:
 
 
 def measure_fall(
-    image: NDArray[np.float32], valid: Mask, disks: NDArray[np.float64], blur: float
+    image: NDArray[np.float32], valid: Mask, disks: NDArray[np.float64], blur: float, *, half: int = 0
 ) -> NDArray[np.float64]:
     """Fall of the brightness across the rim of each disk, in the units of the image.
 
@@ -543,6 +514,8 @@ def measure_fall(
     disks : ndarray, shape (n, >= 3)
         x, y, radius (px).
     blur : float, px
+    half : int
+        The brightness is the mean over a square of ``2 half + 1`` pixels.
 
     Examples
     --------
@@ -554,20 +527,34 @@ def measure_fall(
     [0.12]
     """
     out, wide = np.full(len(disks), np.inf), np.flatnonzero(disks[:, 2] > CLEAR_BLUR_WIDTHS * blur)
-    (x, y, a), turns = disks[wide, :3, None].swapaxes(0, 1), 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    seen, falls = np.ones((len(wide), DIRECTIONS), np.bool_), np.zeros((len(wide), DIRECTIONS))
-    for sign in (1.0, -1.0):  # inside, outside
-        r = a - sign * NEAR_BLUR_WIDTHS * blur
-        u, v = x + r * np.cos(turns), y + r * np.sin(turns)
-        at = nearest_pixels(u, v, image.shape)
-        seen &= (np.abs(at[1] - u) <= 0.5) & (np.abs(at[0] - v) <= 0.5)  # in the image
-        seen &= True if valid is None else valid[at] > 0
-        falls += sign * image[at]
-    falls, count = np.sort(np.where(seen, falls, np.inf)), np.count_nonzero(seen, axis=1)
-    enough = count >= LEAST_SEEN
+    pixels = np.asarray(image, np.float32)
+    falls, count = _falls_across(pixels, for_kernel(valid), disks[wide], NEAR_BLUR_WIDTHS * blur, half)
+    falls, enough = np.sort(falls), count >= LEAST_SEEN
     chosen = np.rint(PERCENTILE / 100.0 * (count[enough] - 1)).astype(int)
     out[wide[enough]] = falls[enough, chosen]
     return out
+
+
+@njit(cache=True)
+def _falls_across(image, valid, disks, reach, half):
+    """Falls across the rim of each disk in each direction, infinite where not seen, and how many are seen."""
+    rows, columns = image.shape
+    falls, count = np.full((len(disks), DIRECTIONS), np.inf), np.zeros(len(disks), np.int64)
+    for i in range(len(disks)):
+        for k in range(DIRECTIONS):
+            fall, seen, turn = 0.0, True, 2.0 * np.pi * k / DIRECTIONS
+            for sign in (1.0, -1.0):  # inside, outside
+                r = disks[i, 2] - sign * reach
+                column, row = round(disks[i, 0] + r * np.cos(turn)), round(disks[i, 1] + r * np.sin(turn))
+                seen &= 0 <= row < rows and 0 <= column < columns
+                seen = seen and not (valid.shape == image.shape and valid[row, column] == 0)
+                for j in range(row - half, row + half + 1) if seen else range(0):
+                    for m in range(column - half, column + half + 1):
+                        fall += sign * image[min(max(j, 0), rows - 1), min(max(m, 0), columns - 1)]
+            if seen:
+                falls[i, k] = fall / (2 * half + 1) ** 2
+                count[i] += 1
+    return falls, count
 
 
 def _fall_of_rims(
@@ -577,8 +564,7 @@ def _fall_of_rims(
     image, valid = foreground.image, foreground.frame_pair.valid
     blur = min(max(blur, SHARPEST_BLUR_PX), WIDEST_BLUR_PX)
     # noise would raise the percentile of the falls, most for faint disks
-    smooth = np.asarray(cv2.blur(image, (3, 3), borderType=cv2.BORDER_REPLICATE), np.float32)
-    fall = measure_fall(smooth, valid, disks, blur)
+    fall = measure_fall(image, valid, disks, blur, half=1)
     for row in np.flatnonzero(fall < RIM_FALL * plateau):
         x, y, reach = disks[row, 0], disks[row, 1], LONGEST_RADII * disks[row, 2] + CLEAR_BLUR_WIDTHS * blur
         box = tuple(slice(max(int(at - reach), 0), max(int(at + reach) + 1, 0)) for at in (y, x))

@@ -12,15 +12,6 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual, find_peaks, least_peak
-from contactimg.imaging.fit.covers import (
-    LONG_RATIO,
-    SETTLED_GROWTH_RATIO,
-    Replacement,
-    are_parts,
-    find_better_covers,
-    find_pairs_of_disks,
-    join_disks,
-)
 from contactimg.imaging.fit.disks import (
     FitControl,
     ModelImage,
@@ -39,6 +30,15 @@ from contactimg.imaging.fit.shapes import (
     Ellipses,
     find_ellipses,
     made_round,
+)
+from contactimg.imaging.fit.split_and_join import (
+    LONG_RATIO,
+    SETTLED_GROWTH_RATIO,
+    Replacement,
+    are_parts,
+    find_better_covers,
+    find_pairs_of_disks,
+    join_disks,
 )
 from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
 from contactimg.imaging.pixels.blocks import SignedImage, block_means

@@ -63,8 +63,9 @@ def quantile(values: NDArray, share: float) -> float:
     """
     flat = values.ravel()
     rank = int(share * (flat.size - 1) + 0.5)
-    # among many equal values a partition is slow, and small whole numbers are sorted fast
-    ordered = np.sort(flat) if flat.dtype.kind in "iu" else np.partition(flat, rank)
+    # among many equal values a partition is slow, and small whole numbers are sorted fast, by their digits
+    whole = flat.dtype.kind in "iu"
+    ordered = np.sort(flat, kind="stable") if whole else np.partition(flat, rank)
     return float(ordered[rank])
 
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.analysis.load_cell import LoadCell
-from contactimg.calibration.plateau import find_plateau
-from contactimg.calibration.threshold import calibrate_modulus, calibrate_threshold, load_slope
+from contactimg.calibration.area_plateau import find_plateau
+from contactimg.calibration.threshold_and_modulus import calibrate_modulus, calibrate_threshold, load_slope
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameTables, Run
 from contactimg.frame import Frame

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from small_series import break_measurement, copy_of
 
-import contactimg.effects.optics as optics_module
+import contactimg.effects.render_without as optics_module
 from contactimg.analysis.estimates import CoverageEstimate
 from contactimg.calibration.jkr import mean_centre
 from contactimg.cli import main

@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS
 from contactimg.effects.output_change import POWER, EffectEstimate, measured_outputs
+from contactimg.effects.solve_without import MECHANICAL_EFFECTS
 from contactimg.imaging.fit.film_choice import film_makes_contrast
 from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmRim

@@ -1,4 +1,4 @@
-"""Other ways to cover the pixels of a group of disks that fits badly.
+"""Split a disk into several, or join several into one, where a group of disks fits badly (method "disk").
 
 Inscribed disks and residual peaks find most contacts. They take two close contacts for one, and miss members
 of a compact group. Where a fit is bad, other covers of the same pixels are tried: one more disk where light

@@ -23,9 +23,9 @@ from contactimg import (
     solve_interacting,
 )
 from contactimg.models import adhesive
+from contactimg.models.convergence import CONVERGED, MAX_RELATIVE_ERROR, check_finite, judge
 from contactimg.models.dense_balance import BalanceEquations
 from contactimg.models.greenwood_williamson import ring_weights
-from contactimg.models.proof import CONVERGED, MAX_RELATIVE_ERROR, check_finite, judge
 from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.surfaces import GaussianCaps, UniformCaps
 

@@ -31,13 +31,14 @@ from contactimg.models.solution import InteractingSolution
 from contactimg.models.surroundings import MeanField
 from contactimg.models.validity import close_pairs
 from contactimg.scene import Effects, Scene
+from contactimg.scene.sections import PAPER_MODEL
 
 Values = NDArray[np.float64]
 Level = Literal["none", "asymptotic", "full"]
 
 PURPOSE = "planning the mechanical effects"
 
-MECHANICAL_EFFECTS = ("coupling", "full_coupling", "adhesion", "layer", "sphere_profile")
+MECHANICAL_EFFECTS = tuple(PAPER_MODEL)
 
 THROUGH_COUPLING = ("full_coupling", "layer")
 """Effects that act only where the contacts are coupled, and are left out with coupling."""
@@ -119,7 +120,7 @@ def solve_scene(
         apex=indenter.apex,
         load=load,
         coupling=coupling,
-        law="sphere" if effects.sphere_profile == "on" else "hertz",
+        law=effects.law,
         thickness=elastic.thickness if effects.layer == "on" else np.inf,
         poisson_ratio=elastic.poisson_ratio,
     )
