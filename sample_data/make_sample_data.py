@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS
+from contactimg.effects.solve_without import MECHANICAL_EFFECTS
 from contactimg.files import read_scene, read_table, write_scene, write_table
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import write_simulation

@@ -68,11 +68,11 @@ def read_table(
         the header has most; with semicolons or tabs a decimal comma is accepted. A column may be in another
         unit that its name states: mm, um or nm for m, mN or uN for N (load_mN, x_um, area_mm2).
     schema : Schema
-        The columns to read; blank lines are skipped, and so is what follows a # at the start of a line or in
-        a number.
+        The columns to read; blank lines are skipped.
     required : collection of str, optional
-        Columns that must be present with a value in every row. By default all columns must be present but
-        those that a later version added (`Schema.later`), and cells may be empty.
+        For tables written by hand: columns that must be present with a value in every row; what follows a #
+        at the start of a line or in a number is skipped. By default the table is one of a run: all columns
+        must be present but those that a later version added (`Schema.later`), and cells may be empty.
     infinite : bool
         Whether ``inf`` is accepted.
 
@@ -87,7 +87,7 @@ def read_table(
     InputError
         With the file, and the line and column of the first cell that is not valid.
     """
-    separator, rows = _csv_rows(path)
+    separator, rows = _csv_rows(path, by_hand=required is not None)
     header = [name.strip() for name in next(rows, (1, []))[1]]
     needed = schema.first if required is None else required
     places, comma = _places(path, header, schema, needed), separator != ","
@@ -157,10 +157,14 @@ def in_western_code(text: str) -> str:
     return text.encode("utf-8", errors="surrogateescape").decode("cp1252", errors="replace")
 
 
-def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
-    """Separator of a CSV file, and its rows with the numbers of their lines, without blanks and comments."""
-    # a line without a separator is no header
-    text = re.sub(r"(?m)^[ \t]*#[^,;\t\n]*$", "", read_text(path))
+def _csv_rows(path: str | Path, *, by_hand: bool = True) -> tuple[str, Iterator[tuple[int, list[str]]]]:
+    """Separator of a CSV file, and its rows with the numbers of their lines, without blanks and comments.
+
+    Tables that were not written by hand have no comments.
+    """
+    text = read_text(path)
+    if by_hand:  # a line without a separator is no header
+        text = re.sub(r"(?m)^[ \t]*#[^,;\t\n]*$", "", text)
     separator = max((",", ";", "\t"), key=text.lstrip("\r\n").partition("\n")[0].count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
@@ -168,7 +172,7 @@ def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
         width = 0
         try:
             for cells in lines:
-                if not any(map(str.strip, cells)) or (width and _COMMENT.match(cells[0])):
+                if not any(map(str.strip, cells)) or (by_hand and width and _COMMENT.match(cells[0])):
                     continue
                 row = _without_comment(cells, width) if width else [cells[0].removeprefix("# "), *cells[1:]]
                 width = width or len(row)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from contactimg import Flag, InputError
 from contactimg.files import read_asperities, read_loads, read_table, write_table
-from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS
+from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, REJECTED
 
 SCHEMAS = [ASPERITIES, CONTACTS, FRAMES]  # between them every kind of column
 
@@ -296,6 +296,14 @@ def rows_of(schema):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("tables")
+
+
+def test_the_table_of_a_run_has_no_comments(tmp_path):
+    """A frame may be called #a.tif or a # b.tif."""
+    rows = {"frame": ["1.tif", "#a.tif", "a # b.tif"], "x_px": 1.0, "y_px": 2.0}
+    table = REJECTED.conform(pd.DataFrame(rows))
+    write_table(table, REJECTED, tmp_path / "t.csv")
+    pd.testing.assert_frame_equal(read_table(tmp_path / "t.csv", REJECTED), table)
 
 
 @pytest.mark.parametrize("schema", SCHEMAS, ids=lambda schema: schema.name)
