@@ -23,7 +23,7 @@ from typing import Any as _Any
 
 import lazy_loader as _lazy
 
-from contactimg.errors import at_the_door as _at_the_door
+from contactimg.errors import checking_arguments as _checking_arguments
 
 __version__ = "0.1.0"
 
@@ -32,5 +32,5 @@ _load, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
 
 def __getattr__(name: str) -> _Any:
     """The public object of a name; a function checks the classes of its arguments."""
-    globals()[name] = found = _at_the_door(_load(name), __name__)
+    globals()[name] = found = _checking_arguments(_load(name), __name__)
     return found

@@ -39,7 +39,7 @@ MADE_BY = {
 """Class that an argument must have -> where it comes from."""
 
 
-def at_the_door(public: Any, module: str) -> Any:
+def checking_arguments(public: Any, module: str) -> Any:
     """A function of a module as its users call it: an argument of another class is an `InputError`.
 
     The classes are those of `MADE_BY` in the annotations; any other object stays as it is.
@@ -48,7 +48,7 @@ def at_the_door(public: Any, module: str) -> Any:
     --------
     >>> class Scene: ...
     >>> def plan(scene: Scene) -> None: ...
-    >>> at_the_door(plan, "m")(scene="folder")
+    >>> checking_arguments(plan, "m")(scene="folder")
     Traceback (most recent call last):
     contactimg.errors.InputError: plan: scene must be a Scene (contactimg.read_scene reads one), got 'folder'
     """

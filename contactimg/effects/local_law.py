@@ -131,13 +131,11 @@ def law_settings(scene: Scene) -> dict[str, Any]:
 def decide_law(scene: Scene, evidence: pd.DataFrame) -> LawPlan:
     """Decide on the law of the local forces: one for all frames, that which the worst of them calls for.
 
+    Whichever output the scene asks for, the change of the forces counts: the law acts on nothing else.
     ``evidence`` is that of all frames, from `law_evidence`.
     """
     worst = evidence.max().fillna(0.0).to_dict()
-    estimates = []
-    for name in EFFECT_WORDS:
-        changes = dict.fromkeys(("force", "profile"), worst[name])
-        estimates.append(EffectEstimate(name, worst[name], "from the measured radii", changes))
+    estimates = [EffectEstimate(name, worst[name], "from the measured radii") for name in EFFECT_WORDS]
     decisions, messages = decide(estimates, scene.effects, scene.tolerance)
     switches = {d.effect: "on" if d.on and (d.change > 0 or d.switch == "on") else "off" for d in decisions}
     left_out = {d.effect: d.change for d in decisions if switches[d.effect] == "off" and d.change > 0}

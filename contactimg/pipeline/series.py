@@ -169,7 +169,7 @@ def _measure_frames(
         parts |= measured(alone, {k: None for k in others if parts[k].shape is None})
     elif fault:
         parts = {k: part.with_remarks(f"{fault}: not used") for k, part in parts.items()}
-    _warn_of_unmatched(list(parts.values()), edits)
+    _warn_of_unmatched([parts[k] for k in numbers], edits)
     return _in_order(parts, frames)
 
 
