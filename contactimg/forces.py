@@ -32,9 +32,6 @@ from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
 
 Values = NDArray[np.float64]
 
-ROUNDING = 1e-9
-"""Relative difference of sums of the same terms in another order. Theory: 1e-16 times the number of terms."""
-
 SUMS = (
     ("area_m2", "visible_area_m2", "area_std_m2"),
     ("force_sum_N", "force_N", "force_sum_std_N"),
@@ -58,11 +55,6 @@ class Total:
 
     value: float
     std: float
-
-    @property
-    def rms(self) -> float:
-        """Root mean square: the error of a sum that leaves this out."""
-        return float(np.hypot(self.value, self.std))
 
 
 NOTHING = Total(0.0, 0.0)
@@ -177,20 +169,16 @@ def total(
     known = np.isfinite(terms)
     if len(terms) and not known.any():
         return Total(np.nan, np.nan)
-    value, slopes = float(terms[known].sum()), np.asarray(slope, float)[known]
-    parts = [unseen.rms, modulus_relative_std * value, length_relative_std * float(slopes.sum())]
-    variance = float(np.sum(np.square([_std_of_sum(contacts[known], slopes), *parts])))
-    if modulus_edge_correlation:
-        edge = float(slopes @ _relative_shifts(contacts[known])[:, SHARED_SHIFTS.index("edge_shift_px")])
-        variance += 2 * modulus_edge_correlation * modulus_relative_std * value * edge
+    its, value, slopes = contacts[known], float(terms[known].sum()), np.asarray(slope, float)[known]
+    relative = _relative_shifts(its)
+    own = np.maximum(_relative_radius_std(its) ** 2 - np.sum(relative**2, axis=1), 0.0)
+    shared, modulus = slopes @ relative, modulus_relative_std * value
+    # the sum lacks the value of the unseen part as well
+    parts = [*shared, modulus, length_relative_std * slopes.sum(), unseen.value, unseen.std]
+    edge = shared[SHARED_SHIFTS.index("edge_shift_px")]
+    variance = np.sum(slopes**2 * own) + np.sum(np.square(parts))
+    variance += 2 * modulus_edge_correlation * modulus * edge
     return Total(value, float(np.sqrt(max(variance, 0.0))))
-
-
-def _std_of_sum(contacts: pd.DataFrame, slope: Values) -> float:
-    """Standard uncertainty of a sum whose terms change by ``slope`` for a relative change of their radius."""
-    shared = _relative_shifts(contacts)
-    own = np.maximum(_relative_radius_std(contacts) ** 2 - np.sum(shared**2, axis=1), 0.0)
-    return float(np.sqrt(np.sum(slope**2 * own) + np.sum((slope @ shared) ** 2)))
 
 
 def _relative_radius_std(contacts: pd.DataFrame) -> Values:
@@ -201,9 +189,8 @@ def _relative_radius_std(contacts: pd.DataFrame) -> Values:
 
 def _relative_shifts(contacts: pd.DataFrame) -> Values:
     """Relative change of the radii with the errors that a frame's contacts share; 0 where not stated."""
-    columns = [name for name in SHARED_SHIFTS if name in contacts]
-    shift = contacts[columns].to_numpy(float) / contacts["radius_px"].to_numpy(float)[:, np.newaxis]
-    return np.nan_to_num(shift, nan=0.0)
+    shifts = contacts.reindex(columns=[*SHARED_SHIFTS, "radius_px"]).to_numpy(float)
+    return np.nan_to_num(shifts[:, :-1] / shifts[:, -1:], nan=0.0)
 
 
 def fill_forces(
@@ -297,7 +284,8 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
         stated = frames[total].to_numpy(float)
         # NaN if no contact of a frame has one
         summed = groups[part].sum(min_count=1).reindex(new["frame"], fill_value=0.0).to_numpy(float)
-        other = measured & np.isfinite(stated) & ~np.isclose(summed, stated, rtol=ROUNDING, atol=0)
+        # sums in another order differ by 1e-16 times the number of terms
+        other = measured & np.isfinite(stated) & ~np.isclose(summed, stated, rtol=1e-9, atol=0)
         new.loc[other, total] = summed[other]
         scaled = other & (stated > 0) & ~(summed <= 0)
         if std is not None:

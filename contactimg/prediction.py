@@ -122,11 +122,9 @@ def predict_contacts(
     scene, plan, field, solution = _solve(scene, asperities, load, coupling, always_plan=always_plan)
     name, model = frame or load_name(load), "uncoupled" if solution.coupling == "none" else "coupled"
     contacts = solution.contacts(name)
-    contacts["force_hertz_N"] = hertz.load(
-        contacts["radius_m"].to_numpy(float),
-        sphere_radius=solution.composite_radius[solution.touching],
-        contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
-    )
+    radius, spheres = contacts["radius_m"].to_numpy(float), solution.composite_radius[solution.touching]
+    modulus = scene.need("elastic", PURPOSE).contact_modulus
+    contacts["force_hertz_N"] = hertz.load(radius, sphere_radius=spheres, contact_modulus=modulus)
     row = {
         "n_contacts": len(contacts),
         "area_m2": float(contacts["area_m2"].sum()),
@@ -163,7 +161,7 @@ def _solve(
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = coupling if coupling == "hertz" else coupling_level(scene.effects)
-    field = surrounding_field(scene, asperities, load, coupled=level != "none")
+    field = field_around(scene, asperities, load, coupled=level != "none")
     solution = solve_scene(scene, asperities, load=load, coupling=level, surroundings=field)
     refuse_touching(solution, solution.load)
     return scene, plan, field, solution
@@ -179,9 +177,7 @@ def scene_of_model(scene: Scene, model: str) -> Scene:
     return scene if model == "coupled" else scene.with_effects({"coupling": "off", "full_coupling": "off"})
 
 
-def surrounding_field(
-    scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool
-) -> MeanField | None:
+def field_around(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool) -> MeanField | None:
     """The mean field around a table, if ``[asperities] surroundings`` asks for it."""
     if scene.asperities is None or scene.asperities.surroundings == "none":
         return None
@@ -232,10 +228,8 @@ def _around_the_table(
 ) -> str:
     """A sentence on what lies around the table; empty where the contact region ends inside it."""
     if field is not None:
-        return (
-            f"around the table a mean field carries {field.load:.4g} N on {field.area * 1e6:.4g} mm2, which "
-            "are not in the sums"
-        )
+        carried = f"{field.load:.4g} N on {field.area * 1e6:.4g} mm2"
+        return f"around the table a mean field carries {carried}, which are not in the sums"
     if not load > 0 or _without_mean_field(scene, table):
         return ""
     rectangle = table_rectangle(scene.asperities or Asperities(), table)
@@ -378,10 +372,8 @@ def asperity_density(section: Asperities, asperities: pd.DataFrame | None) -> fl
     sides = np.ptp(table_rectangle(Asperities(), table), axis=1) if len(table) else spans
     if section.generate is None and "side" not in section.model_fields_set:
         if not (many and spans.min() > 0):
-            raise InputError(
-                f"{len(table)} asperities do not tell the area that they stand for; state side_m or "
-                "density_per_m2 in [asperities]"
-            )
+            cure = "state side_m or density_per_m2 in [asperities]"
+            raise InputError(f"{len(table)} asperities do not tell the area that they stand for; {cure}")
         return len(table) / float(np.prod(sides))
     too_small = many and sides.max() < section.side / SIDE_MISMATCH_RATIO
     if too_small or spans.max() > SIDE_MISMATCH_RATIO * section.side:
@@ -411,17 +403,13 @@ TOUCHING_ACCURACY = 1e-3
 
 
 def find_touching_load(
-    scene: Scene,
-    asperities: pd.DataFrame | None,
-    *,
-    model: Model = "interacting",
-    coupling: Coupling = "auto",
+    scene: Scene, table: pd.DataFrame | None, *, model: Model = "interacting", coupling: Coupling = "auto"
 ) -> float:
     """The load at which the base planes of lens and rubber touch first, N.
 
     Parameters
     ----------
-    scene, asperities
+    scene, table
         As for `predict_contacts`; for ``"gw"`` and ``"gt"`` as for `predict_average`.
     model : {"interacting", "gw", "gt"}
     coupling : str
@@ -438,17 +426,17 @@ def find_touching_load(
         If the model ends before the planes touch, with the smallest gap at the last load that it describes.
     """
     reasons: dict[float, str] = {}
-    table = pd.DataFrame() if asperities is None else asperities
-    if model == "interacting" and table.empty:
+    asperities = pd.DataFrame() if table is None else table
+    if model == "interacting" and asperities.empty:
         raise InputError("the interacting model needs a table of asperities")
 
     @cache
     def gap(load: float) -> float:
         try:
             if model == "interacting":
-                found = _solve(scene, table, load, coupling)[-1].base_gap.least
+                found = _solve(scene, asperities, load, coupling)[-1].base_gap.least
             else:
-                row = predict_average(scene, asperities, load=load, model=model).frames
+                row = predict_average(scene, table, load=load, model=model).frames
                 found = float(row["min_gap_m"].iloc[0])
         except (ModelRangeError, ConvergenceError) as error:
             reasons[load] = str(error)
@@ -457,7 +445,7 @@ def find_touching_load(
             raise InputError("the asperities cover all of the base: no planes are left that could touch")
         return found
 
-    size = _mean_radius(scene.asperities or Asperities(), asperities)
+    size = _mean_radius(scene.asperities or Asperities(), table)
     first = low = high = 1e-2 * scene.need("elastic", PURPOSE).contact_modulus * size**2
     while gap(high) > 0 and high < 1e24 * first:  # beyond nobody looks
         low, high = high, 4 * high

@@ -8,15 +8,11 @@ calls, whose times are added to those of this process.
 import sys
 import threading
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from time import perf_counter
 from types import FrameType
-from typing import Any
-
-LOOK_EVERY_SECONDS = 0.005
-"""Chosen: a look takes some microseconds."""
 
 OTHER, WAITING = "other", "waiting for processes"
 """Time outside of this package, and that in which this process waits for the results of others."""
@@ -59,7 +55,7 @@ def collect() -> Iterator[Seconds]:
     def look() -> None:
         done, since = False, perf_counter()
         while not done:
-            done, now = ended.wait(LOOK_EVERY_SECONDS), perf_counter()
+            done, now = ended.wait(0.005), perf_counter()  # s, chosen: a look takes some microseconds
             seconds[_step(sys._current_frames().get(thread))] += now - since
             since = now
 
@@ -77,13 +73,6 @@ def collect() -> Iterator[Seconds]:
 def is_collecting() -> bool:
     """Whether somebody wants to know the times."""
     return _watched.get() is not None
-
-
-def collect_call(function: Callable[..., Any], *arguments: Any) -> tuple[Any, Seconds]:
-    """Call a function and time its steps, for a worker process that returns both."""
-    with collect() as seconds:
-        result = function(*arguments)
-    return result, dict(seconds)
 
 
 def add(seconds: Mapping[str, float]) -> None:

@@ -13,6 +13,10 @@ APEX = (4.6e-3, 5.3e-3)
 LENS = 0.1288
 
 
+def everywhere(x, _y):
+    return np.ones(np.shape(x), bool)
+
+
 @pytest.fixture(scope="module")
 def pressed():
     """Position, height, composite radius and contact radius of the asperities in contact."""
@@ -26,7 +30,7 @@ def pressed():
 
 
 def test_the_contacts_of_a_coupled_solution_show_apex_and_lens(pressed):
-    found = find_apex(*pressed)
+    found = find_apex(*pressed, in_view=everywhere)
     # the sites of a cap lie R/(R + Rl) = 8e-4 of its distance from the apex nearer to it: 2e-6 m at 2.5 mm
     assert np.hypot(*np.subtract(found.place, APEX)) < 2e-6
     assert found.radius == pytest.approx(LENS + 1e-4, rel=2e-3)  # lens and cap together
@@ -35,8 +39,10 @@ def test_the_contacts_of_a_coupled_solution_show_apex_and_lens(pressed):
 
 def test_forces_of_the_other_contacts_are_needed(pressed):
     points, heights, radii, a = pressed
-    alone = find_apex(points, heights, radii, a)
-    far = find_apex(points * 1e3, heights, radii, a)  # so far apart that no contact lowers another
+    alone = find_apex(points, heights, radii, a, in_view=everywhere)
+    far = find_apex(
+        points * 1e3, heights, radii, a, in_view=everywhere
+    )  # so far apart that no contact lowers another
     assert abs(far.radius / 1e6 / alone.radius - 1) > 0.05
 
 
@@ -68,10 +74,10 @@ def test_a_view_of_a_smaller_part_of_the_region_is_within_its_uncertainty(presse
 
 
 def test_few_contacts_and_a_gap_that_does_not_open_show_none(pressed):
-    assert find_apex(*(column[:9] for column in pressed)) is None
+    assert find_apex(*(column[:9] for column in pressed), in_view=everywhere) is None
     points, _, radii, a = pressed
     bowl = np.sum((points - np.array(APEX)) ** 2, axis=1) / (2 * LENS)
-    assert find_apex(points, -2 * bowl, radii, 1e-3 * a) is None
+    assert find_apex(points, -2 * bowl, radii, 1e-3 * a, in_view=everywhere) is None
 
 
 @pytest.mark.parametrize(("cut", "shown"), [(-1.0, 300), (-0.5, 0)])
@@ -92,7 +98,7 @@ def test_without_asperities_the_contacts_show_the_centre_of_a_region_that_is_in_
 
 
 def test_in_a_dense_pattern_the_apex_that_the_contacts_show_decides(pressed):
-    found, spacing = find_apex(*pressed), 2.3e-4
+    found, spacing = find_apex(*pressed, in_view=everywhere), 2.3e-4
     counts = {"measured": 160, "predicted": 160, "matched": 130, "shown": found, "spacing": spacing}
     for away, count in ((0.3 * spacing, 0), (2 * spacing, 1)):
         scene = scene_from_dict({"indenter": {"radius_m": LENS, "apex_m": (APEX[0] + away, APEX[1])}})

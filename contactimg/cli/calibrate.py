@@ -18,12 +18,7 @@ ONE_OF_TWO = (
     "--threshold T)"
 )
 
-RUNNING = (
-    *shared.FRAMES,
-    shared.CLUSTER,
-    shared.option("output", shared.Output),
-    shared.WORKERS,
-)
+RUNNING = (*shared.FRAMES, shared.CLUSTER, shared.option("output", shared.Output), shared.WORKERS)
 """Options that every calibration has, beside those of its signature."""
 
 MODULUS = (

@@ -85,15 +85,9 @@ def process(
         acts = describe_use(record, method=described.measure.method)
         used = {"calibration": {"file": calibration, "record": record, "acts": acts}} if record else {}
         predictable = described.elastic and described.indenter and described.asperities
-        with shared.results_in(
-            output,
-            folder,
-            described,
-            [*inputs, *experiment.inputs],
-            options=used,
-            main_files=files.RUN_TABLES,
-            then="overlay" if predictable else "",
-        ) as out:
+        how: dict[str, Any] = {"options": used, "then": "overlay" if predictable else ""}
+        how |= {"inputs": [*inputs, *experiment.inputs], "main_files": files.RUN_TABLES}
+        with shared.results_in(output, folder, described, **how) as out:
             series = pipeline.measure_parts(experiment, store=out.part_store())
             frames, facts = pipeline.write_run(series, out.folder, table_format)
             if pictures:
@@ -119,7 +113,7 @@ def _process_several(
     folders: tuple[str, ...], target: Path, measure: Callable[..., int], *, table_format: "files.TableFormat"
 ) -> int:
     """Measure several folders and join their tables; return the exit code."""
-    names, codes, code = [Path(folder).resolve().name for folder in folders], dict[str, int](), 0
+    names, codes = [Path(folder).resolve().name for folder in folders], dict[str, int]()
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError(f"two folders are called {twice}; give each folder once, and rename one of the two")
@@ -129,14 +123,13 @@ def _process_several(
         try:
             codes[name] = measure(folder, target / name)
         except InputError as error:  # a folder that fails loses nothing else
-            code = 1
             click.echo(f"contactimg: {folder} is left out: {error}", err=True)
     if not codes:
         raise InputError("none of the folders could be measured")
     runs, joined = {name: target / name for name in codes}, target / JOINED_FOLDER
     pipeline.write_joined_tables(runs, joined, command=shared.command_line(), table_format=table_format)
     say(f"tables of all {len(codes)} folders in {joined}")
-    return max(*codes.values(), code)
+    return max(*codes.values(), int(len(codes) < len(names)))
 
 
 def _film_sentence(frames: "pd.DataFrame", films: dict[str, dict[str, Any]]) -> str:
@@ -195,7 +188,7 @@ def check(
     inputs += experiment.inputs
     with shared.results_in(output, folder, described, inputs, main_files=main_files) as out:
         result = pipeline.check_experiment(experiment, seed=seed)
-        found = {"check": (tables.CHECK, result.classes), "drawn": (tables.DRAWN, result.drawn)}
+        found = [(tables.CHECK, result.classes), (tables.DRAWN, result.drawn)]
         pipeline.write_results(out.folder, found, {"check": plots.plot_check(result.drawn, result.classes)})
         out.record["sentence"] = result.sentence
         forms = {"low_px": ".2f", "high_px": ".2f", "drawn": "", "completeness": ".0%", "bias_px": "+.3f"}
@@ -213,9 +206,7 @@ QUESTIONS = (
     shared.SceneOption("--lens-radius-mm", "indenter", "radius_m", default=""),
     shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa", default=""),
 )
-APEX = shared.SceneOption(
-    "--apex-mm", "indenter", "apex_m", "Two numbers in quotes.", "found from the contacts"
-)
+APEX = shared.SceneOption("--apex-mm", "indenter", "apex_m", "Two numbers quoted.", "found from the contacts")
 
 SHOWN = {
     "indenter": ("radius_m", "apex_m"),

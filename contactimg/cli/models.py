@@ -222,7 +222,7 @@ def tradeoff(
     with shared.results_in(output, described.folder, described, inputs) as out:
         result = pipeline.measure_tradeoff(described, load=load, knobs=knobs)
         ax = plots.plot_tradeoff(result.table, relative=result.relative)
-        pipeline.write_results(out.folder, {"tradeoff": (tables.TRADEOFF, result.table)}, {"tradeoff": ax})
+        pipeline.write_results(out.folder, [(tables.TRADEOFF, result.table)], {"tradeoff": ax})
         out.record["sentences"] = result.sentences
         echo_tradeoff(result.table)
         say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in result.left_out.items()))

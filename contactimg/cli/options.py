@@ -119,9 +119,7 @@ Output = Annotated[
     NewFolder | None,
     f"Folder for the results; created if needed.  [default: {DEFAULT_FOLDER} in the folder that is read]",
 ]
-Load = Annotated[
-    float | None, "--load-N", "Normal load in newtons.  [default: the largest that the scene states]"
-]
+Load = Annotated[float | None, "--load-N", "Normal load in newtons.  [default: the largest of the scene]"]
 Annulus = Annotated[float, "Width of the rings around the apex over which profiles are averaged, in mm."]
 
 

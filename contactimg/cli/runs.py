@@ -14,10 +14,7 @@ from contactimg.errors import InputError
 
 @shared.command(shared.NO_PLAUSIBILITY, shared.WORKERS)
 def overlay(
-    run: shared.ExistingFolder,
-    *,
-    output: shared.Output = None,
-    min_radius_px: shared.NonNegative = 1.0,
+    run: shared.ExistingFolder, *, output: shared.Output = None, min_radius_px: shared.NonNegative = 1.0
 ) -> int:
     """Compare the contacts of RUN, an output folder of `process`, with those that the model predicts.
 
@@ -52,7 +49,7 @@ def overlay(
         counts = comparison.scores[comparison.scores["model"] == "coupled"]
         numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
         pipeline.doubt_match(measured, pose, asperities, run, **numbers)
-        made = {"matches": (tables.MATCHES, comparison.matches), "scores": (tables.SCORES, comparison.scores)}
+        made = [(tables.MATCHES, comparison.matches), (tables.SCORES, comparison.scores)]
         pipeline.write_results(out.folder, made)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
         pipeline.draw_comparison(comparison, measured, experiment, out.folder / "overlays")

@@ -13,10 +13,8 @@ from contactimg.cli.printing import say
 from contactimg.errors import InputError
 from contactimg.scene import Scene, scene_from_dict
 
-FILES = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask", "edits")] + [
-    ("asperities", "file")
-]
-"""Section and key of the files that a scene names."""
+FILES = {"images": {"reference", "loads", "dark", "flat", "mask", "edits"}, "asperities": {"file"}}
+"""Section -> the keys that name files."""
 
 
 def scene_of_folder(
@@ -119,9 +117,9 @@ def _placed(data: Stated, folder: Path, *, first: Path, other: Path) -> Stated:
         base = first if found else other
         return named if base == folder else str((base / named).resolve())
 
-    for section, key in FILES:
-        if key in data.get(section, {}):
-            data[section][key] = placed(data[section][key])
+    for section, keys in data.items():
+        for key in keys.keys() & FILES.get(section, set()):
+            keys[key] = placed(keys[key])
     return data
 
 

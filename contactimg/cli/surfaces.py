@@ -189,7 +189,7 @@ def design(
     main_files = [ASPERITIES_FILE, LAW_FILE, "scene.toml"]
     with shared.results_in(output, ".", described, inputs, main_files=main_files) as out:
         out.record |= {"status": found.status, "residual": found.residual}
-        made = {"asperities": (tables.ASPERITIES, found.asperities), "law": (tables.DESIGNED, found.law)}
+        made = [(tables.ASPERITIES, found.asperities), (tables.DESIGNED, found.law)]
         pipeline.write_results(out.folder, made, {"law": plots.plot_design(found.law)})
         source = described.source["elastic"]
         kept = {key: source[key] for key in ("young_modulus_Pa", "poisson_ratio") if key in source}

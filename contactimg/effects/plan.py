@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from contactimg.effects.output_change import EffectEstimate, change_sentence, requested_outputs
 from contactimg.effects.render_without import estimate_optics
@@ -28,8 +27,6 @@ from contactimg.mechanics.finite_strain import load_over_law
 from contactimg.models.solution import InteractingSolution
 from contactimg.scene import Effects, Scene, Tolerance
 from contactimg.tables import EFFECTS
-
-Values = NDArray[np.float64]
 
 REQUIRES = {"full_coupling": "coupling", "layer": "coupling"}
 """Effects that act only through another one."""

@@ -27,6 +27,9 @@ LIBRARIES = ("numpy", "scipy", "numba", "pandas", "opencv-python-headless", "sci
 PATIENCE = "distributed.comm.timeouts.connect"
 """Setting of dask: how long a run waits for a scheduler that does not answer, or without any worker."""
 
+ENDED = "ended {}, in the end with no other call beside it, perhaps because memory ran out"
+"""What is said of a call that ended its worker."""
+
 _one_at_a_time = threading.Lock()
 cluster_in_use: ContextVar["Cluster | None"] = ContextVar("contactimg_cluster", default=None)
 """The cluster of the `on_cluster` around."""
@@ -129,10 +132,7 @@ class Cluster:
         if isinstance(error, CancelledError):  # its scheduler has gone
             return self._gone(error)
         if isinstance(error, KilledWorker):
-            return WorkerEndedError(
-                "ended every worker of the cluster that tried it, in the end alone, perhaps because memory "
-                "ran out there"
-            )
+            return WorkerEndedError(ENDED.format("every worker of the cluster that tried it"))
         if isinstance(error, ModuleNotFoundError):
             return ClusterError(f"a worker of the cluster has {error}; install contactimg there")
         return error
@@ -181,13 +181,9 @@ def on_cluster(place: str) -> Iterator[Cluster]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError(
-            "a cluster needs dask.distributed, which is not installed; pip install distributed"
-        ) from None
+        raise InputError("a cluster needs dask.distributed: pip install distributed") from None
     if "://" not in place and not Path(place).is_file():
-        raise InputError(
-            f"--cluster {place}: neither an address such as tcp://host:8786 nor a scheduler file that exists"
-        )
+        raise InputError(f"--cluster {place}: no address (tcp://host:8786) and no such scheduler file")
     where = {"address" if "://" in place else "scheduler_file": place}
     for name in ("distributed", "distributed.client"):  # what it reports is in the errors here
         logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -21,13 +21,14 @@ from loky import cpu_count, get_reusable_executor
 from loky.backend import resource_tracker
 from loky.process_executor import BrokenProcessPool
 
-from contactimg.engine.cluster import WorkerEndedError, cluster_in_use
+from contactimg.engine.cluster import ENDED, WorkerEndedError, cluster_in_use
 from contactimg.engine.processes import end_workers, keep_workers, live_with_parent, workers_wait
 from contactimg.engine.progress import counted, holding
 from contactimg.errors import ContactimgError, InputError
-from contactimg.timings import Seconds, add, collect_call, is_collecting
+from contactimg.timings import Seconds, add, collect, is_collecting
 
 Result = TypeVar("Result")
+Job = tuple[Any, ...]
 
 _workers: ContextVar[int | None] = ContextVar("contactimg_workers", default=None)
 
@@ -53,7 +54,7 @@ def sharing(workers: int | None) -> AbstractContextManager[None]:
 
 def in_parallel(
     function: Callable[..., Result],
-    arguments: Iterable[tuple[Any, ...]],
+    arguments: Iterable[Job],
     *,
     count: int,
     workers: int | None = None,
@@ -111,22 +112,16 @@ def in_parallel(
             # chosen for processes that wait: several times what it takes to write a function to a file and to
             # read it
             if done > 1 and saved > (0.5 if workers_wait() else START_SECONDS):
-                yield from shared(_Processes(processes))
-
-    def shared(takers: Any) -> Iterator[Result]:
-        """Results from workers."""
-        return _in_order(takers, function, items, lost)
+                yield from _in_order(_Processes(processes), function, items, lost)
 
     asked = _Processes(processes) if several and workers is not None and workers > 1 else None
     takers = cluster_in_use.get() or asked
-    return counted(alone() if takers is None else shared(takers), shown, count)
+    results = alone() if takers is None else _in_order(takers, function, items, lost)
+    return counted(results, shown, count)
 
 
 def _in_order(
-    workers: Any,
-    function: Callable[..., Result],
-    items: Iterator[tuple[Any, ...]],
-    lost: Callable[..., Result] | None,
+    workers: Any, function: Callable[..., Result], jobs: Iterator[Job], lost: Callable[..., Result] | None
 ) -> Iterator[Result]:
     """Results of workers (`_Processes` or a `contactimg.engine.cluster.Cluster`) in order.
 
@@ -136,11 +131,11 @@ def _in_order(
     A process that ends takes all calls with it that were handed over. Each of these is made again alone when
     it is its turn: one that ends its process then too is the cause.
     """
-    calls, failures = deque[tuple[tuple[Any, ...], Future[tuple[Result, Seconds]]]](), 0
+    calls, failures = deque[tuple[Job, Future[tuple[Result, Seconds]]]](), 0
     with _stored((function, is_collecting()), workers.folder) as name:
         try:
             while True:
-                for item in islice(items, max(AHEAD * workers.processes() - len(calls), 0)):
+                for item in islice(jobs, max(AHEAD * workers.processes() - len(calls), 0)):
                     calls.append((item, workers.submit(_call, name, *item)))
                 if not calls:
                     return
@@ -214,11 +209,8 @@ class _Processes:
         wait(futures)
 
     def named(self, error: BaseException) -> BaseException:
-        if isinstance(error, BrokenProcessPool):
-            return WorkerEndedError(
-                "ended its process, in the end with no other beside it, perhaps because memory ran out"
-            )
-        return error
+        ended = isinstance(error, BrokenProcessPool)
+        return WorkerEndedError(ENDED.format("its process")) if ended else error
 
 
 @contextmanager
@@ -240,7 +232,10 @@ def _stored(call: tuple[Callable[..., Any], bool], folder: Path | None) -> Itera
 def _call(file: str, *arguments: Any) -> tuple[Any, Seconds]:
     """The result of the function of a file, in a worker, and the times of its steps if they are asked for."""
     function, timed = _read(file)
-    return collect_call(function, *arguments) if timed else (function(*arguments), {})
+    if not timed:
+        return function(*arguments), {}
+    with collect() as seconds:
+        return function(*arguments), seconds
 
 
 @lru_cache(1)

@@ -189,9 +189,7 @@ def _check_size(image: Frame, frame: Frame) -> None:
 
 
 @lru_cache(maxsize=2)
-def _fields(
-    darks: Sources, flats: Sources, _changed: Changes
-) -> tuple[NDArray, NDArray, float, NDArray[np.bool_]]:
+def _fields(darks: Sources, flats: Sources, _changed: Changes) -> tuple[NDArray, NDArray, float, NDArray]:
     """The mean dark frame, the gain (flat field over its median), the dark level, and useless pixels.
 
     Those are saturated in the dark or without light.
@@ -274,8 +272,7 @@ def read_edits(path: str | Path) -> pd.DataFrame:
 def check_edits(table: pd.DataFrame, name: str) -> None:
     """Raise `InputError` for an unknown action or a row that lacks what its action needs."""
     for number, row in enumerate(table.to_dict("records"), start=1):
-        complaint = _complaint(row)
-        if complaint:
+        if complaint := _complaint(row):
             raise InputError(f"{name}: row {number} ({row['action']}) {complaint}")
 
 

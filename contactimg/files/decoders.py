@@ -209,6 +209,9 @@ def _opened_video(path: Path) -> Iterator[cv2.VideoCapture]:
 
 # --- TIFF pages of any bit depth, byte order, compression and photometric type
 
+LOSSLESS: dict[str, Any] = {"compression": "zlib", "predictor": True, "metadata": None, "software": False}
+"""How tifffile writes grey levels or labels: the same image always gives the same bytes."""
+
 _SMALLEST_PAGE = 18  # bytes of a page header with one tag (TIFF 6.0, section 2)
 _PHOTOMETRIC = tifffile.PHOTOMETRIC
 _SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # little and big endian, classic and BigTIFF
@@ -376,16 +379,7 @@ def write_frame(frame: Frame, path: Path) -> None:
     # 281: MaxSampleValue (TIFF 6.0, section 8)
     tags = [(281, "H", 1, int(scale), True)] if integer and scale is not None else []
     with replacing(path) as part:
-        tifffile.imwrite(
-            part,
-            frame.image,
-            photometric="minisblack",
-            compression="zlib",
-            predictor=True,
-            metadata=None,
-            software=False,
-            extratags=tags,
-        )
+        tifffile.imwrite(part, frame.image, extratags=tags, **LOSSLESS)
 
 
 # --- the pixel size that a header states

@@ -300,9 +300,7 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
     known = set(loads["frame"][loads["load_N"].notna()])
     if not known & present:
         given = first_names(loads["frame"]) or "it has no row"
-        raise InputError(
-            f"{path}: none of its frames ({given}) is among the frames read ({first_names(names)})"
-        )
+        raise InputError(f"{path}: none of its frames ({given}) is among those read ({first_names(names)})")
     for text, missing in (
         ("has loads for frames that are not there", [name for name in loads["frame"] if name not in present]),
         ("has no load for the frames", [name for name in names if name not in known]),

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from openpyxl import Workbook
 from openpyxl.cell import WriteOnlyCell
 from openpyxl.cell.cell import ILLEGAL_CHARACTERS_RE
-from openpyxl.worksheet._write_only import WriteOnlyWorksheet
 from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi, roiread
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import read_bytes, replacing, write_text
+from contactimg.files.decoders import LOSSLESS
 from contactimg.tables import Schema, flag_names
 from contactimg.tables.outlines import Outline
 
@@ -78,10 +78,8 @@ def read_regions(path: str | Path) -> list[Region]:
     try:
         rois = roiread(path)
     except Exception:  # whatever a damaged file makes of the decoder
-        raise InputError(
-            f"{path}: is not an ImageJ ROI file; save the regions with the ROI Manager (.roi, .zip), or the "
-            "frame with its overlay as TIFF"
-        ) from None
+        cure = "save the regions with the ROI Manager (.roi, .zip), or the frame with its overlay as TIFF"
+        raise InputError(f"{path}: is not an ImageJ ROI file; {cure}") from None
     found = map(_region, rois if isinstance(rois, list) else [rois])
     regions = [region for region in found if region is not None]
     if not regions:
@@ -154,9 +152,7 @@ def polygon_region(name: str, corners: NDArray[np.float64], *, image: int = 0) -
     return Region(0, centre_x, centre_y, radius, radius, lines=(closed,), name=name, image=image)
 
 
-def write_overlay_tiff(
-    image: NDArray, regions: Iterable[Region], path: str | Path, *, pixel_size: float | None
-) -> None:
+def write_overlay(image: NDArray, regions: Iterable[Region], path: Path, *, pixel_size: float | None) -> None:
     """Write a frame as a TIFF that ImageJ opens with the regions as its overlay, whole or not at all.
 
     Parameters
@@ -164,7 +160,7 @@ def write_overlay_tiff(
     image : ndarray, shape (rows, columns)
         Grey levels.
     regions : iterable of Region
-    path : str or Path
+    path : Path
     pixel_size : float or None
         Sample length per pixel, m: ImageJ then measures in um.
     """
@@ -179,9 +175,7 @@ def write_overlay_tiff(
 # --- label images, and layers of napari
 
 
-def label_image(
-    outlines: Sequence[Outline], shape: tuple[int, ...]
-) -> NDArray[np.uint16] | NDArray[np.uint32]:
+def label_image(outlines: Sequence[Outline], shape: tuple[int, ...]) -> NDArray[np.uint16 | np.uint32]:
     """The label of the contact in which the centre of each pixel lies, 0 in none.
 
     Where contacts overlap, the smaller one has the pixel. A contact without the centre of a pixel gets the
@@ -210,7 +204,7 @@ def write_labels(outlines: Sequence[Outline], shape: tuple[int, ...], path: Path
     """Write the label image of one frame as a TIFF, whole or not at all."""
     labels = label_image(outlines, shape)
     with replacing(path) as part:
-        tifffile.imwrite(part, labels, compression="zlib", metadata=None, software=False)
+        tifffile.imwrite(part, labels, **LOSSLESS)
 
 
 def write_napari_shapes(outlines: Sequence[Outline], path: Path) -> None:
@@ -294,9 +288,7 @@ def write_workbook(tables: Sequence[tuple[Schema, pd.DataFrame]], path: Path, *,
     sheets, meanings = {}, []
     for schema, table in tables:
         if len(table) >= 2**20:  # the limit of Excel, header included
-            raise InputError(
-                f"{path}: {len(table):,} rows of {schema.name} do not fit into a sheet; use the CSV"
-            )
+            raise InputError(f"{path}: {len(table):,} rows of {schema.name} do not fit a sheet; use the CSV")
         cells = schema.conform(table)
         if "flags" in cells:
             cells = cells.assign(flags=flag_names(cells["flags"]))
@@ -318,7 +310,7 @@ def write_workbook(tables: Sequence[tuple[Schema, pd.DataFrame]], path: Path, *,
         book.save(file)
 
 
-def _cell(sheet: WriteOnlyWorksheet, value: Any) -> Any:
+def _cell(sheet: Any, value: Any) -> Any:
     """A cell, text as text even if it looks like a formula."""
     if not isinstance(value, str):
         return value

@@ -15,9 +15,7 @@ from contactimg.summits import HeightMap
 Values = NDArray[np.float64]
 
 
-def read_height_map(
-    path: str | Path, *, pixel_size: float | None = None, height_unit: float | None = None
-) -> HeightMap:
+def read_height_map(path: str | Path, *, pixel_size: float | None, height_unit: float | None) -> HeightMap:
     """Read a height map.
 
     Parameters
@@ -25,10 +23,10 @@ def read_height_map(
     path : str or Path
         ``.npy``; a matrix as text, one line a row, values divided by spaces, tabs, commas or semicolons, with
         ``nan`` or an empty cell where nothing was measured; or a TIFF of one channel.
-    pixel_size : float, optional
+    pixel_size : float or None
         Distance between neighbouring values, m, in place of what the file says.
-    height_unit : float, optional
-        What a height of 1 means, m, in place of what the file says.
+    height_unit : float or None
+        What a height of 1 means, m; no file says it.
 
     Returns
     -------

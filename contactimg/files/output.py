@@ -176,9 +176,9 @@ class OutputFolder:
 
     Parameters
     ----------
-    path : str or Path
+    path : Path
         Created if needed. It must be new, empty, or contain output of contactimg.
-    record : mapping
+    record : dict
         From `provenance`; written as provenance.json together with the names of the files of the run.
     main_files : sequence of str
         Files that this run will certainly write. If another command wrote one of them there, the folder is
@@ -219,16 +219,10 @@ class OutputFolder:
     """
 
     def __init__(
-        self,
-        path: str | Path,
-        record: Mapping[str, Any],
-        *,
-        main_files: Sequence[str] = (),
-        keeps: Sequence[str] = (),
+        self, path: Path, record: dict[str, Any], *, main_files: Sequence[str] = (), keeps: Sequence[str] = ()
     ) -> None:
-        self.path = Path(path)
-        self.folder = self.path / STAGING_FOLDER
-        self.record = dict(record)
+        self.path, self.record = path, dict(record)
+        self.folder = path / STAGING_FOLDER
         self._main_files, self._keeps = {Path(name) for name in main_files}, set(keeps)
         self._undo = ExitStack()
         self._lock = FileLock(self.path / LOCK_FILE, timeout=0)

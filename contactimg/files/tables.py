@@ -414,9 +414,7 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
 
 _UNIT = re.compile(rf"[\[(_/]\s*({'|'.join(PER_NEWTON)})f?\s*[\])]?$")
 _FRICTION = re.compile(r"reib|fric|frott|tang|later|shear|scher|quer|attrito|roz")
-_FRAME = re.compile(
-    r"frame|bild|im[aá]g|img|datei|file|fichier|foto|photo|^(nr|no|num|nummer|number|index|#)\.?$"
-)
+_FRAME = re.compile(r"frame|bild|im[aá]?g|datei|file|fichier|foto|photo|^(n[ro]|num(mer|ber)?|index|#)\.?$")
 
 
 class AmbiguousLoadsError(InputError):
@@ -516,14 +514,12 @@ TableFormat = Literal["csv", "parquet"]
 FORMATS: tuple[str, ...] = get_args(TableFormat)
 
 
-def encoded_rows(
-    table: pd.DataFrame, schema: Schema, table_format: TableFormat = "csv"
-) -> str | pd.DataFrame:
+def encoded_rows(rows: pd.DataFrame, schema: Schema, table_format: TableFormat = "csv") -> str | pd.DataFrame:
     """Rows of a table as a file has them: made in any process, written in one by a `TableWriter`.
 
     Text of CSV, or columns for Parquet; `InputError` if they do not fit the schema.
     """
-    whole = schema.conform(table)
+    whole = schema.conform(rows)
     if table_format == "parquet":
         return whole
     if "flags" in whole:

@@ -3,11 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-
-Values = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy")

@@ -25,22 +25,10 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.edge_shape import Edge, Nodes
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS
 from contactimg.pipeline.each_frame import for_each_frame, measured_and_failed
-from contactimg.pipeline.frame import FrameOptions, measure_prepared
+from contactimg.pipeline.frame import FrameOptions, film_setting, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.tables import CHECK, DRAWN
 
-MOST_DRAWN, LEAST_DRAWN, DRAWN_SHARE = 60, 8, 0.25
-"""Contacts drawn into a frame: at most and at least, and of the number of its own. By hand: they do not make
-another frame of it."""
-SMALLEST_BLUR_WIDTHS, LARGEST_BLUR_WIDTHS = 0.3, 6.0
-"""Radii drawn: from contacts that no frame shows; up to at least where a contact shows its plateau."""
-CLASSES = 8
-"""Classes of radii, equally wide in ln(radius)."""
-REACH_PX, REACH = 1.5, 0.5
-"""A drawn contact is found within the larger of this distance and this share of its radius."""
-LOCAL_PX = 5
-"""Side of the square, in every other pixel, whose mean is the light at a place. By hand: the smallest free
-place."""
 FOUND = 0.9
 """Share of the drawn contacts from which a class counts as found, in the sentence."""
 
@@ -88,7 +76,7 @@ def check_experiment(experiment: Experiment, *, seed: int = 1) -> MeasurementChe
         If no frame shows a contact, whose contrast and blur are needed; the message gives the first reason.
     """
     _, sites = asperities_and_sites(experiment)
-    options = FrameOptions.of(experiment.scene, sites)
+    options = FrameOptions(experiment.scene, film_setting(experiment.scene, sites))
     call = partial(_check_frame, options=options, seed=seed)
     results = for_each_frame(experiment, call, shown="checking frames")
     nothing = "no frame shows contacts like which others could be drawn"
@@ -102,21 +90,16 @@ def check_experiment(experiment: Experiment, *, seed: int = 1) -> MeasurementChe
 def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
     """Completeness, errors and coverage by classes of the true radius: `contactimg.tables.CHECK`."""
     radius, error = drawn["radius_px"], drawn["measured_px"] - drawn["radius_px"]
-    edges = np.geomspace(radius.min() * (1 - 1e-9), radius.max() * (1 + 1e-9), CLASSES + 1)
+    edges = np.geomspace(radius.min() * (1 - 1e-9), radius.max() * (1 + 1e-9), 9)  # eight classes
     apart, missed = error.abs() / drawn["measured_std_px"], drawn["found"] == 0
-    columns = {"error": error, "square": error**2}
-    columns |= {f"within_{n}": apart.le(n).astype(float).mask(missed) for n in (1, 2)}
-    table = drawn.assign(**columns).groupby(np.searchsorted(edges, radius) - 1).agg(
-        drawn=("found", "size"),
-        found=("found", "sum"),
-        completeness=("found", "mean"),
-        bias_px=("error", "mean"),
-        rms_px=("square", lambda square: np.sqrt(square.mean())),
-        within_1_std=("within_1", "mean"),
-        within_2_std=("within_2", "mean"),
-    )  # fmt: skip
+    columns = {"completeness": drawn["found"], "bias_px": error, "rms_px": error**2}
+    columns |= {f"within_{n}_std": apart.le(n).astype(float).mask(missed) for n in (1, 2)}
+    classes = np.searchsorted(edges, radius) - 1
+    table = pd.DataFrame(columns).groupby(classes).mean()
+    counts = drawn.groupby(classes)["found"].agg(drawn="size", found="sum")
     low, high = edges[table.index], edges[table.index + 1]
-    return CHECK.conform(table.assign(low_px=low, high_px=high, radius_px=np.sqrt(low * high)))
+    places = {"low_px": low, "high_px": high, "radius_px": np.sqrt(low * high)}
+    return CHECK.conform(table.join(counts).assign(**places, rms_px=np.sqrt(table["rms_px"])))
 
 
 def _sentence(drawn: pd.DataFrame, classes: pd.DataFrame, stated_px: float) -> str:
@@ -157,8 +140,8 @@ def _check_frame(
     drawn = replace(frame, image=draw_contacts(frame.image, before, disks, rng))
     after = measure_prepared(drawn, reference, options.scene, film=options.film).disks
     table = pd.DataFrame(disks, columns=["x_px", "y_px", "radius_px", "contrast"]).assign(frame=frame.name)
-    # the nearest measured contact, if it is near enough
-    reach = np.maximum(REACH_PX, REACH * disks[:, 2])
+    # the nearest measured contact, within 1.5 px or half the radius of the drawn one
+    reach = np.maximum(1.5, 0.5 * disks[:, 2])
     distance, nearest = cKDTree(after[["x_px", "y_px"]].to_numpy(float).reshape(-1, 2)).query(disks[:, :2])
     found = distance < reach
     measured = after[["radius_px", "radius_std_px"]].reindex(np.where(found, nearest, -1))
@@ -175,13 +158,12 @@ def _blur(measurement: ImageMeasurement) -> float:
 def _choose(measurement: ImageMeasurement, rng: np.random.Generator) -> NDArray[np.float64]:
     """Places, radii and contrasts (grey levels) of contacts to draw, shape (n, 4)."""
     columns = ["x_px", "y_px", "radius_px"]
-    own, others = (
-        table[columns].dropna().to_numpy(float) for table in (measurement.disks, measurement.rejected)
-    )
+    own, others = (one[columns].dropna().to_numpy(float) for one in (measurement.disks, measurement.rejected))
     blur, spread = _blur(measurement), np.nan_to_num(measurement.optics.spread)
-    largest = max(float(np.quantile(own[:, 2], 0.95)), LARGEST_BLUR_WIDTHS * blur)
-    count = int(np.clip(DRAWN_SHARE * len(own), LEAST_DRAWN, MOST_DRAWN))
-    radii = np.exp(rng.uniform(np.log(SMALLEST_BLUR_WIDTHS * blur), np.log(largest), count))
+    # from contacts that no frame shows to at least those that show their plateau
+    smallest, largest = 0.3 * blur, max(float(np.quantile(own[:, 2], 0.95)), 6.0 * blur)
+    count = int(np.clip(0.25 * len(own), 8, 60))  # by hand: they do not make another frame of it
+    radii = np.exp(rng.uniform(np.log(smallest), np.log(largest), count))
     valid = measurement.foreground.frame_pair.valid
     free = np.ones(measurement.difference.shape, np.uint8) if valid is None else valid.astype(np.uint8)
     clear_disks(free, np.vstack([own, others]))
@@ -244,5 +226,6 @@ def _local_light(image: NDArray) -> NDArray[np.float32]:
     """Mean light around each pixel, of every other row and column: a colour mosaic remains one."""
     light = np.nan_to_num(image.astype(np.float32))
     for y, x in np.ndindex(2, 2):
-        light[y::2, x::2] = cv2.blur(np.ascontiguousarray(light[y::2, x::2]), (LOCAL_PX, LOCAL_PX))
+        # by hand: so large is the smallest free place
+        light[y::2, x::2] = cv2.blur(np.ascontiguousarray(light[y::2, x::2]), (5, 5))
     return light

@@ -14,9 +14,7 @@ from contactimg.pipeline.pictures import file_stem
 from contactimg.tables import CONTACTS, EDITS, FRAMES, REJECTED
 from contactimg.tables.outlines import REJECTED_COLOUR, kind_of
 
-SAME_PX = 0.02
-"""Largest change of position or radius of a region that counts as none. Chosen: well above the rounding of
-ImageJ's numbers (1e-4 px), well below what a hand can mean."""
+Regions = Iterable[exports.Region]
 
 REJECTED_PREFIX = "rejected_"
 """Prefix of the names of regions that are no contacts; they may be deleted or kept."""
@@ -57,7 +55,7 @@ def export_run(run: Run, folder: Path, *, formats: Collection[str], units: str) 
             if image is not None:
                 file, camera = folder / "fiji" / f"{stem}_overlay.tif", run.scene.camera
                 pixel_size = None if camera is None else camera.pixel_size
-                exports.write_overlay_tiff(image, regions, file, pixel_size=pixel_size)
+                exports.write_overlay(image, regions, file, pixel_size=pixel_size)
         if "labels" in formats and image is not None:
             exports.write_labels(shapes, image.shape, folder / "labels" / f"{stem}_labels.tif")
 
@@ -106,9 +104,7 @@ def frame_sources(run: Run) -> dict[str, FrameSource]:
     return {frame.name: replace(frame, correct=None) for frame in frames if frame.name not in failed}
 
 
-def edits_from_regions(
-    run: Run, path: Path, *, frame: str | None, author: str = "", time: str = ""
-) -> pd.DataFrame:
+def edits_from_regions(run: Run, path: Path, *, frame: str | None, author: str, time: str) -> pd.DataFrame:
     """Edits that turn an exported frame into the regions of a file.
 
     Parameters
@@ -144,21 +140,15 @@ def edits_from_regions(
     return edits.assign(frame=name, author=author, time=time)
 
 
-def edits_between(
-    contacts: pd.DataFrame,
-    exported: Iterable[exports.Region],
-    corrected: Iterable[exports.Region],
-    *,
-    program: str,
-) -> pd.DataFrame:
+def edits_between(contacts: pd.DataFrame, before: Regions, after: Regions, *, program: str) -> pd.DataFrame:
     """Edits that turn the regions of a frame's contacts into those that came back.
 
     Parameters
     ----------
     contacts : DataFrame
         Of one frame, columns of `contactimg.tables.CONTACTS`.
-    exported, corrected : iterable of Region
-        Before and after; contacts are known by their names (`contactimg.pipeline.export.region_name`).
+    before, after : iterable of Region
+        As exported, and as corrected; contacts are known by their names (`region_name`).
     program : str
         In which they were changed, for the column reason.
 
@@ -169,15 +159,16 @@ def edits_between(
     """
     names = contacts["label"].map(region_name)
     places = contacts[["x_px", "y_px"]].astype(float).set_axis(names).T.to_dict()
-    before, rows = {region.name: region for region in exported}, list[dict[str, object]]()
-    for region in corrected:
+    known, rows = {region.name: region for region in before}, list[dict[str, object]]()
+    for region in after:
         if region.name.startswith(REJECTED_PREFIX):
             continue
         place, why = places.pop(region.name, None), "drawn"  # only the first of its name is that contact
         if place is not None:
-            ours = (region, before[region.name])
+            ours = (region, known[region.name])
             now, old = ((one.x, one.y, one.semi_major, one.semi_minor) for one in ours)
-            if np.abs(np.subtract(now, old)).max() < SAME_PX:
+            # chosen: well above the rounding of ImageJ's numbers (1e-4 px), well below what a hand can mean
+            if np.abs(np.subtract(now, old)).max() < 0.02:
                 continue
             why = "moved"
             rows.append(place | {"action": "exclude", "reason": f"moved in {program}"})

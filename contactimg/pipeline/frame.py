@@ -116,9 +116,7 @@ def measure_frame(
     'ok'
     """
     if contrast is not None and not (isinstance(contrast, Real) and 0 < contrast < np.inf):
-        raise InputError(
-            f"measure_frame: contrast must be a positive number of grey levels, got {contrast!r}"
-        )
+        raise InputError(f"measure_frame: contrast must be a positive number of levels, got {contrast!r}")
     measure = {"method": method, "shape": shape, "threshold": threshold, "blur_px": blur_px}
     keys = {
         "camera": {"pixel_size_m": pixel_size, "linearity": linearity},
@@ -210,9 +208,7 @@ class MeasuredFrame:
 
     def log(self, before: str = "") -> None:
         """Log one line about the frame."""
-        numbers = ", ".join(
-            f"{key} {value:.4g}" for key, value in self.row.items() if isinstance(value, float)
-        )
+        numbers = ", ".join(f"{name} {x:.4g}" for name, x in self.row.items() if isinstance(x, float))
         count = self.row.get("n_contacts", pd.NA)
         found = f"{self.row['status']}, {0 if pd.isna(count) else count} contacts, {numbers}"
         logger.info("%s%s: %s", before, self.row["frame"], found)
@@ -227,16 +223,11 @@ class FrameOptions:
     scene : Scene
         Its ``[measure]``, ``[images]`` and ``[effects]`` apply.
     film : FilmSetting or None
-        Rim that the air film may draw around the contacts.
+        Rim that the air film may draw around the contacts, from `film_setting`.
     """
 
     scene: Scene
     film: FilmSetting | None
-
-    @classmethod
-    def of(cls, scene: Scene, sites: pd.DataFrame | None) -> "FrameOptions":
-        """The settings of a scene with these composite summits."""
-        return cls(scene, film_setting(scene, sites))
 
 
 def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None:
@@ -267,10 +258,8 @@ def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None
         return None
     camera = scene.need("camera", 'measuring with [effects] film = "on"')
     if not np.isfinite(radius):
-        raise InputError(
-            '[effects] film = "on" needs the radius of the asperities; give [asperities] radius_m, or a file '
-            'with it, or set film = "off"'
-        )
+        cure = 'give [asperities] radius_m, or a file with it, or set film = "off"'
+        raise InputError(f'[effects] film = "on" needs the radius of the asperities; {cure}')
     rim = FilmRim(lamp(scene.light), radius, camera.pixel_size)
     return FilmSetting(rim, asked, scene.measure.film_doubt)
 
@@ -306,12 +295,7 @@ def measure_scene_frame(
 
 
 def measure_prepared(
-    frame: Frame,
-    reference: NDArray | None,
-    scene: Scene,
-    *,
-    optics: SharedOptics | None = None,
-    **other: Any,
+    frame: Frame, reference: NDArray | None, scene: Scene, *, optics: SharedOptics | None = None, **other: Any
 ) -> ImageMeasurement:
     """Measure a frame as its scene says (`render_without.measuring`), with ``optics`` of other frames.
 
@@ -351,14 +335,6 @@ def outlines_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
     return OUTLINES.joined(parts)
 
 
-_LENGTHS_AND_AREAS = [
-    (name, power)
-    for name, _, power in (column.rpartition("_px") for column in CONTACTS.columns)
-    if f"{name}_m{power}" in CONTACTS.columns
-]
-"""Columns that the table of contacts has in pixels and in metres, without their unit, and the power of it."""
-
-
 def locate_contacts(
     contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[ArrayLike, ArrayLike]
 ) -> pd.DataFrame:
@@ -377,6 +353,7 @@ def locate_contacts(
     x, y = pose.to_sample(contacts["x_px"] - shift_x, contacts["y_px"] - shift_y)
     metres = {
         f"{name}_m{power}": contacts[f"{name}_px{power}"].to_numpy(float) * pose.pixel_size ** int(power or 1)
-        for name, power in _LENGTHS_AND_AREAS
+        for name, _, power in (column.rpartition("_px") for column in CONTACTS.columns)
+        if f"{name}_m{power}" in CONTACTS.columns
     }
     return contacts.assign(**metres | {"x_m": x, "y_m": y, "area_m2": np.pi * metres["radius_m"] ** 2})

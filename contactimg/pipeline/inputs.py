@@ -102,7 +102,5 @@ def largest_load(scene: Scene) -> float:
     stated = scene.simulate.loads if scene.simulate is not None else []
     loads = stated or read_scene_loads(scene)
     if not loads:
-        raise InputError(
-            "the scene states no load; give one, [simulate] loads_N or [images] loads, or --load-N"
-        )
+        raise InputError("the scene states no load; give one, [simulate] loads_N, [images] loads or --load-N")
     return max(loads)

@@ -36,14 +36,6 @@ process has some blocks waiting."""
 
 _TABLES = (CONTACTS, FRAMES, REJECTED, OUTLINES)
 
-POSE_REACH_FRACTION = 0.05
-"""Largest error of the stated centre of the camera, as a fraction of the longer side of the frame. Chosen by
-hand; sensitivity not measured."""
-
-EXCHANGED_SINE = 0.996
-"""Sine of the angle between the pose found and the stated one, mirrored, above which the columns of the
-asperities may be exchanged, which is exactly a right angle. Chosen: 5 degrees from it."""
-
 BORDER_WIDTH, CUT_SHARE = 0.1, 0.1
 """Width of the border of a frame over its shorter side, and share of the area of contact there from which
 contacts beyond it bear load too. By hand, on parts of the frames of SA+: of those that show less than two
@@ -72,7 +64,8 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
         return fit.PoseFit(guess)
     shift = frame_shift(run.frames, run.frames["frame"].iloc[0])
     x_px, y_px = run.contacts["x_px"] - shift[0], run.contacts["y_px"] - shift[1]
-    reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
+    # the stated centre may err by 5 % of the longer side: chosen by hand; sensitivity not measured
+    reach = 0.05 * max(guess.shape) * guess.pixel_size
     found = fit.fit_pose(x_px, y_px, sites[["x_m", "y_m"]], guess, largest_shift=reach)
     pose, known = found.pose, f"{found.n_matched} of {found.n_points} contacts fall on asperities"
     turned, mirrored = np.abs(np.sin(pose.rotation - guess.rotation)), pose.mirrored != guess.mirrored
@@ -81,18 +74,14 @@ def find_pose(run: files.Run, sites: pd.DataFrame | None, guess: Pose) -> fit.Po
         stated = run.scene.camera is not None and run.scene.camera.centre is not None
         place, flag = ", ".join(f"{value:.6g}" for value in pose.centre), str(pose.mirrored).lower()
         keys = f"centre_m = [{place}], rotation_deg = {np.rad2deg(pose.rotation):.4g}, mirrored = {flag}"
-        exchanged = "; are x_m and y_m of the asperities exchanged?" if turned > EXCHANGED_SINE else ""
-        logger.log(
-            logging.WARNING if stated or away else logging.INFO,
-            "the camera does not look where [camera] says; %s with [camera] %s: used here%s",
-            *(known, keys, exchanged if mirrored else ""),
-        )
+        # 0.996 is chosen: within 5 degrees of a right angle, which exchanged columns are when mirrored
+        hint = "; are x_m and y_m of the asperities exchanged?" if mirrored and turned > 0.996 else ""
+        said = f"the camera does not look where [camera] says; {known} with [camera] {keys}: used here{hint}"
+        logger.log(logging.WARNING if stated or away else logging.INFO, said)
     if abs(pose.pixel_size - guess.pixel_size) > fit.LARGEST_SCALE_ERROR * guess.pixel_size:
-        logger.warning(
-            "contacts fall on asperities with [camera] pixel_size_m = %.4g, not %.4g: used here; is "
-            "the scene wrong, or the scale of x_m and y_m?",
-            *(pose.pixel_size, guess.pixel_size),
-        )
+        sizes = f"[camera] pixel_size_m = {pose.pixel_size:.4g}, not {guess.pixel_size:.4g}"
+        doubt = "is the scene wrong, or the scale of x_m and y_m?"
+        logger.warning("contacts fall on asperities with %s: used here; %s", sizes, doubt)
     said = f"fitted: {known}, RMS {found.residual:.3g} m" if found.fitted else "as given"
     logger.info("pose %s", said)
     return found
@@ -104,11 +93,8 @@ def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -
         return None
     stated = "apex" in scene.indenter.model_fields_set or (shown is None and asperities is None)
     if not stated and shown is None:
-        logger.warning(
-            "[indenter] apex_m is not stated, and the contacts do not show it: (%g, %g) m is taken; state it "
-            "for overlay and analyse",
-            *scene.indenter.apex,
-        )
+        said = "[indenter] apex_m is not stated, and the contacts do not show it: (%g, %g) m is taken"
+        logger.warning(f"{said}; state it for overlay and analyse", *scene.indenter.apex)
     return Apex(scene.indenter.apex) if stated else shown
 
 

@@ -78,10 +78,8 @@ def compare_run(run: Run, asperities: pd.DataFrame, *, min_radius_px: float = 1.
         run.scene.need(section, "comparing with a contact model")
     loaded, shown = run.frames["load_N"].notna(), run.frames["n_contacts"].notna()
     if not loaded.any():
-        raise InputError(
-            "there is nothing to compare: no frame of the run has a load; run `process` again with a table "
-            "of loads, loads.csv or [images] loads"
-        )
+        cure = "run `process` again with a table of loads, loads.csv or [images] loads"
+        raise InputError(f"there is nothing to compare: no frame of the run has a load; {cure}")
     if not (loaded & shown).any():
         raise InputError("there is nothing to compare: no frame with a load could be measured")
     frames = run.frames[loaded & shown]
@@ -97,28 +95,22 @@ def compare_run(run: Run, asperities: pd.DataFrame, *, min_radius_px: float = 1.
     (rows, columns), contacts = pose.shape, run.contacts
     inside = contacts["x_px"].between(-0.5, columns - 0.5) & contacts["y_px"].between(-0.5, rows - 0.5)
     contacts = contacts[inside]
-    solutions = predict_in_view(surfaces, jobs)
-    # the solutions of a frame, one a model, follow each other
-    for frame, *found in zip(frames["frame"], *[solutions] * len(COMPARED_MODELS), strict=True):
-        models = dict(zip(COMPARED_MODELS, found, strict=True))
-        solved = {model: one for model, one in models.items() if isinstance(one, Prediction)}
-        if len(solved) < len(models):
-            reasons = [f"{model}: {one}" for model, one in models.items() if model not in solved]
-            left_out[frame] = "; ".join(reasons)
+    for (model, frame, *_), found in zip(jobs, predict_in_view(surfaces, jobs), strict=True):
+        if not isinstance(found, Prediction):
+            left_out[frame] = "; ".join(filter(None, (left_out.get(frame), f"{model}: {found}")))
+            continue
         measured = contacts[contacts["frame"] == frame].reset_index(drop=True)
-        if "coupled" in solved:
-            scene, plan = run.scene, solved["coupled"].plan
-            if plan is not None:
-                scene, plans[frame] = plan.apply(scene), plan
-            if measured["force_N"].notna().any():  # both sides follow one law
+        if model == "coupled":
+            scene = run.scene
+            if found.plan is not None:
+                scene, plans[frame] = found.plan.apply(scene), found.plan
+            if measured["force_N"].notna().any():  # in the matches both sides follow one law
                 measured = local_forces(scene, measured, sites)[0]
-        for model, prediction in solved.items():
-            lengths = {"pixel_size": pose.pixel_size, "min_radius_px": min_radius_px}
-            pairs, kinds, score = compare_frame(measured, prediction.contacts, **lengths)
-            seen.setdefault(frame, {})[model] = kinds
-            scores.append({"frame": frame, "model": model, **score})
-            if model == "coupled":
-                matches.append(pairs)
+        lengths = {"pixel_size": pose.pixel_size, "min_radius_px": min_radius_px}
+        pairs, kinds, score = compare_frame(measured, found.contacts, **lengths)
+        seen.setdefault(frame, {})[model] = kinds
+        scores.append({"frame": frame, "model": model, **score})
+        matches += [pairs] if model == "coupled" else []
     table = SCORES.conform(pd.DataFrame(scores, columns=list(SCORES.columns)))
     return Comparison(MATCHES.joined(matches), table, seen, plans, left_out)
 

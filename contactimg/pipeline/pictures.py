@@ -17,34 +17,18 @@ from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, FrameTables, write_palette_image
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.pooled_background import evenly_spread
-from contactimg.plots.overlay import (
-    COUPLED,
-    HERTZ,
-    MEASURED,
-    UNCOUPLED,
-    Layer,
-    Picture,
-    View,
-    black_and_white,
-    crop_to,
-    draw_overlay,
-    join_pictures,
-)
+from contactimg.plots import overlay
 from contactimg.tables import Status
 from contactimg.tables.outlines import KINDS_OF_CONTACTS, REJECTED_COLOUR, Outline, kind_of
 
 Values = NDArray[np.float64]
 
-SAMPLED_FRAMES = 8
-"""Frames that the stretch is taken from. Chosen: a fraction of a second."""
 GAP_PX = 2.0
 """Distance of the ring from the contact. Chosen: leaves the rim free up to a blur of 1.4 px."""
-DIMMED = 0.5
-"""Brightness of frames under predictions. Chosen: lines on the rims of bright contacts stand out in print."""
 MARKS: dict[str, tuple[str, tuple[float, ...], float, float]] = {
-    "matched": (MEASURED, (), 0.0, 1.5),
-    "measured, not predicted": (COUPLED, (), GAP_PX, 3.0),
-    "predicted, not measured": (UNCOUPLED, (9.0, 6.0), 0.0, 3.0),
+    "matched": (overlay.MEASURED, (), 0.0, 1.5),
+    "measured, not predicted": (overlay.COUPLED, (), GAP_PX, 3.0),
+    "predicted, not measured": (overlay.UNCOUPLED, (9.0, 6.0), 0.0, 3.0),
 }
 """Kind of a contact under a prediction -> colour, dashes, gap and width of its line."""
 PREDICTED = "predicted"
@@ -75,7 +59,7 @@ def draw_overlays(series: MeasuredSeries, experiment: Experiment, folder: Path) 
 def draw_frames(
     experiment: Experiment,
     names: Collection[str],
-    drawings: Iterable[tuple[str, Callable[..., Picture]]],
+    drawings: Iterable[tuple[str, Callable[..., overlay.Picture]]],
     folder: Path,
     *,
     pixel_size: float | None,
@@ -97,11 +81,11 @@ def draw_frames(
     sources = {source.name: source for source in experiment.frames if source.name in names}
     stretch = series_stretch(list(sources.values()))
 
-    def draw(name: str, drawing: Callable[..., Picture]) -> None:
+    def draw(name: str, drawing: Callable[..., overlay.Picture]) -> None:
         """Read one frame again and draw it; its name and its load, where that is known, are the title."""
         load = experiment.load_of(name)
         title = f"{name}, {1e3 * load:g} mN" if np.isfinite(load) else name
-        view = View(stretch, title=title, pixel_size=pixel_size)
+        view = overlay.View(stretch, title=title, pixel_size=pixel_size)
         picture = drawing(sources[name].read().image, view=view)
         write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(name)}.png")
 
@@ -112,9 +96,9 @@ def draw_frames(
 def series_stretch(sources: Sequence[FrameSource]) -> tuple[float, float]:
     """Grey levels that are shown black and white in every frame of a series."""
     levels = []
-    for source in evenly_spread(sources, SAMPLED_FRAMES):
+    for source in evenly_spread(sources, 8):  # chosen: a fraction of a second
         with suppress(FrameError):
-            levels.append(black_and_white(source.read().image))
+            levels.append(overlay.black_and_white(source.read().image))
     known = [one for one in levels if one]
     low, high = min((one[0] for one in known), default=0.0), max((one[1] for one in known), default=255.0)
     return low, high if high > low else low + 1.0
@@ -131,14 +115,14 @@ def file_stem(frame: str) -> str:
     return frame.replace("[", "_").replace("]", "")
 
 
-def draw_measured(image: NDArray, shown: FrameTables, view: View) -> Picture:
+def draw_measured(image: NDArray, shown: FrameTables, view: overlay.View) -> overlay.Picture:
     """Draw contacts, by what their flags say, and rejected candidates on their frame.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
     shown : FrameTables
-    view : View
+    view : overlay.View
     """
     kinds = [kind_of(flags) for flags in shown.contacts["flags"]]
     outlines, layers = shown.shapes, []
@@ -146,13 +130,13 @@ def draw_measured(image: NDArray, shown: FrameTables, view: View) -> Picture:
         part = [outline for outline, own in zip(outlines, kinds, strict=True) if own is kind]
         if part or not kind.flags:
             label = f"{kind.name} ({len(part)})"
-            layers.append(Layer(part, kind.colour, label, kind.dashes, GAP_PX))
+            layers.append(overlay.Layer(part, kind.colour, label, kind.dashes, GAP_PX))
     if len(shown.rejected):
         places = shown.rejected[["x_px", "y_px", "radius_px"]].to_numpy(float).tolist()
         squares = [Outline(0, x, y, max(r, LEAST_SQUARE_PX), max(r, LEAST_SQUARE_PX)) for x, y, r in places]
         label = f"rejected ({len(squares)})"
-        layers.append(Layer(squares, REJECTED_COLOUR, label, gap_px=GAP_PX, width=0.5, square=True))
-    return draw_overlay(image, layers[::-1], view)
+        layers.append(overlay.Layer(squares, REJECTED_COLOUR, label, gap_px=GAP_PX, width=0.5, square=True))
+    return overlay.draw_overlay(image, layers[::-1], view)
 
 
 def draw_predicted(
@@ -160,8 +144,8 @@ def draw_predicted(
     marked: Mapping[str, Mapping[str, list[Outline]]],
     hertz_circle: Sequence[Outline] = (),
     *,
-    view: View,
-) -> Picture:
+    view: overlay.View,
+) -> overlay.Picture:
     """Draw for each model which contacts are measured and predicted, as in the paper's Fig. 6, and an inset.
 
     Parameters
@@ -171,40 +155,45 @@ def draw_predicted(
         Model -> kind, one of `MARKS` or `PREDICTED` -> these contacts of the frame.
     hertz_circle : sequence of Outline
         Apparent contact of the smooth sphere.
-    view : View
+    view : overlay.View
         Of the whole frame; the picture shows the part that holds every contact.
     """
-    places = {
-        kind: np.array([(one.x, one.y) for kinds in marked.values() for one in kinds[kind]]).reshape(-1, 2)
-        for kind in MARKS
-    }
-    x, y = np.vstack(list(places.values())).T
-    part, top, left = crop_to(image, x, y, margin_px=0.05 * max(image.shape))
+
+    def places(kinds: Iterable[str]) -> Values:
+        shown = [one for contacts in marked.values() for kind in kinds for one in contacts[kind]]
+        return np.array([(one.x, one.y) for one in shown]).reshape(-1, 2)
+
+    every, away = places(MARKS), places([kind for kind in MARKS if kind != "matched"])
+    x, y = every.T
+    part, top, left = overlay.crop_to(image, x, y, margin_px=0.05 * max(image.shape))
     zoom = max(1, -(-LEAST_PANEL_PX // part.shape[1]))
     low, high = view.stretch
-    view = replace(view, stretch=(low, low + (high - low) / DIMMED), top=top, left=left, zoom=zoom)
+    # half as bright, by hand: lines on the rims of bright contacts stand out in print
+    view = replace(view, stretch=(low, low + 2 * (high - low)), top=top, left=left, zoom=zoom)
     rows, columns = part.shape
     size = np.maximum([columns // INSET_ZOOM, rows // INSET_ZOOM // 2], 1)
-    away = np.vstack([places[kind] for kind in MARKS if kind != "matched"])
-    corner = _busiest(away if len(away) else np.column_stack([x, y]), size) - (left, top)
+    corner = _busiest(away if len(away) else every, size) - (left, top)
     u, v = np.clip(corner, 0, (columns, rows) - size).astype(int).tolist()
     inset = replace(view, top=top + v, left=left + u, zoom=INSET_ZOOM * zoom, pixel_size=None)
     rim = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) * size + (left + u, top + v)
-    frame = Layer([Outline(0, float(rim[0, 0]), float(rim[0, 1]), 0.0, 0.0, lines=(rim,))], HERTZ, "")
+    box = Outline(0, float(rim[0, 0]), float(rim[0, 1]), 0.0, 0.0, lines=(rim,))
+    smooth = "Hertz, smooth sphere" if hertz_circle else ""
+    circle = overlay.Layer(hertz_circle, overlay.HERTZ, smooth, (16.0, 10.0))
+    rectangle = overlay.Layer([box], overlay.HERTZ, "")
     pictures = []
     for model, kinds in marked.items():
         layers = [
-            Layer(kinds[kind], colour, f"{kind} ({len(kinds[kind])})", dashes, gap, width)
+            overlay.Layer(kinds[kind], colour, f"{kind} ({len(kinds[kind])})", dashes, gap, width)
             for kind, (colour, dashes, gap, width) in MARKS.items()
         ]
-        circle = Layer(hertz_circle, HERTZ, "Hertz, smooth sphere" if hertz_circle else "", (16.0, 10.0))
-        whole = draw_overlay(part, [*layers, circle, frame], replace(view, title=f"{view.title}, {model}"))
+        named = replace(view, title=f"{view.title}, {model}")
+        whole = overlay.draw_overlay(part, [*layers, circle, rectangle], named)
         unnamed = [replace(layer, label="") for layer in layers]
-        rims = Layer(kinds[PREDICTED], HERTZ, "predicted", (5.0, 5.0), width=0.7)
+        rims = overlay.Layer(kinds[PREDICTED], overlay.HERTZ, "predicted", (5.0, 5.0), width=0.7)
         title = f"the white rectangle, {INSET_ZOOM} times as large"
         cut = part[v : v + size[1], u : u + size[0]]
-        pictures.append([whole, draw_overlay(cut, [*unnamed, rims], replace(inset, title=title))])
-    return join_pictures(pictures)
+        pictures.append([whole, overlay.draw_overlay(cut, [*unnamed, rims], replace(inset, title=title))])
+    return overlay.join_pictures(pictures)
 
 
 def _busiest(points: Values, size: NDArray[Any]) -> Values:

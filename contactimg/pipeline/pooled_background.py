@@ -44,17 +44,9 @@ frames would take at most 3 % off its uncertainty."""
 FEWEST_VIEWS = 3
 """Different frames that a pooled background needs."""
 
-FEWEST_FALSE_SPOTS = 3
-"""Spots like contacts from which on a reference is not used at all. Chosen: a grain that has moved makes
-one spot or two, a reference taken in contact many."""
-
 BRIGHT_FRACTION = 0.1
 """Fraction of a contact from which on it counts that the reference has half the contrast there. Chosen: that
 of a contact which has grown threefold in radius; of the contacts of the sample data none has so much."""
-
-LEAST_GAIN = 1.01
-"""Ratio of the noise of the difference before and after, above which the pooled background is used. Chosen:
-the noise is known to 0.6 %."""
 
 OF_ELLIPSES = ("semi_major_std_px", "semi_minor_std_px", "angle_std_rad")
 
@@ -102,7 +94,8 @@ class Pool:
         """Whether it is needed, or the frames measured on it show less noise than before."""
         rows = [part.row for part in after.values() if part.row["noise"] > 0]
         ratios = [self.before[row["frame"]][0] / row["noise"] for row in rows]
-        return self.needed or bool(ratios and np.median(ratios) > LEAST_GAIN)
+        # 1 % is chosen: the noise is known to 0.6 %
+        return self.needed or bool(ratios and np.median(ratios) > 1.01)
 
     def without(self, image: NDArray) -> tuple[pooled.PooledBackground, list[pooled.Contacts]]:
         """The sums without the view of an image (or of a copy of it), and the contacts of the other views."""
@@ -155,10 +148,7 @@ def measure_on_pool(
 
 
 def _with_excess(
-    measured: MeasuredFrame,
-    pool: Pool,
-    background: pooled.PooledBackground,
-    others: Sequence[pooled.Contacts],
+    measured: MeasuredFrame, pool: Pool, background: pooled.PooledBackground, others: list[pooled.Contacts]
 ) -> MeasuredFrame:
     """The uncertainties of the radii with what the background at each rim adds to that of the others."""
     table = measured.contacts
@@ -230,7 +220,8 @@ def fault_of_reference(parts: Iterable[MeasuredFrame], reference: NDArray | None
             shown.append(int(np.count_nonzero(bright > least)))
         counts.append(shown[0] - 2 * shown[1])
     spots = max(counts)
-    return f"the reference shows {spots} spots like contacts" if spots >= FEWEST_FALSE_SPOTS else ""
+    # three are chosen: a grain that has moved makes one or two, a reference taken in contact many
+    return f"the reference shows {spots} spots like contacts" if spots >= 3 else ""
 
 
 def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
@@ -240,11 +231,7 @@ def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
 
 
 def pool_background(
-    experiment: Experiment,
-    options: FrameOptions,
-    parts: Mapping[int, MeasuredFrame],
-    *,
-    fault: str = "",
+    experiment: Experiment, options: FrameOptions, parts: Mapping[int, MeasuredFrame], *, fault: str = ""
 ) -> Pool | None:
     """The background that the frames of a series show together.
 

@@ -27,17 +27,9 @@ from contactimg.prediction import (
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
-BEYOND_AVERAGES = tuple(name for name in MECHANICAL_EFFECTS if "coupling" not in name)
-"""Effects that the statistical models cannot represent."""
-
 
 def predict_loads(
-    scene: Scene,
-    loads: Sequence[float],
-    *,
-    model: Model,
-    coupling: Coupling,
-    annulus: float,
+    scene: Scene, loads: Sequence[float], *, model: Model, coupling: Coupling, annulus: float
 ) -> list[Prediction]:
     """Predict the contacts of a scene at each load.
 
@@ -95,11 +87,10 @@ def predict_loads(
 def _refuse_beyond_averages(scene: Scene, model: str, coupling: str) -> None:
     """Raise `InputError` for what a statistical model cannot represent."""
     if coupling != "auto":
-        raise InputError(
-            f'model "{model}" has no levels of coupling, got coupling "{coupling}"; leave it out, or '
-            'take the model "interacting"'
-        )
-    ordered = [name for name in BEYOND_AVERAGES if getattr(scene.effects, name) == "on"]
+        cure = 'leave it out, or take the model "interacting"'
+        raise InputError(f'model "{model}" has no levels of coupling, got coupling "{coupling}"; {cure}')
+    beyond = (name for name in MECHANICAL_EFFECTS if "coupling" not in name)
+    ordered = [name for name in beyond if getattr(scene.effects, name) == "on"]
     if ordered:
         raise InputError(
             f'model "{model}" cannot represent {", ".join(ordered)}, which [effects] switches on; '
@@ -171,14 +162,13 @@ def write_predictions(
     record : dict
         For the provenance: name of the load -> the plan of its effects, and the errors expected of it.
     """
+    schemas = CONTACTS, FRAMES, PROFILE
     contacts, frames, profiles = (
-        schema.joined(getattr(one, schema.name) for one in predictions)
-        for schema in (CONTACTS, FRAMES, PROFILE)
+        one.joined(getattr(part, one.name) for part in predictions) for one in schemas
     )
     if scene.camera is not None and scene.simulate is not None:
         contacts = see_contacts(contacts, scene.pose(scene.simulate.shape))
-    tables = {"contacts": (CONTACTS, contacts), "frames": (FRAMES, frames), "profile": (PROFILE, profiles)}
-    write_results(folder, tables)
+    write_results(folder, zip(schemas, (contacts, frames, profiles), strict=True))
     planned = zip(frames["frame"], predictions, strict=True)
     plans = {name: one.plan for name, one in planned if one.plan is not None}
     errors = {name: plan.error_record for name, plan in plans.items()}

@@ -1,7 +1,7 @@
 """What every command leaves in its folder: tables, figures with their captions, and a calibration."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -18,13 +18,14 @@ from contactimg.tables import Schema, Status
 if TYPE_CHECKING:
     from matplotlib.axes import Axes  # takes half a second, and `process` draws no axes
 
+NamedTable = tuple[Schema, pd.DataFrame]
+"""A table, and the schema whose name its file has."""
+
 NUMBER = re.compile(r"[-+]?\d[\d.e+-]*")
 
 
 def write_results(
-    folder: Path,
-    tables: Mapping[str, tuple[Schema, pd.DataFrame]],
-    figures: Mapping[str, "Axes"] = MappingProxyType({}),
+    folder: Path, tables: Iterable[NamedTable], figures: Mapping[str, "Axes"] = MappingProxyType({})
 ) -> None:
     """Write tables as CSV and figures in every format.
 
@@ -32,11 +33,13 @@ def write_results(
     ----------
     folder : Path
         Exists.
-    tables, figures : mapping
-        Name without ending -> schema and table, or axes.
+    tables : iterable of (Schema, DataFrame)
+        Each goes into a file of the name of its schema.
+    figures : mapping
+        Name without ending -> axes.
     """
-    for name, (schema, table) in tables.items():
-        write_table(table, schema, folder / f"{name}.csv")
+    for schema, table in tables:
+        write_table(table, schema, folder / f"{schema.name}.csv")
     for name, ax in figures.items():
         write_figures(ax, folder, name, caption=caption_of(name))
 
@@ -49,8 +52,7 @@ class Calibrated:
     ----------
     record : dict
         Contents of ``calibration.json``.
-    tables : dict
-        Name of the file without ending -> (schema, table).
+    tables : list of (Schema, DataFrame)
     figures : dict
         Name without ending -> axes.
     failed : bool
@@ -58,7 +60,7 @@ class Calibrated:
     """
 
     record: dict[str, Any]
-    tables: dict[str, tuple[Schema, pd.DataFrame]]
+    tables: list[NamedTable]
     figures: dict[str, "Axes"]
     failed: bool = False
 

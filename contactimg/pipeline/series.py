@@ -16,29 +16,17 @@ from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit, remark_on
 from contactimg.imaging.fit.pooling import pool_edges, pool_optics
 from contactimg.imaging.profile.limits import FEWEST
 from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.pipeline import pooled_background as pooling
 from contactimg.pipeline.each_frame import FailedFrame, for_each_frame
-from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
+from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, film_setting, measure_scene_frame
 from contactimg.pipeline.inputs import asperities_and_sites, check_modulus, read_reference
 from contactimg.pipeline.measured_series import MeasuredSeries
-from contactimg.pipeline.pooled_background import (
-    FEWEST_FRAMES,
-    MOST_VIEWS,
-    evenly_spread,
-    fault_of_reference,
-    is_measured,
-    measure_on_pool,
-    pool_background,
-)
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
 
 Measure = Callable[..., MeasuredFrame]
-
-POOLING_GAIN = 1.5
-"""A frame is measured again with the optics of the series if these know its contrast or blur so many times
-better. Chosen by hand: what the frame knows itself is then below a third of what it is lent."""
 
 
 def measure_series(scene: Scene, *, workers: int | None = None) -> files.Run:
@@ -75,7 +63,7 @@ def measure_parts(experiment: files.Experiment, *, store: files.PartStore | None
     scene = experiment.scene
     check_modulus(scene)
     asperities, sites = asperities_and_sites(experiment)
-    parts = _measure_frames(experiment, FrameOptions.of(scene, sites), store=store)
+    parts = _measure_frames(experiment, FrameOptions(scene, film_setting(scene, sites)), store=store)
     for k, part in enumerate(parts):  # own_optics is the largest part of a frame
         row = part.row | {"load_N": experiment.load_of(part.row["frame"])}
         parts[k] = replace(part, row=row, own_optics=None)
@@ -92,10 +80,8 @@ def edits_by_frame(experiment: files.Experiment) -> dict[str, Edits]:
     known = {files.EVERY_FRAME, *names}
     for number, row in enumerate(experiment.edits.to_dict("records"), start=1):
         if row["frame"] not in known:
-            logger.warning(
-                "edits: row %s (%s) is for the frame %s, which is not there; the edit has no effect",
-                number, row["action"], row["frame"],
-            )  # fmt: skip
+            said = f"row {number} ({row['action']}) is for the frame {row['frame']}, which is not there"
+            logger.warning("edits: %s; the edit has no effect", said)
         elif row["action"] in ACTIONS:
             points = files.edit_points(row["points"])
             edit = HandEdit(row["action"], number, row["x_px"], row["y_px"], row["radius_px"], points)
@@ -150,25 +136,25 @@ def _measure_frames(
                 found[k] = part
         return found
 
-    parts |= measured(alone, dict.fromkeys(evenly_spread(numbers, MOST_VIEWS)))
+    parts |= measured(alone, dict.fromkeys(pooling.evenly_spread(numbers, pooling.MOST_VIEWS)))
     shapes = Counter(part.shape for part in parts.values() if part.shape)
-    if len(shapes) != 1 or shapes.total() < FEWEST_FRAMES:
+    if len(shapes) != 1 or shapes.total() < pooling.FEWEST_FRAMES:
         parts |= measured(alone, {k: None for k in numbers if k not in parts})
     usual = _of_usual_shape(parts)
     if not usual:
         raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
     stated = experiment.scene.images.background == "reference"
-    if fault := "" if stated else fault_of_reference(usual.values(), read_reference(experiment)):
+    if fault := "" if stated else pooling.fault_of_reference(usual.values(), read_reference(experiment)):
         logger.warning("%s; it is not used", fault)
         experiment = replace(experiment, references=())
         parts |= measured(alone, dict.fromkeys(parts))
         usual = _of_usual_shape(parts)
-    pool = pool_background(experiment, options, usual, fault=fault)
+    pool = pooling.pool_background(experiment, options, usual, fault=fault)
     call, (common, lent) = alone, _lent_optics(usual, method)
     if pool is not None:
-        on_pool = partial(measure_on_pool, pool=pool)
+        on_pool = partial(pooling.measure_on_pool, pool=pool)
         # without a reference the frames alone know their contrast badly
-        known = (k for k, part in usual.items() if is_measured(part))
+        known = (k for k, part in usual.items() if pooling.is_measured(part))
         better = measured(on_pool, {k: None if pool.source else lent.get(k) for k in known})
         if pool.gains(better):
             call, parts = on_pool, parts | better
@@ -202,7 +188,7 @@ def _lent_optics(
         return None, {}
     edges = {k: optics.edge for k in sorted(parts) if (optics := parts[k].own_optics) is not None}
     seen = {k: edge for k, edge in edges.items() if edge is not None and edge.count >= FEWEST}
-    pool = {k: seen[k] for k in evenly_spread(list(seen), MOST_VIEWS)}
+    pool = {k: seen[k] for k in pooling.evenly_spread(list(seen), pooling.MOST_VIEWS)}
     edge_of_others = {k: pool_edges([edge for other, edge in pool.items() if other != k]) for k in pool}
     common = replace(pooled, edge=pool_edges(list(pool.values())))
     lent = {k: replace(common, edge=edge_of_others.get(k, common.edge)) for k in parts}
@@ -221,7 +207,8 @@ def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
     if own is None or not part.row["n_contacts"]:
         return True
     stds = (own.contrast_relative_std, pooled.contrast_relative_std), (own.blur_std_px, pooled.blur_std_px)
-    better = not all(alone <= POOLING_GAIN * together for alone, together in stds)
+    # 1.5 by hand: what the frame knows itself is then below a third of what it is lent
+    better = not all(alone <= 1.5 * together for alone, together in stds)
     if better or own.edge is None or pooled.edge is None:
         return better
     # with fewer contacts to see it

@@ -13,9 +13,6 @@ from contactimg.scene import Scene
 from contactimg.tradeoff.knobs import Case, OwnFrame, applicable_knobs
 from contactimg.tradeoff.measure import Knob, Tradeoff, run_knobs
 
-REPETITION_SECONDS = 15.0
-"""Time for repeated runs of the settings, s. Chosen by hand."""
-
 
 def measure_tradeoff(scene: Scene, *, load: float | None = None, knobs: str | Sequence[str] = ()) -> Tradeoff:
     """Measure computing time against accuracy: the settings of each knob, compared in one run.
@@ -58,7 +55,8 @@ def measure_tradeoff(scene: Scene, *, load: float | None = None, knobs: str | Se
     ['model']
     """
     chosen, left_out = prepare_tradeoff(scene, load=load, knobs=[knobs] if isinstance(knobs, str) else knobs)
-    return run_knobs(chosen, relative=scene.tolerance.relative, seconds=REPETITION_SECONDS, left_out=left_out)
+    # 15 s for repeated runs of the settings: chosen by hand
+    return run_knobs(chosen, relative=scene.tolerance.relative, seconds=15.0, left_out=left_out)
 
 
 def prepare_tradeoff(

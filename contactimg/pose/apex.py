@@ -9,6 +9,9 @@ from scipy.spatial.distance import cdist
 
 from contactimg.pose.pairs import FEWEST_CONTACTS, MAD_TO_STD, OUTLIER_SIGMA, ROUNDS
 
+InView = Callable[..., NDArray[np.bool_]]
+"""Tells which points (x, y) the camera sees."""
+
 STATED, FOUND = "stated", "found from the contacts"
 """How a pose or an apex is known."""
 
@@ -20,10 +23,6 @@ _ANGLES = np.pi / 4 * np.arange(1, 8)
 TURNS = np.array([[np.cos(_ANGLES), -np.sin(_ANGLES)], [np.sin(_ANGLES), np.cos(_ANGLES)]])
 """Rotations about the centre, to places where contacts out of view are to be expected. Chosen: with quarter
 turns an apex at a corner of the view is off by half as much again, with finer ones by no less."""
-
-UNKNOWN_OF_CUT = 0.5
-"""Part of what the contacts out of view change that counts as unknown. Chosen: asperities out of view differ
-from those in view; with 0.3 corners of SA+ are up to 5 standard uncertainties off, with 0.5 up to 3.7."""
 
 REGION_SHARE = 0.95
 """Share of the contact area within the circle that counts as the contact region. Chosen: in random patterns
@@ -63,12 +62,7 @@ class Apex:
 
 
 def find_apex(
-    points: ArrayLike,
-    heights: ArrayLike,
-    radii: ArrayLike,
-    contact_radii: ArrayLike,
-    *,
-    in_view: Callable[..., NDArray[np.bool_]] | None = None,
+    points: ArrayLike, heights: ArrayLike, radii: ArrayLike, contact_radii: ArrayLike, *, in_view: InView
 ) -> Apex | None:
     """The centre of the contact region: where the gap below the lens, as the contacts show it, is smallest.
 
@@ -80,7 +74,7 @@ def find_apex(
         Of these asperities, m.
     contact_radii : array_like, shape (n,)
         Of their contacts, m.
-    in_view : callable, optional
+    in_view : callable
         Which points (x, y) the camera sees. Those as far from the centre stand for contacts out of view.
 
     Returns
@@ -122,15 +116,16 @@ def find_apex(
         found.append(np.append(radius * solution[1:3] / scale, radius))
         spread = MAD_TO_STD * float(np.median(np.abs(residual)))
         kept = np.abs(residual) <= OUTLIER_SIGMA * spread if spread > 0 else kept
-        if in_view is not None:
-            turned = found[-1][:2] + np.einsum("ijk,nj->kni", TURNS, at - found[-1][:2])
-            seen = in_view(*np.moveaxis(turned + middle, -1, 0))
-            share = lowering / (1 + seen.sum(axis=0)) * ~seen
-            gap = whole + (1 / cdist(at, turned[~seen])) @ share[~seen]
+        turned = found[-1][:2] + np.einsum("ijk,nj->kni", TURNS, at - found[-1][:2])
+        seen = in_view(*np.moveaxis(turned + middle, -1, 0))
+        share = lowering / (1 + seen.sum(axis=0)) * ~seen
+        gap = whole + (1 / cdist(at, turned[~seen])) @ share[~seen]
     centre = found[-1][:2]
     per_centre = np.column_stack([np.eye(2), 2 * centre / scale]) / (2 * curvature)
     variance = scale**2 * np.einsum("ij,jk,ik->i", per_centre, covariance[1:, 1:], per_centre)
-    cut = (found[-1] - found[0]) * UNKNOWN_OF_CUT + (found[-1] - found[-2])
+    # half of what contacts out of view change counts as unknown, since their asperities differ. Chosen:
+    # corners of SA+ are then up to 3.7 standard uncertainties off, with 0.3 in place of 0.5 up to 5
+    cut = (found[-1] - found[0]) * 0.5 + (found[-1] - found[-2])
     std = np.sqrt(variance + cut[:2] @ cut[:2] + (scale / 2 * cut[2] / radius) ** 2)
     if not (std < scale).all():
         return None
@@ -139,9 +134,7 @@ def find_apex(
     return Apex((x, y), (x_std, y_std), FOUND, radius, radius_std)
 
 
-def find_centre(
-    points: ArrayLike, areas: ArrayLike, *, in_view: Callable[..., NDArray[np.bool_]]
-) -> Apex | None:
+def find_centre(points: ArrayLike, areas: ArrayLike, *, in_view: InView) -> Apex | None:
     """The centre of the contact region, where no asperities are known: the mean place of the contact area.
 
     Parameters

@@ -15,14 +15,7 @@ from scipy.spatial import KDTree
 from scipy.special import bdtrc
 
 from contactimg.errors import InputError
-from contactimg.pose.pairs import (
-    FEWEST_CONTACTS,
-    MIN_PAIRING_PX,
-    OUTLIER_SIGMA,
-    ROUNDS,
-    pair_points,
-    pairing_distance,
-)
+from contactimg.pose import pairs
 from contactimg.pose.pose import Pose
 
 Points = NDArray[np.complex128]
@@ -40,10 +33,6 @@ SIGNIFICANT_FRACTION = 0.5
 """A pose must explain this fraction of the points to replace the guess, or to agree with a prediction.
 Chosen: a right one explains 0.9, one with a wrong apex next to nothing."""
 
-VOTING_POINTS = 40
-"""Contacts that vote, those closest together: few turn little when the rotation is a step off. Chosen: all
-rotations of a frame of 100 contacts over 2,500 asperities then take seconds."""
-
 LARGEST_TURN_RAD = np.deg2rad(3.0)
 """Rotations that are tried around each of the quarter turns. Chosen: a camera that was aligned by hand."""
 
@@ -53,10 +42,6 @@ LARGEST_SCALE_ERROR = 0.03
 MOST_VOTES = 600
 """Rotations times scales that are tried at most; where contacts lie too far apart for that, fewer of them
 vote. Chosen: ten seconds."""
-
-REFINED_CANDIDATES = 5
-"""Shifts with the most votes that are refined. Chosen by hand; the true one has many times the votes of
-others."""
 
 FALSE_ALARM_RATE = 1e-6
 """Probability that a pose is accepted although asperities and contacts have nothing to do with each other."""
@@ -127,11 +112,10 @@ def fit_pose(
     counted.
     """
     places = np.column_stack([x_px, y_px]) - guess.image_centre, np.asarray(targets, float).reshape(-1, 2)
-    for one in places:
-        if not np.isfinite(one).all():
-            wrong = one[~np.isfinite(one)][0]
-            raise InputError(f"a pose needs finite x_px, y_px and targets, got {wrong}; leave these rows out")
-    gate, (points, spots) = pairing_distance(places[1], guess), map(as_complex, places)
+    wrong = np.concatenate([one[~np.isfinite(one)] for one in places])
+    if len(wrong):
+        raise InputError(f"a pose needs finite x_px, y_px and targets, got {wrong[0]}; leave these rows out")
+    gate, (points, spots) = pairs.pairing_distance(places[1], guess), map(as_complex, places)
     searches = ((largest_shift, (0,)), (np.inf, (0,)), (np.inf, (1, 2, 3)))
     enough = min(len(points), len(spots)) >= MIN_PAIRS
     fits = (_search(points, spots, guess, gate, where) for where in searches if enough)
@@ -145,11 +129,11 @@ def _search(
 
     ``where`` tells how far from the guess its centre may be (m), and at which quarter turns.
     """
-    (reach, quarter_turns), tree = where, KDTree(as_real(spots))
+    (reach, quarters), tree = where, KDTree(as_real(spots))
     if near := np.isfinite(reach):
-        middle, grid = points, _grid(points, guess, gate, quarter_turns)
+        middle, grid = points, _grid(points, guess, gate, quarters)
     else:
-        middle, grid = _voters(points, guess, gate, quarter_turns)
+        middle, grid = _voters(points, guess, gate, quarters)
     centre, votes = complex(*guess.centre), list[tuple[int, complex, complex, bool]]()
 
     def shifts(alpha: complex, mirrored: bool) -> Points:  # noqa: FBT001
@@ -157,15 +141,16 @@ def _search(
         if not near:
             return (spots - moved[:, None]).ravel()
         about = KDTree(as_real(moved + centre))
-        pairs = about.sparse_distance_matrix(tree, reach + gate, output_type="coo_matrix")
-        return spots[pairs.col] - moved[pairs.row]
+        close = about.sparse_distance_matrix(tree, reach + gate, output_type="coo_matrix")
+        return spots[close.col] - moved[close.row]
 
-    for factor in grid:
-        votes.append((*_vote(shifts(*factor), gate), *factor))
-        if votes[-1][0] >= NEARLY_ALL * len(middle):
+    for alpha, mirrored in grid:
+        count, beta = _vote(shifts(alpha, mirrored), gate)
+        votes.append((count, alpha, beta, mirrored))
+        if count >= NEARLY_ALL * len(middle):
             break
-    most = sorted(votes, key=lambda vote: -vote[0])[:REFINED_CANDIDATES]
-    starts = [(alpha, beta, mirrored) for _, beta, alpha, mirrored in most]
+    # five by hand: the true shift has many times the votes of others
+    starts = [vote[1:] for vote in sorted(votes, key=lambda vote: -vote[0])[:5]]
     fits = [_refine(points, spots, guess, start, gate) for start in starts]
     best, (alpha, beta, mirrored) = max(zip(fits, starts, strict=True), key=lambda pair: pair[0].n_matched)
     # as many shifts were tried as pairing distances fit into the area
@@ -186,15 +171,17 @@ def _search(
 
 
 def _voters(
-    points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
+    points: Points, guess: Pose, gate: float, quarters: tuple[int, ...]
 ) -> tuple[Points, list[tuple[complex, bool]]]:
     """Points that vote, and what they vote on: fewer points where these would be too many poses."""
-    count = min(VOTING_POINTS, len(points))
+    # those closest together turn little when the rotation is a step off; 40 are chosen: all rotations of 100
+    # contacts over 2,500 asperities then take seconds
+    count = min(40, len(points))
     distance = KDTree(as_real(points)).query(as_real(points), k=[count])[0]
     ranked = points[np.argsort(np.abs(points - points[np.argmin(distance)]))]
     while True:
-        grid = _grid(ranked[:count] - ranked[:count].mean(), guess, gate, quarter_turns)
-        if len(grid) <= MOST_VOTES or count <= FEWEST_CONTACTS:
+        grid = _grid(ranked[:count] - ranked[:count].mean(), guess, gate, quarters)
+        if len(grid) <= MOST_VOTES or count <= pairs.FEWEST_CONTACTS:
             return ranked[:count], grid[:MOST_VOTES]
         count -= 5
 
@@ -206,9 +193,7 @@ def _differs(one: Pose, other: Pose, gate: float) -> bool:
     return bool(np.hypot(*apart).max() > gate)
 
 
-def _grid(
-    points: Points, guess: Pose, gate: float, quarter_turns: tuple[int, ...]
-) -> list[tuple[complex, bool]]:
+def _grid(points: Points, guess: Pose, gate: float, quarters: tuple[int, ...]) -> list[tuple[complex, bool]]:
     """Factors of poses that are turned and scaled against the guess, mirrored or not, nearest to it first.
 
     No step moves one of the points (px) by more than a pairing distance.
@@ -220,7 +205,7 @@ def _grid(
     )
     grid, factors = sorted(product(turns, scales), key=lambda item: abs(item[0]) + abs(item[1])), []
     mirrors = (guess.mirrored, not guess.mirrored)
-    for mirrored, quarter, (turn, scale) in product(mirrors, quarter_turns, grid):
+    for mirrored, quarter, (turn, scale) in product(mirrors, quarters, grid):
         # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
         angle = (guess.rotation + quarter * np.pi / 2 + turn) * (1 if mirrored else -1)
         factors.append((complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle)), mirrored))
@@ -246,36 +231,27 @@ def _refine(
 ) -> PoseFit:
     """Least squares on one-to-one pairs: pair and fit in turn until the pairs no longer change."""
     alpha, beta, mirrored = start
-    turned, reach, pairs = oriented(points, mirrored), 2 * gate, None
-    for _ in range(ROUNDS):
-        i, j, distance = pair_points(as_real(alpha * turned + beta), as_real(spots), max_distance=reach)
+    turned, reach, before = oriented(points, mirrored), 2 * gate, None
+    for _ in range(pairs.ROUNDS):
+        i, j, distance = pairs.pair_points(as_real(alpha * turned + beta), as_real(spots), max_distance=reach)
         now = (tuple(i), tuple(j))
-        if now == pairs or len(i) < MIN_PAIRS:
+        if len(i) < MIN_PAIRS:
+            return PoseFit(guess, n_points=len(points))
+        if now == before:
             break
-        pairs = now
+        before = now
         design = np.column_stack([turned[i], np.ones(len(i))])
         alpha, beta = np.linalg.lstsq(design, spots[j])[0]
         left = np.abs(alpha * turned[i] + beta - spots[j])
         std = float(np.median(left)) / np.sqrt(2 * np.log(2))  # of a coordinate: Rayleigh's law
-        reach = min(gate, max(OUTLIER_SIGMA * std, MIN_PAIRING_PX * guess.pixel_size))
+        reach = min(gate, max(pairs.OUTLIER_SIGMA * std, pairs.MIN_PAIRING_PX * guess.pixel_size))
     size, turn = float(abs(alpha)), float(np.angle(alpha) if mirrored else -np.angle(alpha))
     centre = (float(beta.real), float(beta.imag))
-    return PoseFit(
-        replace(guess, pixel_size=size, centre=centre, rotation=turn, mirrored=mirrored),
-        fitted=True,
-        n_points=len(points),
-        n_matched=len(i),
-        residual=float(np.sqrt(np.mean(distance**2))) if len(i) else np.nan,
-        length_relative_std=_scale_std(turned[i], distance) / size,
-    )
-
-
-def _scale_std(points: Points, distance: NDArray[np.float64]) -> float:
-    """Standard uncertainty of the modulus of alpha from the residual distances of the pairs."""
-    if len(points) < MIN_PAIRS:
-        return 0.0
-    variance = float(np.sum(distance**2)) / (2 * len(points) - 4)
-    return float(np.sqrt(variance / np.sum(np.abs(points - points.mean()) ** 2)))
+    pose = replace(guess, pixel_size=size, centre=centre, rotation=turn, mirrored=mirrored)
+    squares, spread = np.sum(distance**2), np.sum(np.abs(turned[i] - turned[i].mean()) ** 2)
+    size_std = np.sqrt(squares / (2 * len(i) - 4) / spread)  # of the modulus of alpha
+    quality = {"residual": float(np.sqrt(squares / len(i))), "length_relative_std": float(size_std / size)}
+    return PoseFit(pose, fitted=True, n_points=len(points), n_matched=len(i), **quality)
 
 
 def as_complex(points: NDArray) -> Points:
@@ -303,6 +279,6 @@ def common_shift(points: ArrayLike, targets: ArrayLike, *, near: float, far: flo
     array([1.5, 0.5])
     """
     points, targets = (np.asarray(one, float).reshape(-1, 2) for one in (points, targets))
-    pairs = KDTree(points).sparse_distance_matrix(KDTree(targets), far, output_type="coo_matrix")
-    _, shift = _vote(as_complex(points[pairs.row] - targets[pairs.col]), near)
+    close = KDTree(points).sparse_distance_matrix(KDTree(targets), far, output_type="coo_matrix")
+    _, shift = _vote(as_complex(points[close.row] - targets[close.col]), near)
     return np.array([shift.real, shift.imag])

@@ -135,16 +135,8 @@ def match_contacts(
     if not max_distance > 0:
         raise InputError(f"match_contacts: max_distance must be a positive length, got {max_distance!r} m")
     i, j, distance = pair_points(*places, max_distance=max_distance)
-    left, right = measured.iloc[i], predicted.iloc[j]
-    return MATCHES.conform(
-        {
-            "frame": left["frame"].to_numpy(),
-            "measured_label": left["label"].to_numpy(),
-            "asperity": right["asperity"].to_numpy(),
-            "distance_m": distance,
-            "radius_measured_m": left["radius_m"].to_numpy(),
-            "radius_predicted_m": right["radius_m"].to_numpy(),
-            "force_measured_N": left["force_N"].to_numpy(),
-            "force_predicted_N": right["force_N"].to_numpy(),
-        }
-    )
+    left, right = measured.iloc[i].reset_index(), predicted.iloc[j].reset_index()
+    both = {"frame": left["frame"], "measured_label": left["label"], "asperity": right["asperity"]}
+    for side, table in (("measured", left), ("predicted", right)):
+        both |= {f"radius_{side}_m": table["radius_m"], f"force_{side}_N": table["force_N"]}
+    return MATCHES.conform(both | {"distance_m": distance})

@@ -66,10 +66,8 @@ class Pose:
 
     def to_sample(self, x_px: ArrayLike, y_px: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Sample coordinates ``(x, y)`` in m of pixel positions."""
-        dx, dy = (
-            np.asarray(x_px, float) - self.image_centre[0],
-            np.asarray(y_px, float) - self.image_centre[1],
-        )
+        middle = self.image_centre
+        dx, dy = np.asarray(x_px, float) - middle[0], np.asarray(y_px, float) - middle[1]
         x, y = _turned(dx, dy, -self.rotation, self.pixel_size)
         return x + self.centre[0], self._flip * y + self.centre[1]
 

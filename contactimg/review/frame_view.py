@@ -18,7 +18,7 @@ from contactimg.imaging.fit.shapes import render_ellipse
 from contactimg.imaging.measure import ImageMeasurement, count_again
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.pipeline.calibrate.thresholds import THRESHOLDS
-from contactimg.pipeline.frame import Edits, FrameOptions, count_pixels, measure_prepared
+from contactimg.pipeline.frame import Edits, FrameOptions, count_pixels, film_setting, measure_prepared
 from contactimg.pipeline.inputs import asperities_and_sites, read_reference
 from contactimg.tables.outlines import Outline
 
@@ -61,7 +61,7 @@ class FrameView:
         """Measure the frame of this number, with the masks of its scene."""
         reference, frame = read_reference(experiment), experiment.frames[number].read()
         _, sites = asperities_and_sites(experiment)
-        options = FrameOptions.of(experiment.scene, sites)
+        options = FrameOptions(experiment.scene, film_setting(experiment.scene, sites))
         shown = frame, reference, options.scene
         blur = measure_prepared(*shown, method="disk", film=options.film).optics.blur_px
         counted = count_pixels(*shown)

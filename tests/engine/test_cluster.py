@@ -175,4 +175,4 @@ def test_without_workers_or_scheduler_a_run_ends(parts, tmp_path, capfd):
         assert main(["process", str(tmp_path), "--cluster", "tcp://127.0.0.1:9"]) == 2
     assert "no scheduler answers at tcp://127.0.0.1:9" in capfd.readouterr().err
     assert main(["process", str(tmp_path), "--cluster", "nothing.json"]) == 2
-    assert "nor a scheduler file that exists" in capfd.readouterr().err
+    assert "no such scheduler file" in capfd.readouterr().err

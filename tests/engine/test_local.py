@@ -40,7 +40,7 @@ def test_calls_that_end_their_process_are_replaced_and_no_other(deadly, timed):
     ]
     for number in deadly:
         assert found[number][0] == number
-        assert found[number][1].startswith("ended its process, in the end with no other beside it")
+        assert found[number][1].startswith("ended its process, in the end with no other call beside it")
 
 
 @pytest.mark.parametrize("workers", [0, -1, 2.5, "2"])

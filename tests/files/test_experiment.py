@@ -316,7 +316,7 @@ def test_a_load_of_a_name_that_two_frames_share_is_refused(folder):
 def test_loads_of_other_frames_altogether(folder):
     (folder / "loads.csv").write_text("frame,load_N\nframe_7,0.1\n")
     assert refusal(folder) == (
-        f"{folder / 'loads.csv'}: none of its frames (frame_7) is among the frames read "
+        f"{folder / 'loads.csv'}: none of its frames (frame_7) is among those read "
         "(frame_1.tif, frame_2.tif, frame_10.tif)"
     )
 

@@ -14,7 +14,7 @@ from contactimg.files.exports import (
     polygon_region,
     read_regions,
     region_of,
-    write_overlay_tiff,
+    write_overlay,
     write_regions,
 )
 from contactimg.tables.outlines import Outline
@@ -64,7 +64,7 @@ def test_polygons_come_back(tmp_path):
 
 def test_the_overlay_of_a_tiff_comes_back(regions, tmp_path, rng):
     image = rng.integers(0, 255, (30, 40)).astype(np.uint8)
-    write_overlay_tiff(image, regions, tmp_path / "a.tif", pixel_size=6e-6)
+    write_overlay(image, regions, tmp_path / "a.tif", pixel_size=6e-6)
     check(read_regions(tmp_path / "a.tif"), regions)
     with tifffile.TiffFile(tmp_path / "a.tif") as file:
         assert (file.asarray() == image).all()

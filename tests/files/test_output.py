@@ -315,8 +315,9 @@ def test_two_runs_at_the_same_time(tmp_path):
 
 HOLDER = """
 import sys, time
+from pathlib import Path
 from contactimg.files import OutputFolder
-with OutputFolder(sys.argv[1], {}) as out:
+with OutputFolder(Path(sys.argv[1]), {}) as out:
     print("holding", flush=True)
     time.sleep(60)
 """

@@ -198,7 +198,7 @@ def test_a_frame_that_fails_on_the_pooled_background_keeps_its_measurement(
             raise MemoryError
         return measure(frame, *arguments, **options)
 
-    monkeypatch.setattr("contactimg.pipeline.series.measure_on_pool", failing)
+    monkeypatch.setattr(background_module, "measure_on_pool", failing)
     with caplog.at_level("WARNING"):
         frames = measured(series).frames.set_index("frame")
     assert "frame_3.tif: cannot be measured (MemoryError: ); its measurement before is kept" in caplog.text

@@ -149,7 +149,7 @@ def test_the_inset_shows_where_most_contacts_are_missed(frame, monkeypatch):
         views.append((image.shape, view))
         return draw_overlay(image, layers, view)
 
-    monkeypatch.setattr(pictures, "draw_overlay", drawn)
+    monkeypatch.setattr(pictures.overlay, "draw_overlay", drawn)
     one, *others = contact_outlines(contacts([0, 0, 0]))
     kinds = dict.fromkeys([*MARKS, PREDICTED], ()) | {"matched": others, "measured, not predicted": [one]}
     draw_predicted(frame, {"coupled": kinds}, view=VIEW)

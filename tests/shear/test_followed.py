@@ -168,7 +168,13 @@ def shear_of(place):
 
 def test_runs_without_tangential_loads_have_the_table_alone(tiny):
     found, notes = shear_of(tiny)
-    assert (len(found.followed) > 0, found.laws, found.beta, found.rows(), notes) == (True, (), None, [], [])
+    assert (len(found.followed) > 0, found.laws, found.beta, [*found.rows()], notes) == (
+        True,
+        (),
+        None,
+        [],
+        [],
+    )
     assert "place" not in found.table()[1]
 
 

@@ -11,7 +11,7 @@ from contactimg import tables
 from contactimg.cli import main
 from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places
-from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
+from contactimg.pipeline.frame import FrameOptions, film_setting, measure_scene_frame
 from contactimg.pipeline.pooled_background import contacts_of
 
 
@@ -88,9 +88,12 @@ def test_ellipses_are_not_divided_out_of_a_pooled_background_as_disks(sheared):
     part = measure_scene_frame(
         experiment.frames[2].read(),
         experiment.references[0].read().image,
-        options=FrameOptions.of(place.scene, None),
+        options=FrameOptions(place.scene, film_setting(place.scene, None)),
     )
-    shapes, view = part.contacts["shape"], contacts_of(part, FrameOptions.of(place.scene, None))
+    shapes, view = (
+        part.contacts["shape"],
+        contacts_of(part, FrameOptions(place.scene, film_setting(place.scene, None))),
+    )
     assert (shapes == "ellipse").sum() > 20
     assert len(view.disks) == (shapes == "disk").sum() > 0
     assert len(view.hidden) == (shapes == "ellipse").sum() + len(part.tables.rejected)

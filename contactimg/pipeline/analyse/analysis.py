@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from contactimg.analysis import radial_profiles
 from contactimg.analysis.annuli import annulus_edges, sum_moments
 from contactimg.analysis.area_power_law import area_by_load, fit_area_law, frame_areas
 from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contact_law, pressure_points
@@ -17,12 +18,6 @@ from contactimg.analysis.estimates import COVERAGE, Estimate
 from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress, stress_by_velocity
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, fit_power_law
-from contactimg.analysis.radial_profiles import (
-    average_profile,
-    hertz_profile,
-    normalise_profile,
-    ring_profile,
-)
 from contactimg.errors import InputError
 from contactimg.files import Run
 from contactimg.pipeline.analyse.places import (
@@ -43,6 +38,9 @@ from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_ave
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE, RESULTS, RUN_MODELS
 
 logger = logging.getLogger(__name__)
+
+Seen = dict[str, Tables]
+"""Name of a model, or "measured" or "predicted" for those of the runs -> contacts and frames."""
 
 
 @dataclass(frozen=True)
@@ -141,9 +139,7 @@ def analyse_places(places: Sequence[Place], options: AnalysisOptions) -> Analysi
     notes = [note for place in places for note in _notes_on_frames(place)]
     friction, density = _friction_table(places), _density(places[0])
     seen = {own: grouped(places, tolerance=options.load_tolerance)}
-    lacking = [
-        f"{place.name} lacks {' and '.join(missing)}" for place in places if (missing := _lacking(place))
-    ]
+    lacking = [f"{place.name} lacks {' and '.join(parts)}" for place in places if (parts := _lacking(place))]
     if options.models and lacking:
         notes.append(f"no model curves: {'; '.join(lacking)}")
     elif options.models:
@@ -165,7 +161,7 @@ def analyse_places(places: Sequence[Place], options: AnalysisOptions) -> Analysi
         pressure_law=PRESSURE_LAW.joined(points),
         friction=friction,
         area_laws=area_laws,
-        contact_laws=_contact_laws(averages, own, notes),
+        contact_laws=_local_laws(averages, own, notes),
         shear_stress=stress,
         smooth_stress=smooth_stress,
         velocity_law=_velocity_law(friction, options, notes),
@@ -178,16 +174,10 @@ def _run_model(places: Sequence[Place]) -> str:
     """The name in tables of the contacts of the runs: "measured" or "predicted", if they go together."""
     for one, other in combinations(places, 2):
         if Path(one.name).resolve() == Path(other.name).resolve() or one.images & other.images:
-            raise InputError(
-                f"{one.name} and {other.name} are runs of the same frames, whose contacts would count as "
-                "those of two places; give one of them"
-            )
+            raise InputError(f"{one.name} and {other.name} are runs of the same frames; give one of them")
     predicted = {place.predicted for place in places}
     if len(predicted) > 1:
-        raise InputError(
-            "measured and predicted runs are given together; analyse the outputs of `process` and those of "
-            "`predict` apart"
-        )
+        raise InputError("measured and predicted runs are given together; analyse them apart")
     for difference in differences(places):
         logger.warning(difference)
     return "predicted" if predicted == {True} else "measured"
@@ -272,11 +262,7 @@ def _density(place: Place) -> float:
 
 
 def _average_load(
-    frames: pd.DataFrame,
-    places: Sequence[Place],
-    seen: dict[str, Tables],
-    options: AnalysisOptions,
-    notes: list[str],
+    frames: pd.DataFrame, places: Sequence[Place], seen: Seen, options: AnalysisOptions, notes: list[str]
 ) -> LoadAverage:
     """Average the contacts of one load over annuli; where models were solved, Greenwood-Tripp is added.
 
@@ -297,7 +283,7 @@ def _average_load(
         for model, table in shots.items()
     }
     profiles = [
-        average_profile(list(tables.values()), frame=name, model=model)
+        radial_profiles.average_profile(list(tables.values()), frame=name, model=model)
         for model, tables in moments.items()
         if tables
     ]
@@ -307,11 +293,11 @@ def _average_load(
         rings = fit_or_note(notes, lost, predict_average, scene, caps, load=load, model="gt")
         if rings is not None:
             ring_area = float(rings.frames["area_m2"].iloc[0])
-            profiles.append(ring_profile(rings.profile, edges, frame=name))
+            profiles.append(radial_profiles.ring_profile(rings.profile, edges, frame=name))
     if scene.indenter is not None and scene.elastic is not None:
         smooth = {"sphere_radius": scene.indenter.radius, "contact_modulus": scene.elastic.contact_modulus}
-        profiles.append(hertz_profile(edges, load=load, frame=name, **smooth))
-        normalised = normalise_profile(PROFILE.joined(profiles), load=load, **smooth)
+        profiles.append(radial_profiles.hertz_profile(edges, load=load, frame=name, **smooth))
+        normalised = radial_profiles.normalise_profile(PROFILE.joined(profiles), load=load, **smooth)
     return LoadAverage(name, load, moments, PROFILE.joined(profiles), normalised, ring_area)
 
 
@@ -329,8 +315,7 @@ def _points(average: LoadAverage, density: float) -> pd.DataFrame:
     for model, places in average.moments.items():
         if model == "uncoupled" or not places:
             continue
-        sums = sum_moments(places.values())
-        found = pressure_points(sums, by_those_beside=True)
+        found = pressure_points(sum_moments(places.values()), by_those_beside=True)
         ratios = {f"density_ratio{std}": found[f"density{std}"] / density for std in ("", "_std")}
         parts.append(found.assign(**ratios, frame=average.name, model=model, load_N=average.load))
     points = pd.concat(parts).rename(columns=POINT_COLUMNS)
@@ -341,11 +326,7 @@ def _points(average: LoadAverage, density: float) -> pd.DataFrame:
 
 
 def _areas(
-    places: Sequence[Place],
-    seen: dict[str, Tables],
-    averages: list[LoadAverage],
-    options: AnalysisOptions,
-    notes: list[str],
+    places: Sequence[Place], seen: Seen, means: list[LoadAverage], options: AnalysisOptions, notes: list[str]
 ) -> tuple[pd.DataFrame, dict[str, PowerLaw]]:
     """Areas of each load, and exponents of A(P), measured and of every model."""
     density, tables, laws = _density(places[0]), list[pd.DataFrame](), dict[str, PowerLaw]()
@@ -363,14 +344,12 @@ def _areas(
         cell = LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS
         law = fit_or_note(notes, f"A(P), {model}", fit_area_law, areas, load_cell=cell, **stated)
         laws |= {} if law is None else {model: law}
-    rings = [("gt", one.load, one.ring_area) for one in averages if np.isfinite(one.ring_area)]
+    rings = [("gt", one.load, one.ring_area) for one in means if np.isfinite(one.ring_area)]
     tables.append(AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"])))
     return AREA.joined(tables), laws
 
 
-def _contact_laws(
-    averages: list[LoadAverage], own: str, notes: list[str]
-) -> dict[tuple[str, str], BrokenLaw]:
+def _local_laws(averages: list[LoadAverage], own: str, notes: list[str]) -> dict[tuple[str, str], BrokenLaw]:
     """Density and mean radius against the local pressure, of the runs and of the coupled model."""
 
     def law(quantity: str, model: str) -> BrokenLaw:
@@ -389,9 +368,7 @@ def _contact_laws(
 def _friction_table(places: Sequence[Place]) -> pd.DataFrame:
     """Frames with a friction force and an area."""
     columns, own = ["frame", "friction_N", "velocity_m_s"], ["frame", "load_N", "area_m2", "area_std_m2"]
-    tables = [
-        place.loads[columns].merge(place.frames[own], on="frame").assign(place=place.name) for place in places
-    ]
+    tables = [one.loads[columns].merge(one.frames[own], on="frame").assign(place=one.name) for one in places]
     both = pd.concat(tables).dropna(subset=["friction_N", "area_m2"])
     stress = both["friction_N"].abs() / both["area_m2"].where(both["area_m2"] > 0)
     return FRICTION.conform(both.assign(stress_Pa=stress))
@@ -492,14 +469,13 @@ def write_analysis(analysis: Analysis, folder: Path) -> pd.DataFrame:
         The numbers of the analysis, results.csv.
     """
     results = result_rows(analysis)
-    schemas = {"area": AREA, "profile": PROFILE, "normalised": NORMALISED, "pressure_law": PRESSURE_LAW}
-    tables = {schema.name: (schema, getattr(analysis, name)) for name, schema in schemas.items()}
-    tables |= {RESULTS.name: (RESULTS, results)}
+    tables = [(AREA, analysis.area), (PROFILE, analysis.profile), (NORMALISED, analysis.normalised)]
+    tables += [(PRESSURE_LAW, analysis.pressure_law), (RESULTS, results)]
     if len(analysis.friction):
-        tables |= {FRICTION.name: (FRICTION, analysis.friction)}
+        tables.append((FRICTION, analysis.friction))
     figures = {"area": plot_areas(analysis.area, analysis.area_laws)}
     if len(analysis.sheared.followed):
-        tables |= {"asperities": analysis.sheared.table()}
+        tables.append(analysis.sheared.table())
     if analysis.sheared.laws:
         figures["sheared_areas"] = plot_sheared_areas(analysis.sheared.followed)
     normalised = analysis.normalised

@@ -28,14 +28,10 @@ logger = logging.getLogger(__name__)
 
 Point = tuple[float, float]
 
-Values = NDArray[np.float64]
 Result = TypeVar("Result")
 
 Tables = tuple[pd.DataFrame, pd.DataFrame]
 """Contacts and frames of several places, whose names are in the column ``place``."""
-
-SAME_NUMBER = 0.01
-"""Relative difference up to which two stated lengths or moduli are taken for the same. Chosen."""
 
 CHANCE = 1e-4
 """Probability of asperities as different as these on one surface, below which they are taken for those of
@@ -112,11 +108,7 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
     run = read_run(folder)
     scene, pose = run.scene, None if run.pose is None else run.pose.pose
     if (run.frames["status"] == Status.NO_POSE).any():
-        logger.warning(
-            "%s: contacts fall on no asperity, so the apex is where the scene states it; profiles and local "
-            "pressures depend on that",
-            run.folder,
-        )
+        logger.warning("%s: contacts fall on no asperity: profiles are about the stated apex", run.folder)
     shown = run.frames.loc[run.frames["n_contacts"].fillna(0) > 0, "frame"]
     names = set(shown.str.replace(r"\[\d+\]$", "", regex=True))  # of a stack the file
     used = run.provenance["configuration"].get("options", {}).get("calibration") or {}
@@ -219,23 +211,17 @@ def differences(places: Sequence[Place]) -> Iterator[str]:
         first = places[0]
         for section, key in STATED:
             one, two = (float(run.scene.source.get(section, {}).get(key, np.nan)) for run in (first, place))
-            if abs(two - one) > SAME_NUMBER * max(abs(one), abs(two)):
-                yield (
-                    f"[{section}] {key} is {one:g} in {first.name} and {two:g} in {place.name}: averaged "
-                    f"as places of one surface under one lens, with the value of {first.name}"
-                )
+            if abs(two - one) > 0.01 * max(abs(one), abs(two)):  # chosen: up to 1 % they are the same
+                used = f"averaged as places of one surface under one lens, with the value of {first.name}"
+                yield f"[{section}] {key} is {one:g} in {first.name} and {two:g} in {place.name}: {used}"
         caps = [run.asperities for run in (first, place) if run.asperities is not None]
+        caps = [table.assign(height_m=table["height_m"] - table["height_m"].median()) for table in caps]
         for column, name in (("height_m", "heights above their median"), ("radius_m", "radii")):
-            values = [table[column].dropna().to_numpy(float) for table in caps]
-            if column == "height_m":
-                values = [one - np.median(one) for one in values if len(one)]
-            both = sum(len(one) > 0 for one in values) == 2
-            if both and scipy.stats.ks_2samp(values[0], values[1]).pvalue < CHANCE:
+            values = [table[column].dropna().to_numpy(float) for table in caps if table[column].notna().any()]
+            if len(values) == 2 and scipy.stats.ks_2samp(values[0], values[1]).pvalue < CHANCE:
                 stds = " and ".join(f"{np.std(one):.3g}" for one in values)
-                yield (
-                    f"the asperities of {place.name} are not of the surface of {first.name}: their {name} "
-                    f"have standard deviations of {stds} m; analyse the runs apart"
-                )
+                why = f"their {name} have standard deviations of {stds} m; analyse the runs apart"
+                yield f"the asperities of {place.name} are not of the surface of {first.name}: {why}"
 
 
 # --- their frames, and the models of them
@@ -272,7 +258,7 @@ def grouped(places: Sequence[Place], *, tolerance: float) -> Tables:
 
 
 def annuli_of(
-    contacts: pd.DataFrame, frames: pd.DataFrame, place: Place, edges: Values, least: float
+    contacts: pd.DataFrame, frames: pd.DataFrame, place: Place, edges: NDArray, least: float
 ) -> pd.DataFrame:
     """Sums over annuli of the contacts from radius ``least`` (px) on, averaged over frames of a place."""
     smallest = -np.inf if place.pose is None else least * place.pose.pixel_size
@@ -312,9 +298,8 @@ def predict_places(places: Sequence[Place], frames: pd.DataFrame, model: str) ->
         if place.asperities is not None
     }
     shots, contacts, solved, notes = frames.to_dict("records"), list[pd.DataFrame](), [], list[str]()
-    jobs = [
-        (row["place"], row["frame"], row["load_N"], known[row["place"]].field(row["frame"])) for row in shots
-    ]
+    asked = frames[["place", "frame", "load_N"]].itertuples(index=False)
+    jobs = [(place, frame, load, known[place].field(frame)) for place, frame, load in asked]
     solutions = predict_in_view(surfaces, jobs, shown=f"solving the {model} model")
     for row, found in zip(shots, solutions, strict=True):
         if isinstance(found, ModelRangeError | ConvergenceError):

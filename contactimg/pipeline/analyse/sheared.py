@@ -1,7 +1,7 @@
 """Contacts of runs by asperity: the table with upper limits from the images, and laws under shear."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,33 +43,27 @@ class Sheared:
     laws: tuple[ShearLaws, ...] = ()
     beta: RateLaw | None = None
 
-    def rows(self) -> list[tuple[str, Estimate, str, str, int]]:
+    def rows(self) -> Iterator[tuple[str, Estimate, str, str, int]]:
         """Quantity, its estimate, unit, note and number of points, for results.csv."""
-        rows = []
         for law in self.laws:
-            at, total = f" at P = {law.load:.4g} N", law.total
-            fits = [
-                ("shear_area", total.start, "m2", "A0 of A = A0 - alpha Q^2, sum of the contacts"),
-                ("shear_area_rate", total.rate, "m2/N2", "alpha of the sum"),
-            ]
-            axes = (("along", law.along), ("across", law.across))
-            fits += [
-                (f"shear_axis_{name}_rate", axis.rate, "m/N2", f"k of a0 - k Q^2, mean half-axis {name} Q")
-                for name, axis in axes
-                if axis is not None
-            ]
+            total, at, count = law.total, f" at P = {law.load:.4g} N", law.total.n_points
+            yield "shear_area", total.start, "m2", "A0 of A = A0 - alpha Q^2, sum of the contacts" + at, count
+            yield "shear_area_rate", total.rate, "m2/N2", "alpha of the sum" + at, count
+            for name, axis in (("along", law.along), ("across", law.across)):
+                if axis is not None:
+                    note = f"k of a0 - k Q^2, mean half-axis {name} Q{at}"
+                    yield f"shear_axis_{name}_rate", axis.rate, "m/N2", note, count
             if total.start.value > total.rate.value * law.largest**2:
-                sigma = fit_strength(total, law.largest)
-                note = "Q/A(Q) of the largest tangential load: sigma, if the contact slides there"
-                fits.append(("shear_strength_at_largest", sigma, "Pa", note))
-            rows += [(name, found, unit, note + at, total.n_points) for name, found, unit, note in fits]
+                note = f"Q/A(Q) of the largest tangential load: sigma, if the contact slides there{at}"
+                yield "shear_strength_at_largest", fit_strength(total, law.largest), "Pa", note, count
         if self.beta is not None:
-            note = "of single contacts, alpha = beta A0^(-3/2); loads shared as the areas"
-            same, n_points = "the same with a free exponent", self.beta.n_points
-            rows.append(("shear_beta", self.beta.beta, "m5/N2", note, n_points))
+            note, count = (
+                "of single contacts, alpha = beta A0^(-3/2); loads shared as the areas",
+                self.beta.n_points,
+            )
+            yield "shear_beta", self.beta.beta, "m5/N2", note, count
             if np.isfinite(self.beta.exponent.value):
-                rows.append(("shear_rate_exponent", self.beta.exponent, "1", same, n_points))
-        return rows
+                yield "shear_rate_exponent", self.beta.exponent, "1", "the same with a free exponent", count
 
     def table(self) -> tuple[Schema, pd.DataFrame]:
         """The table asperities.csv, with the column ``place`` where there are several."""
@@ -77,12 +71,7 @@ class Sheared:
         return schema, self.followed[list(schema.columns)]
 
 
-def analyse_shear(
-    places: Sequence[Place],
-    notes: list[str],
-    *,
-    load_tolerance: float,
-) -> Sheared:
+def analyse_shear(places: Sequence[Place], notes: list[str], *, load_tolerance: float) -> Sheared:
     """The contacts of places by asperity, and their laws; what cannot be fitted is added to the notes.
 
     Upper limits need the images: frames in which some asperity of the table does not touch are read again
@@ -95,8 +84,7 @@ def analyse_shear(
                 notes.append(f"{place.name}: no laws under shear: no contact has an asperity")
             continue
         table = follow_contacts(place.contacts, place.frames, place.loads, place.asperities)
-        limits = _upper_limits(place, table)
-        table = table.assign(radius_upper_m=limits)
+        table = table.assign(radius_upper_m=_upper_limits(place, table))
         tables.append(table if len(places) == 1 else table.assign(place=place.name))
         if not place.loads["tangential_N"].any():
             continue
@@ -104,19 +92,19 @@ def analyse_shear(
         resting = table[table["frame"].isin(still) & table["tangential_N"].notna() & table["load_N"].notna()]
         direction = place.scene.load.tangential_direction
         angle = direction if place.pose is None else float(place.pose.angle_in_image(direction))
-        loads, before = resting["load_N"].to_numpy(float), len(laws)
+        loads, own = resting["load_N"].to_numpy(float), list[ShearLaws]()
         said = f"{place.name}: no laws under shear: no frame at rest has a normal and a tangential load"
         for _, part in resting.groupby(group_loads(loads, tolerance=load_tolerance)):
             try:
-                laws.append(fit_shear_laws(part, place.frames, direction=angle))
+                own.append(fit_shear_laws(part, place.frames, direction=angle))
             except ContactimgError as error:
                 said = f"{place.name}: {error}"
-        notes += [said] if len(laws) == before else []
-        if len(laws) > before and all(law.along is None for law in laws[before:]):
-            notes.append(
-                f"{place.name}: no laws of half-axes: no contact was measured as an ellipse in all frames; "
-                'process with [measure] shape = "ellipse"'
-            )
+        laws += own
+        if not own:
+            notes.append(said)
+        elif all(law.along is None for law in own):
+            cure = 'process with [measure] shape = "ellipse"'
+            notes.append(f"{place.name}: no law of half-axes: no contact is an ellipse in all frames; {cure}")
     followed = FOLLOWED.joined(tables)
     beta = fit_or_note(notes, "beta", fit_beta, laws) if laws else None
     return Sheared(followed, tuple(laws), beta)
@@ -146,7 +134,7 @@ def _upper_limits(place: Place, table: pd.DataFrame) -> Values:
             rows.append(index)
     if experiment is None:
         return limits
-    scene, doing = experiment.scene, "looking for contacts not seen"
+    scene = experiment.scene
 
     def unseen(
         frame: Frame, reference: NDArray | None, spots: Values, contacts: Values, numbers: dict[str, float]
@@ -156,7 +144,7 @@ def _upper_limits(place: Place, table: pd.DataFrame) -> Values:
         image, valid = seen.image * np.float32(seen.frame_pair.unit), seen.frame_pair.valid
         return limit_radii(image, spots, contacts=contacts, **numbers, valid=valid)
 
-    measured = for_each_frame(experiment, unseen, jobs, shown=doing)
+    measured = for_each_frame(experiment, unseen, jobs, shown="looking for contacts not seen")
     for index, found in zip(rows, measured, strict=True):
         if isinstance(found, FailedFrame):
             logger.warning("limits of contacts are those of detection: %s", found.row["message"])

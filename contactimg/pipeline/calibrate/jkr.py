@@ -37,9 +37,6 @@ from contactimg.tables import CIRCLES, FAILED
 
 # --- the circle of each frame
 
-BEYOND_FILM_PX = 12.0
-"""Width of the background that is sampled outside the film. Chosen by hand; sensitivity not measured."""
-
 CURVATURE_STD_PER_EXCESS = 0.75 / 3**0.5
 """Relative standard uncertainty of the sphere's radius, of which only one direction may be known, over the
 excess of the axis ratio over 1. Theory: the axes of Hertz's ellipse are as the radii of curvature to the
@@ -110,7 +107,8 @@ def measure_circles(experiment: Experiment) -> CircleSeries:
         valid = None if seen is None else seen > 0
         circle = find_circle(image, contrast, valid=valid)
         for _ in range(2):  # the second time about the circle that a sharp edge gives
-            outside_px = model.film_px(circle.radius_px) + BEYOND_FILM_PX
+            # the film and 12 px of background, chosen by hand; sensitivity not measured
+            outside_px = model.film_px(circle.radius_px) + 12.0
             samples = sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
             circle = fit_circle(samples, model, opening=np.inf)
         names = ("status", "message", "shift_x_px", "shift_y_px")
@@ -194,7 +192,7 @@ def run_jkr(experiment: Experiment) -> Calibrated:
     notes = calibration_notes(calibration, table, scene)
     record = _jkr_record(calibration, series) | {"notes": notes}
     figures = {"jkr": _jkr_figure(calibration)}
-    return Calibrated(record, {"circles": (CIRCLES, table)}, figures, failed=len(failed) > 0)
+    return Calibrated(record, [(CIRCLES, table)], figures, failed=len(failed) > 0)
 
 
 def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
@@ -275,27 +273,22 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
     failed = circles["status"] == FAILED
     notes = [
         *frame_notes(circles[~failed]),
-        *(str(text) for text in circles["message"][failed]),
-        *(
-            f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
-            for name in left_out["frame"]
-        ),
+        *circles["message"][failed],
+        *(left_out["frame"] + ": left out of the fit, its load and radius do not go with the others'"),
     ]
     zero, stated = calibration.load_zero, calibration.load_cell.zero_std
     if calibration.zero_asked is not None:
         instead = " instead of a shift of the edge" if calibration.edge and calibration.edge.seen else ""
         notes.append(
-            f"the frames ask for a zero of the loads of {1e3 * calibration.zero_asked:.3g} mN{instead}, "
-            "which was not fitted: state zero_std_N in [load] if the load cell may be off so far, or correct "
-            "the loads"
+            f"the frames ask for a zero of {1e3 * calibration.zero_asked:.3g} mN{instead}, which was not "
+            "fitted: state zero_std_N in [load] if the load cell may be off so far, or correct the loads"
         )
     if zero is not None and calibration.load_zero_seen:
-        beyond = abs(zero.value) > SIGNIFICANT_STDS * stated
+        far = f". This is far more than the {1e3 * stated:.2g} mN stated: check the loads"
         notes.append(
             f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted "
             "and taken off; correct the loads of the other folders of this load cell too"
-            + beyond
-            * f". This is far more than the {1e3 * stated:.2g} mN stated: check the loads"
+            f"{far if abs(zero.value) > SIGNIFICANT_STDS * stated else ''}"
         )
     if calibration.departure:
         rival = calibration.rival and (
@@ -306,9 +299,7 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
     points = calibration.points[calibration.points["used"].astype(bool)]
     count, branches = points["load_N"].nunique(), set(points["branch"])
     if count < 5:
-        notes.append(
-            f"{count} different loads: they hardly test the law and the zero of the loads; take five"
-        )
+        notes.append(f"{count} different loads: they hardly test the law and the zero of loads; take five")
     if len(branches) == 1 and branches != {""}:
         notes.append(f"w is that of {branches.pop()} only; hysteresis of adhesion and drift cannot be seen")
     edge = calibration.edge
@@ -328,14 +319,11 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
         )
     if calibration.sphere.thickness is not None:
         ratio = float(calibration.points["radius_m"].max()) / calibration.sphere.thickness
-        notes.append(
-            f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of the layer"
-        )
+        notes.append(f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of a layer")
     elif calibration.layer_asked is not None:
         thickness, change = calibration.layer_asked
         notes.append(
-            f"the loads ask for an elastic layer about {1e3 * thickness:.2g} mm thick instead of a "
-            f"half-space, which would change E by {100 * change:+.2g} %: measure it and state thickness_m in "
-            "[elastic]"
+            f"the loads ask for an elastic layer about {1e3 * thickness:.2g} mm thick, which would change E "
+            f"by {100 * change:+.2g} %: measure it and state thickness_m in [elastic]"
         )
     return [*notes, *cell_notes(scene)]

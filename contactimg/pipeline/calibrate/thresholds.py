@@ -163,9 +163,7 @@ def _result(
         "residual_rms_N": float(np.sqrt(np.mean(rest[pressed] ** 2))),
         "worst_relative_residual": float(np.max(np.abs(rest[pressed] / load[pressed]))),
     }
-    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"forces": (FORCE_SUMS, table)}
-    if curve:
-        tables["curve"] = (THRESHOLD_CURVE, pd.DataFrame(curve))
+    tables = [(FORCE_SUMS, table), *([(THRESHOLD_CURVE, pd.DataFrame(curve))] if curve else [])]
     return Calibrated(record, tables, figures, failed=len(series.failed) > 0)
 
 
@@ -309,6 +307,7 @@ def run_plateau(experiment: Experiment) -> Calibrated:
     names = loads.where(table["load_N"].notna(), table["frame"].astype(str)).tolist()
     ends: dict[str, Any] = {"low": found.threshold_low, "high": found.threshold_high}
     figure = plot_plateau(series.thresholds, series.areas, **ends, names=names)
-    columns = [name for name in FORCE_SUMS.columns if name in table]
-    tables = {"curve": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas": (FORCE_SUMS, table[columns])}
+    areas = Schema("areas", FORCE_SUMS.description, **FORCE_SUMS.first)
+    columns = [name for name in areas.columns if name in table]
+    tables = [(THRESHOLD_CURVE, pd.DataFrame(curve)), (areas, table[columns])]
     return Calibrated(record, tables, {"plateau": figure}, failed=len(series.failed) > 0)
