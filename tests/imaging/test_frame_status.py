@@ -271,3 +271,15 @@ def test_light_that_is_measured_as_a_contact_is_said():
     result = measure_image(levels(frame * lamp), reference)
     assert result.status == Status.LIGHT_NOT_FOLLOWED
     assert "as light is" in result.message
+
+
+def test_contacts_with_holes_that_are_counted_are_said():
+    """Holes of 0.3 of the radii, most of whose area is counted but not all of it."""
+    truth = scatter(6, OPTICS, np.random.default_rng(15), radii=(5, 16), pairs=0.0, touching=0.0)
+    outer, inner = (
+        coverage(truth.x_px, truth.y_px, share * truth.radius_px, np.ones(6), OPTICS) for share in (1.0, 0.3)
+    )
+    frame, reference = pair(truth[:0])
+    result = measure_image(levels(frame * (1.0 + 0.75 * (outer - inner))), reference, polarity="bright")
+    assert result.status == Status.DISAGREES
+    assert "far from those of the fit" in result.message

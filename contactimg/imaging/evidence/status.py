@@ -220,6 +220,9 @@ def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
         text = f"{which} are not described by blurred disks or ellipses"
         given = seen.foreground.prior_optics.blur_px
         yield Status.POOR_FIT, text + (f" behind a blur of {given:.2g} px" if np.isfinite(given) else "")
+    counted = Flag.COUNTED | Flag.DISAGREES
+    if seen.fit is not None and seen.flagged(counted) >= FEWEST and (which := _spoiled(seen, counted)):
+        yield Status.DISAGREES, f"{which} have counted areas that are far from those of the fit"
     if seen.rim_height != 1.0:
         text = (
             f"the contacts have {100 * seen.rim_height:.0f} % of their height at their rims, which moves the "
