@@ -195,7 +195,7 @@ def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
     """Defects of the contacts, gravest first."""
     if seen.fit is not None:
         blur, given = seen.optics.blur_px, seen.foreground.prior_optics.blur_px
-        if blur > WIDEST_BLUR_PX and not np.isfinite(given):
+        if blur > WIDEST_BLUR_PX and seen.count < FEWEST and not np.isfinite(given):
             text = f"what stands out is blurred over {blur:.2g} px, as light is, and no image of contacts"
             yield Status.LIGHT_NOT_FOLLOWED, text
         yield from _edges(seen.fit, seen.contacts["radius_px"])
