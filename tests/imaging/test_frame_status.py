@@ -283,3 +283,12 @@ def test_contacts_with_holes_that_are_counted_are_said():
     result = measure_image(levels(frame * (1.0 + 0.75 * (outer - inner))), reference, polarity="bright")
     assert result.status == Status.DISAGREES
     assert "far from those of the fit" in result.message
+
+
+def test_contacts_whose_optics_spread_half_of_their_light_keep_their_rims():
+    """The rims fall by half of what they fall by behind the core of the point spread function alone."""
+    optics = replace(OPTICS, halo=0.5, halo_sigma=16.0)
+    truth = scatter(40, optics, np.random.default_rng(1), radii=(5, 16), pairs=0.0, touching=0.0)
+    result = measure_image(*render(truth, optics, np.random.default_rng(1)))
+    assert len(match(truth, result.disks)) == len(result.disks) == 40
+    assert abs(sum_error(truth, result.disks)) < 3

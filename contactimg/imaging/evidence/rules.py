@@ -333,6 +333,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     if len(again):  # at half of their own plateau
         looked = looked.updated(again, look_at_pixels(problem, fit, half=0.5 * plateau, rows=again))
     height = np.maximum(contrast, 1e-9)
+    core = 1.0 if result.halo is None else 1.0 - result.halo.fraction  # of the light, in the image itself
     slope = height / (blur * np.sqrt(2.0 * np.pi))
     place = PIXEL_VARIANCE + fit.brightness**-1 * problem.noise.variance / slope**2
     count_std = np.sqrt(2.0 * np.pi * np.maximum(radius, 1.0) * place)
@@ -372,7 +373,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "light": radius / (2.0 * std * np.sqrt(np.clip(known, 1e-6, 1.0))),
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring)) / height,
         "dust": find_dust(foreground, places, blur),
-        "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau) / height,
+        "fall": _fall_of_rims(foreground, places, blur * problem.binning, core * plateau) / (core * height),
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
         "misfit": poor & (shaped | (problem.rounding == 0.0)),
