@@ -292,3 +292,17 @@ def test_contacts_whose_optics_spread_half_of_their_light_keep_their_rims():
     result = measure_image(*render(truth, optics, np.random.default_rng(1)))
     assert len(match(truth, result.disks)) == len(result.disks) == 40
     assert abs(sum_error(truth, result.disks)) < 3
+
+
+def test_islands_behind_a_halo_are_counted_at_half_of_the_height_that_is_seen():
+    """Fourteen regions of five disks that overlap, half of whose light is spread over 16 px."""
+    optics, rng = replace(OPTICS, halo=0.5, halo_sigma=16.0), np.random.default_rng(1)
+    islands = scatter(14, optics, rng, radii=(14, 20), pairs=0.0, touching=0.0, margin=12)
+    x, y, a = np.repeat(islands[["x_px", "y_px", "radius_px"]].to_numpy(), 5, axis=0).T
+    turn, way, part = rng.uniform([[0.0], [0.2], [0.35]], [[2 * np.pi], [0.65], [0.55]], (3, 70))
+    x, y, a = x + way * a * np.cos(turn), y + way * a * np.sin(turn), part * a
+    truth = pd.DataFrame({"x_px": x, "y_px": y, "radius_px": a})
+    expected = coverage(x, y, a, np.ones(70), replace(optics, halo=0.0, sigma=0.3)).sum()
+    result = measure_image(*render(truth, optics, np.random.default_rng(1)))
+    assert len(result.disks) <= 18
+    assert abs(result.disks.visible_area_px2.sum() / expected - 1.0) < 0.05
