@@ -213,3 +213,96 @@ def test_a_row_of_small_contacts_is_no_scratch():
     result = measure_image(*pair(rows), polarity="bright")
     assert len(match(rows, result.disks)) == len(rows)
     assert Reason.SCRATCH not in set(result.rejected.reason)
+
+
+def sharpened(truth):
+    """Frame and reference by a camera that adds four times what a pixel exceeds its surroundings by."""
+    images = (image.astype(float) for image in pair(truth))
+    return [levels(5.0 * image - 4.0 * cv2.GaussianBlur(image, (0, 0), 1.5)) for image in images]
+
+
+def with_second_image(truth):
+    """Frame and reference of contacts of which glass plates reflect a fifth, 24 px away."""
+    cover = coverage(*truth[["x_px", "y_px", "radius_px"]].T.to_numpy(), np.ones(len(truth)), OPTICS)
+    cover = cover + 0.2 * np.roll(cover, (16, 18), (0, 1))
+    rng = np.random.default_rng(5)
+    return [expose(80.0 * (1.0 + OPTICS.contrast * part), OPTICS, rng) for part in (cover, 0.0 * cover)]
+
+
+def with_a_faint_fibre(truth):
+    """Frame and reference with an arc of a sixth of the contrast across background."""
+    y, x = np.mgrid[: OPTICS.shape[0], : OPTICS.shape[1]]
+    arc = np.exp(-(((np.hypot(x - 240, y + 60) - 240) / 1.5) ** 2) / 2)
+    frame, reference = pair(truth)
+    return levels(frame + 0.17 * 80 * OPTICS.contrast * arc), reference
+
+
+def with_one_dark_contact(truth):
+    """Frame and reference in which one of the contacts is darker than the background."""
+    frame, reference = pair(truth[1:])
+    dark = coverage(*truth[:1][["x_px", "y_px", "radius_px"]].T.to_numpy(), [1.0], OPTICS)
+    return levels(frame * (1.0 - 0.4 * dark)), reference
+
+
+@pytest.mark.parametrize(
+    ("change", "count", "seed", "status", "why"),
+    [
+        (sharpened, 60, 12, Status.NONLINEAR, "a camera that sharpens"),
+        (with_second_image, 6, 13, Status.FALSE_CANDIDATES, "less than 0.25 of the brightness"),
+        (with_a_faint_fibre, 20, 14, Status.FALSE_CANDIDATES, "hardly stand out of the noise"),
+        (with_one_dark_contact, 6, 12, Status.UNRESOLVED, "1 spot is darker"),
+    ],
+)
+def test_what_looks_like_contacts_is_said(change, count, seed, status, why):
+    rng = np.random.default_rng(seed)
+    truth = scatter(count, OPTICS, rng, radii=(3, 14), pairs=0.0, touching=0.0)
+    result = measure_image(*change(truth), polarity="bright")
+    assert why in result.message
+    assert result.status == status
+
+
+def test_light_that_is_measured_as_a_contact_is_said():
+    """A lamp doubles the light of a part of the frame, up to the full scale."""
+    optics, rng = Optics(shape=(226, 302), dust=0), np.random.default_rng(8)
+    truth = scatter(5, optics, rng, radii=(2, 14), pairs=0.0, touching=0.0)
+    frame, reference = render(truth, optics, rng)
+    v, u = (np.linspace(-1, 1, n) for n in optics.shape)
+    lamp = 1.0 + 1.2 * np.exp(-((u + 0.3) ** 2 + v[:, None] ** 2) / 0.1)
+    result = measure_image(levels(frame * lamp), reference)
+    assert result.status == Status.LIGHT_NOT_FOLLOWED
+    assert "as light is" in result.message
+
+
+def test_contacts_with_holes_that_are_counted_are_said():
+    """Holes of 0.3 of the radii, most of whose area is counted but not all of it."""
+    truth = scatter(6, OPTICS, np.random.default_rng(15), radii=(5, 16), pairs=0.0, touching=0.0)
+    outer, inner = (
+        coverage(truth.x_px, truth.y_px, share * truth.radius_px, np.ones(6), OPTICS) for share in (1.0, 0.3)
+    )
+    frame, reference = pair(truth[:0])
+    result = measure_image(levels(frame * (1.0 + 0.75 * (outer - inner))), reference, polarity="bright")
+    assert result.status == Status.DISAGREES
+    assert "far from those of the fit" in result.message
+
+
+def test_contacts_whose_optics_spread_half_of_their_light_keep_their_rims():
+    """The rims fall by half of what they fall by behind the core of the point spread function alone."""
+    optics = replace(OPTICS, halo=0.5, halo_sigma=16.0)
+    truth = scatter(40, optics, np.random.default_rng(1), radii=(5, 16), pairs=0.0, touching=0.0)
+    result = measure_image(*render(truth, optics, np.random.default_rng(1)))
+    assert len(match(truth, result.disks)) == len(result.disks) == 40
+    assert abs(sum_error(truth, result.disks)) < 3
+
+
+def test_islands_behind_a_halo_are_counted_at_half_of_the_height_that_is_seen():
+    """Fourteen regions of five disks that overlap, half of whose light is spread over 16 px."""
+    optics, rng = replace(OPTICS, halo=0.5, halo_sigma=16.0), np.random.default_rng(1)
+    islands = scatter(14, optics, rng, radii=(14, 20), pairs=0.0, touching=0.0, margin=12)
+    x, y, a = np.repeat(islands[["x_px", "y_px", "radius_px"]].to_numpy(), 5, axis=0).T
+    turn, way, part = rng.uniform([[0.0], [0.2], [0.35]], [[2 * np.pi], [0.65], [0.55]], (3, 70))
+    x, y, a = x + way * a * np.cos(turn), y + way * a * np.sin(turn), part * a
+    truth = pd.DataFrame({"x_px": x, "y_px": y, "radius_px": a})
+    expected = coverage(x, y, a, np.ones(70), replace(optics, halo=0.0, sigma=0.3)).sum()
+    result = measure_image(*render(truth, optics, np.random.default_rng(1)))
+    assert len(result.disks) <= 18
+    assert abs(result.disks.visible_area_px2.sum() / expected - 1.0) < 0.05

@@ -258,7 +258,8 @@ def _join_parts(
     because each can take the place of the others, and are not rejected. Excluding one part by hand excludes
     the whole contact.
     """
-    half = 0.5 * (result.problem.contrast if result.joint is None else result.joint.contrast)
+    joint = result.joint
+    half = 0.5 * result.core_share * (result.problem.contrast if joint is None else joint.contrast)
     regions, runs = label_runs(foreground.image, half)
     x, y = np.nan_to_num(result.problem.in_frame(result.fit.disks[:, [X, Y]])).T
     a = result.fit.disks[:, RADIUS] * result.problem.binning
@@ -332,7 +333,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     again = np.flatnonzero(undescribed | free)
     if len(again):  # at half of their own plateau
         looked = looked.updated(again, look_at_pixels(problem, fit, half=0.5 * plateau, rows=again))
-    height = np.maximum(contrast, 1e-9)
+    height, core = np.maximum(contrast, 1e-9), result.core_share
     slope = height / (blur * np.sqrt(2.0 * np.pi))
     place = PIXEL_VARIANCE + fit.brightness**-1 * problem.noise.variance / slope**2
     count_std = np.sqrt(2.0 * np.pi * np.maximum(radius, 1.0) * place)
@@ -372,7 +373,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "light": radius / (2.0 * std * np.sqrt(np.clip(known, 1e-6, 1.0))),
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring)) / height,
         "dust": find_dust(foreground, places, blur),
-        "fall": _fall_of_rims(foreground, places, blur * problem.binning, plateau) / height,
+        "fall": _fall_of_rims(foreground, places, blur * problem.binning, core * plateau) / (core * height),
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
         "misfit": poor & (shaped | (problem.rounding == 0.0)),

@@ -105,6 +105,11 @@ class FrameFit:
     known_edge: KnownEdge | None = None
     contradicts_prior: bool = False
 
+    @property
+    def core_share(self) -> float:
+        """Share of the fitted heights that an image with the halo shows across a rim."""
+        return 1.0 if self.halo is None else 1.0 - self.halo.fraction
+
 
 def measure_by_fit(
     foreground: Foreground,
