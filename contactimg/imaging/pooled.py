@@ -50,12 +50,7 @@ from contactimg.imaging.pixels.robust import (
 )
 from contactimg.imaging.profile.blurred_disk import disk_table, look_up
 from contactimg.imaging.profile.film_rim import FilmRim, rim_table
-from contactimg.imaging.profile.limits import (
-    FIT_BLUR_WIDTHS,
-    LEAST_FRACTION,
-    LEAST_VISIBLE,
-    SAME_PLACE_RADII,
-)
+from contactimg.imaging.profile.limits import FIT_BLUR_WIDTHS, LEAST_FRACTION, LEAST_VISIBLE, SAME_PLACE_RADII
 
 SQUARE_PX = 4
 """Side of the squares on which frames are compared, and radius around a place that no frame shows from which

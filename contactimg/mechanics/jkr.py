@@ -160,10 +160,7 @@ def indentation(
     0.333333333
     """
     a = radius(
-        load,
-        sphere_radius=sphere_radius,
-        contact_modulus=contact_modulus,
-        work_of_adhesion=work_of_adhesion,
+        load, sphere_radius=sphere_radius, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion
     )
     return indentation_from_radius(
         a, sphere_radius=sphere_radius, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion
@@ -314,12 +311,7 @@ def pull_off_indentation(*, sphere_radius: float, contact_modulus: float, work_o
 
 
 def gap(
-    r: ArrayLike,
-    *,
-    radius: float,
-    sphere_radius: float,
-    contact_modulus: float,
-    work_of_adhesion: float,
+    r: ArrayLike, *, radius: float, sphere_radius: float, contact_modulus: float, work_of_adhesion: float
 ) -> Values:
     """Gap between sphere and deformed surface at distances from the centre, zero inside the contact.
 

@@ -366,9 +366,7 @@ FOLLOWED = Schema(
     displacement_y_m=("float64", "y_m minus that in the first frame in which it touches, m"),
     touches=("bool", "whether a contact was measured on it"),
     radius_upper_m=("float64", "where none was: 95 % upper limit of its radius, m"),
-).and_later(
-    place=("str", "folder of the run; only where several are analysed together"),
-)
+).and_later(place=("str", "folder of the run; only where several are analysed together"))
 
 RESULTS = Schema(
     "results",

@@ -148,10 +148,7 @@ Rule = tuple[Reason, Callable[[Columns], NDArray[np.bool_]]]
 RULES: list[Rule] = [
     (Reason.BY_HAND, lambda e: e["excluded"]),
     (Reason.OUT_OF_SIGHT, lambda e: e["visible"] < LEAST_VISIBLE),
-    (
-        Reason.NOISE,
-        lambda e: e["light"] < np.where(e["misfit"], SIGNIFICANT_SIGMA, AGREEMENT_SIGMA),
-    ),
+    (Reason.NOISE, lambda e: e["light"] < np.where(e["misfit"], SIGNIFICANT_SIGMA, AGREEMENT_SIGMA)),
     (Reason.REFERENCE_DUST, lambda e: e["dust"]),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
     (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),

@@ -35,12 +35,7 @@ from contactimg.imaging.pixels.blocks import BLOCK
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.pixels.robust import MAD_TO_STD, QUARTILE_TO_STD, SIGNIFICANT_SIGMA, quantile
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE, EdgeTable, disk_table
-from contactimg.imaging.profile.limits import (
-    FAINT_FRACTION,
-    FEW,
-    SUSPICIOUS_CHI_SQUARE,
-    USUAL_CHI_SQUARE,
-)
+from contactimg.imaging.profile.limits import FAINT_FRACTION, FEW, SUSPICIOUS_CHI_SQUARE, USUAL_CHI_SQUARE
 
 FAINTEST_BESIDE = 0.4
 """Contrast over the expected one below which a disk beside another is part of it. By hand."""

@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, to_pixels
 from contactimg.imaging.pixels.masks import Flags, Mask
-from contactimg.imaging.pixels.robust import (
-    median,
-    quantile,
-)
+from contactimg.imaging.pixels.robust import median, quantile
 
 # Of the level of the lit blocks: a field stop transmits nothing. Of the image: less light is a contact, not a
 # field of view, which falls short of its convex hull by less. By hand.
