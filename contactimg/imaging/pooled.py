@@ -1,4 +1,6 @@
-"""A background pooled from several frames, each place in the frames that show it.
+"""A background pooled from several frames, or the mean of several references.
+
+Each place is taken from the frames that show it.
 
 In: frames, an anchor image (the reference, say) and the contacts of the frames. Out: sums, from which the
 background for each frame follows without that frame itself: its own noise would cancel in the difference.

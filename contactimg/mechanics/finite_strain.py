@@ -1,4 +1,7 @@
-"""What finite strain changes in the contact of a sphere: estimated, not part of any law of force."""
+"""What finite strain changes in the contact of a sphere: estimated, not part of any law of force.
+
+`contactimg.effects.plan.unmodelled_effects` estimates it for the contacts of a scene.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -2,7 +2,8 @@
 
 A kernel ``K[i, j] = sum_k u_k[i] v_k[j]`` blurs a patch and averages it over pixels with two matrix products
 per term; the blurred fine image is never formed. A Gaussian has one term, an Airy pattern nine. A wide halo
-varies slowly and is added on the grid of the pixels.
+varies slowly and is added on the grid of the pixels; in measured frames
+`contactimg.imaging.fit.residual_light` finds and removes it.
 """
 
 import math

@@ -1,8 +1,8 @@
 """The chains behind the commands: a folder or a scene goes in, tables, figures and files come out.
 
-Read in this order, each module using only those before it: `inputs` (asperities and loads of a scene),
-`results` (tables and figures of a command, a calibration), `each_frame` (the one loop over frames), `frame`
-(measure one frame), `pooled_background` (the background that the frames of a series share),
+Read in this order, each module using only those before it: `inputs` (reference, asperities and loads of a
+scene), `results` (tables and figures of a command, a calibration), `each_frame` (the one loop over frames),
+`frame` (measure one frame), `pooled_background` (the background that the frames of a series share),
 `measured_series` (pose and forces of frames whose tables stay on the disk, written to files a few at a time),
 `series` (measure a series frame by frame), `pictures` (contacts drawn on their frames), `calibrate` (the
 paper's calibrations), `check` (contacts drawn into the frames, and found), `predict` (effects that a scene
