@@ -49,7 +49,7 @@ def test_what_was_missed_is_estimated_with_its_uncertainty(density, slope, rng):
     "fall", [lambda rng, n: rng.exponential(2.0, n), lambda rng, n: np.abs(rng.normal(0.0, 2.5, n))]
 )
 def test_where_few_contacts_are_large_those_below_the_limit_are_not_underestimated(fall, rng):
-    """Of a pattern of small caps at a low load most contacts are missed: a straight line falls short of them."""
+    """Of small caps at a low load most contacts are missed: a straight line falls short of them."""
     errors, inside = [], []
     for _ in range(60):
         u = fall(rng, 400)
