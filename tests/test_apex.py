@@ -46,6 +46,25 @@ def test_forces_of_the_other_contacts_are_needed(pressed):
     assert abs(far.radius / 1e6 / alone.radius - 1) > 0.05
 
 
+def test_apex_and_lens_are_within_their_uncertainties_where_contacts_lower_each_other(rng):
+    """Errors of a radius also change what the other contacts are lowered by."""
+    table = generate_asperities("RA-", side=0.004, rng=np.random.default_rng(8))
+    apex, lens = (2.1e-3, 1.9e-3), 0.03
+    solution = solve_interacting(table, indenter_radius=lens, contact_modulus=4e6, load=0.05, apex=apex)
+    a = np.asarray(solution.radius)
+    touching = a > 3e-6
+    composite = composite_apexes(table, indenter_radius=lens, apex=apex)["radius_m"].to_numpy()
+    columns = (table[["x_m", "y_m"]].to_numpy(), table["height_m"].to_numpy(), composite, a)
+    points, heights, radii, a = (column[touching] for column in columns)
+    pulls = []
+    for _ in range(100):
+        found = find_apex(points, heights, radii, a * rng.normal(1, 0.02, a.size))
+        pulls.append([*np.subtract(found.place, apex) / found.std, (found.radius - lens) / found.radius_std])
+    # of 100 each, 1 +- 0.07; independent errors of the gaps would give two to five times too little
+    assert np.sqrt(np.mean(np.square(pulls)[:, :2])) < 1.3
+    assert np.std(pulls, axis=0)[2] < 1.3
+
+
 @pytest.mark.parametrize("cut", [4.2e-3, 4.8e-3])
 def test_a_region_that_the_view_cuts_is_within_its_uncertainty(pressed, cut):
     points = pressed[0]

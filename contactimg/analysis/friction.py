@@ -1,6 +1,6 @@
 """Friction: the shear stress of the real contact area, against velocity too."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -9,6 +9,10 @@ from contactimg.analysis.area_power_law import group_loads
 from contactimg.analysis.estimates import Estimate, student_estimate
 from contactimg.analysis.linear_fit import Points, fit_proportional
 from contactimg.errors import InputError
+
+MOST_SHARE = 0.95
+"""Largest share of a frame in a shear stress by which its residual is enlarged. Measured: intervals of two
+frames, of which the larger has 98 %, hold the truth in 93 % of series; with 0.6 in 79 %."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +26,7 @@ class ShearStress:
         Range of the area.
     n_points : int
     freedom : float
-        Degrees of freedom behind the uncertainty: points minus one where the scatter alone tells it, infinite
-        where stated errors explain the points.
+        Degrees of freedom behind the uncertainty: points minus one.
     confidence : float
         Of the interval.
     """
@@ -63,14 +66,16 @@ def fit_shear_stress(
     Notes
     -----
     A line through the origin; without stated errors the ordinary least squares of the paper, ``sum QA/sum
-    A^2``. Student's interval, with degrees of freedom after Welch and Satterthwaite: of the variance, the
-    part of the excess scatter has one less than there are points, that of stated errors is known. The
+    A^2``. With the share ``s`` of each frame in the result (its weight times ``A^2``, of sum 1) the variance
+    is no less than ``sum (s (Q/A - tau0)/(1 - s))^2`` (HC3), also where the scatter grows with the load and
+    the largest loads decide. Student's interval, with one degree of freedom less than there are frames. The
     interval does not include errors common to all areas, such as that of the threshold, which change
     ``tau0`` by their relative size.
 
     References
     ----------
-    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, eq. (4), Fig. 8.
+    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, eq. (4), Fig. 8. MacKinnon and White,
+    J. Econometrics 29 (1985) 305, doi:10.1016/0304-4076(85)90158-7, for HC3.
 
     Examples
     --------
@@ -86,17 +91,16 @@ def fit_shear_stress(
     area, force, area_std = (good[name].to_numpy(float) for name in ("area_m2", "friction_N", "area_std_m2"))
     points = Points(area, np.abs(force), x_std=np.nan_to_num(area_std, nan=0.0), y_std=friction_std)
     fit = fit_proportional(points)
-    freedom = fit.freedom
-    if freedom > 0:  # the stated errors explain a part of the variance
-        stated = fit_proportional(points, scatter=0.0).covariance[0, 0]
-        from_scatter = max(1 - float(stated / fit.covariance[0, 0]), 0.0)
-        freedom = fit.freedom / from_scatter**2 if from_scatter > 0 else float(np.inf)
+    stress, share = float(fit.parameters[0]), fit.weights * area**2
+    share /= share.sum()
+    own = np.sum((share * (np.abs(force) / area - stress) / (1 - np.minimum(share, MOST_SHARE))) ** 2)
+    std = float(np.sqrt(max(fit.covariance[0, 0], own)))
     return ShearStress(
-        stress=replace(fit, freedom=freedom).estimate(0, confidence=confidence),
+        stress=student_estimate(stress, std, freedom=fit.freedom, confidence=confidence),
         low=float(area.min()),
         high=float(area.max()),
         n_points=len(area),
-        freedom=freedom,
+        freedom=fit.freedom,
         confidence=confidence,
     )
 

@@ -89,7 +89,9 @@ def find_apex(
     ``4 E* a^3/(3 R)``, by which it lowers the surface at the distance d by ``4 a^3/(3 pi R d)``: the modulus
     cancels. Indentation minus height plus what all other contacts lower the surface by is
     ``c - r^2/(2 R_lens)`` about the apex, a parabola whose linear least squares give apex and radius of the
-    lens. Each contact stands for the part of its ring about the apex that is out of view. What these contacts
+    lens. An error of a contact radius that changes its own term by e changes that of another by ``2 a
+    e/(pi d)``. Such errors, of one size for all contacts that the residuals tell, give the uncertainties.
+    Each contact stands for the part of its ring about the apex that is out of view. What these contacts
     change of the place and, over half the size of the region, of the curvature adds to the uncertainties.
     """
     points = np.asarray(points, float).reshape(-1, 2)
@@ -106,9 +108,10 @@ def find_apex(
     x, y = (at / scale).T
     design = np.column_stack([np.ones_like(x), x, y, x**2 + y**2])
     whole = a**2 / radii - heights + (1 / distance) @ lowering
+    shared = np.eye(len(a)) + 2 * a / (np.pi * distance)
     gap, kept, found = whole, np.ones(len(a), bool), list[NDArray[np.float64]]()
     for _ in range(ROUNDS):
-        solution, covariance, residual = _least_squares(design, gap, kept)
+        solution, covariance, residual = _least_squares(design, gap, kept, shared)
         curvature, curvature_std = float(solution[3]), float(np.sqrt(covariance[3, 3]))
         if not curvature < -SIGNIFICANT_STDS * curvature_std:
             return None
@@ -169,12 +172,19 @@ def find_centre(points: ArrayLike, areas: ArrayLike, *, in_view: InView) -> Apex
 
 
 def _least_squares(
-    design: NDArray[np.float64], values: NDArray[np.float64], kept: NDArray[np.bool_]
+    design: NDArray[np.float64],
+    values: NDArray[np.float64],
+    kept: NDArray[np.bool_],
+    shared: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Solution and covariance from the rows that are kept, and the residuals of all rows."""
-    rows = design[kept]
-    solution = np.asarray(np.linalg.lstsq(rows, values[kept])[0], np.float64)
+    """Solution and covariance from the rows that are kept, and the residuals of all rows.
+
+    ``shared`` holds what independent errors of equal size, one a column, change of the values.
+    """
+    rows, changes = design[kept], shared[kept]
+    inverse = np.linalg.pinv(rows)
+    solution, effect = inverse @ values[kept], inverse @ changes
     residual = values - design @ solution
-    variance = float(np.sum(residual[kept] ** 2)) / max(len(rows) - rows.shape[1], 1)
-    covariance = variance * np.asarray(np.linalg.pinv(rows.T @ rows), np.float64)
-    return solution, covariance, np.asarray(residual, np.float64)
+    left = float(np.sum((changes - rows @ effect) ** 2))
+    variance = float(np.sum(residual[kept] ** 2)) / max(left, np.finfo(float).tiny)
+    return solution, variance * effect @ effect.T, residual

@@ -134,7 +134,8 @@ class RateLaw:
     exponent : Estimate
         Where it is free; NaN if the contacts do not tell it.
     scatter : float, m^2/N^2
-        Standard deviation of alpha beyond the stated errors, with the exponent -3/2.
+        Standard deviation of alpha beyond the stated errors, at the geometric mean of the areas; at others it
+        is in proportion to the law with the exponent -3/2.
     n_points : int
     """
 
@@ -191,7 +192,8 @@ def fit_rate_law(
     if size.size < 2:
         raise InputError(f"the law of alpha over contacts needs two contacts or more, got {size.size}")
     unit = float(np.exp(np.log(size).mean()))
-    points = Points(size / unit, rate, np.asarray(area_std, float) / unit, rate_std, correlation)
+    size, size_std = size / unit, np.asarray(area_std, float) / unit
+    points = Points(size, rate, size_std, rate_std, correlation, spread=size**EXPONENT)
     fit, factor = fit_linear(_power_terms(EXPONENT), points), unit**-EXPONENT
     beta = fit.estimate(0, confidence=confidence)
     beta = Estimate(*(factor * part for part in (beta.value, beta.std, beta.low, beta.high)))

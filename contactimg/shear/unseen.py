@@ -13,8 +13,8 @@ Values = NDArray[np.float64]
 APERTURE_BLURS, LEAST_APERTURE_PX = 1.6, 1.0
 """Radius of the aperture in blurs. Theory: 1.585 gives a point of light the best ratio to even noise."""
 
-LEAST_BLUR_PX = 0.01
-"""Blur that counts as none. Chosen: far below a pixel."""
+PIXELS_STD = 6**-0.5
+"""Blur by the pixels of the camera and by those of the aperture, each 12**-0.5 px: it adds in squares."""
 
 LARGEST_BLURS, TABLE_POINTS = 6.0, 241
 """Largest radius of the table of the light, in blurs, and its points; a larger contact fills the aperture."""
@@ -97,7 +97,7 @@ def limit_radii(
     least = float(special.ndtri(confidence)) * spread
     nearest = np.rint(places)
     shown = ((nearest >= 0) & (nearest < image.shape[::-1])).all(axis=1)
-    sizes, light = _light_of_disks(radius, max(blur_px, LEAST_BLUR_PX))
+    sizes, light = _light_of_disks(radius, float(np.hypot(blur_px, PIXELS_STD)))
     for k in np.flatnonzero(shown):
         column, row = nearest[k].astype(int)
         if not inside[row, column]:
