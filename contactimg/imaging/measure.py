@@ -53,8 +53,6 @@ LINEARITY = 0.01
 for CCD cameras."""
 SI = ("_m", "_m2", "_N")
 """Endings of what a frame alone does not tell."""
-SHORTEST_OUTLINE = 8
-"""Points of the shortest outline that is drawn. By hand: noise makes shorter."""
 NUMBERS = [
     name for name, (kind, _) in CONTACTS.columns.items() if kind == "float64" and not name.endswith(SI)
 ]
@@ -144,7 +142,8 @@ class ImageMeasurement:
             if min(window.shape, default=0) < 2:
                 continue
             lines = find_contours(np.pad(window, 1), 0.5 * float(np.quantile(window, 0.9)))
-            long = sorted((line for line in lines if len(line) > SHORTEST_OUTLINE), key=len, reverse=True)
+            # Noise makes outlines of fewer points. By hand.
+            long = sorted((line for line in lines if len(line) > 8), key=len, reverse=True)
             if long:
                 found.append((row, [line[:, ::-1] - 1.0 + np.array([left, top]) for line in long]))
         return found

@@ -24,10 +24,6 @@ from contactimg.imaging.pixels.robust import CLIP_SIGMA, SOME, median, robust_st
 NARROW_PX, MIDDLE_PX, WIDE_PX = 0.7, 2.0, 6.0
 """Standard deviations of the Gaussians that separate the bands: less than, as, and more than a usual blur.
 What the first takes away is lost in the blur of the contacts as well."""
-BINNING_VARIANCE = 1.0 / 12.0 + 1.0 / 6.0
-"""Variance (binned pixels squared) that binning and linear interpolation add to a Gaussian.
-
-Theory: the variances of a box and of a triangle."""
 STRIPS, STRIP_ROWS, SPACING_PX = 4, 16, 4
 """Strips of the image that the gains are measured in, their rows, and the distance at which pixels are
 independent behind `SMOOTHING_PX`, which is also what the borders of a strip spoil. Accuracy: some thousand
@@ -196,7 +192,8 @@ def _gaussians(shift: tuple[float, float], width: float) -> list[Values]:
 
 def _move_and_blur(binned: Values, blur_px: float, shift: tuple[float, float], side: int) -> Values:
     """Means of ``side`` pixels, moved and blurred to ``blur_px`` as they are interpolated; without NaN."""
-    width = float(np.sqrt((blur_px / side) ** 2 - BINNING_VARIANCE))
+    # Binning and linear interpolation add the variances of a box and of a triangle.
+    width = float(np.sqrt((blur_px / side) ** 2 - (1.0 / 12.0 + 1.0 / 6.0)))
     kernels = _gaussians((shift[0] / side, shift[1] / side), width)
     finite = np.isfinite(binned)
     if finite.all():

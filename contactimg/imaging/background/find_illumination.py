@@ -40,15 +40,13 @@ BackgroundLevel = Literal["lowest", "highest", "nearest_one", "most_common"]
 Rows = NDArray[np.intp] | slice
 ALL_ROWS = slice(None)
 
-# Scatter of the blocks over what noise and texture explain above which they may hold contacts. By hand.
-CROWD_SCATTER = 1.1
-# The same of squares, in a block or all over, from which on rims of contacts make it. By hand.
+# Scatter of squares, in a block or all over, over what noise and texture explain, from which on rims of
+# contacts make it. By hand.
 RIM_SCATTER = 3.0
 # Share of the blocks without a rim in them, below which squares take their place; half as many do without a
 # reference, where flat regions of blocks show the background. By hand: dots of 4 px every 18 px leave 0.29 of
 # the blocks alone, 500 contacts of 1.5-30 px on 1600 x 1200 pixels leave 0.7, real pins in a lattice 0.61.
 QUIET_SHARE = 0.7
-MOST_REGIONS = 8  # flat regions that are followed, the largest; a bound of the work
 # Share of the blocks above which flat ones that are no background are too many for contacts, and of the
 # highest bin of a histogram below which a peak is no level. By hand: contacts up to 24 px make 0.02.
 NOTABLE_SHARE = 0.05
@@ -85,7 +83,8 @@ def find_illumination(
     level, scatter = find_background_level(blocks, background_is=background_is, scatter=scatter)
     coarse = fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=rounding)
     coarse = _on_flat_blocks(coarse, blocks, shape, rounding)
-    even = coarse.scatter <= CROWD_SCATTER * max(expected, rounding)
+    # Blocks that scatter more than noise and texture explain may hold contacts. By hand.
+    even = coarse.scatter <= 1.1 * max(expected, rounding)
     white = expected * BLOCK / SQUARE_PX  # for squares whose scatter whole grey levels hide
     # where the blocks are even, only a lattice can hide the background from them, which some rows show; where
     # they are not, and do not hide it, the illumination is less even than a cubic
@@ -192,7 +191,8 @@ def flat_regions(blocks: Values, scatter: float) -> tuple[NDArray[np.int32], lis
     _, labels, stats, _ = cv2.connectedComponentsWithStats(flat, connectivity=4)
     area = stats[:, cv2.CC_STAT_AREA]
     # a contact that fills so many blocks has a radius of 35 px
-    largest = [int(k) for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= SOME]
+    # The eight largest are followed, which bounds the work.
+    largest = [int(k) for k in np.argsort(-area)[: 8 + 1] if k and area[k] >= SOME]
     return np.asarray(labels, np.int32), largest
 
 

@@ -30,8 +30,6 @@ BACKGROUND_CLIP_SIGMA = 3.5
 # scatter.
 FIT_BLOCKS = 3000
 DARKEST_FRACTION = 0.1  # of the level of a background: where it is darker, it is not divided by. By hand
-# Weight of a region at the border. By hand: four dark corners of 500 px^2 against 25 contacts of 3 px.
-AT_BORDER = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +312,8 @@ def find_sign(blocks: Values, background: Flags) -> int:
         far = light > limit
         count, regions = cv2.connectedComponents(far.astype(np.uint8))
         weight = np.ones(count)
+        # By hand: four dark corners of 500 px^2 against 25 contacts of 3 px.
         for side in (regions[0], regions[-1], regions[:, 0], regions[:, -1]):
-            weight[side] = AT_BORDER
+            weight[side] = 0.3
         shown.append(weight @ np.sqrt(np.bincount(regions[far], light[far], minlength=count)))
     return -1 if shown[1] > shown[0] else 1

@@ -43,13 +43,8 @@ from contactimg.tables import Flag, Reason
 
 DEFAULT_FRACTION = 0.5
 """Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""
-OTSU_RANGE = (0.05, 0.95)
-"""Range of the automatic threshold: outside it noise makes contacts or takes them away."""
 SPECK_MARGIN_PX = 3
 """Distance from a speck at which the level around it is read. By hand."""
-LONGEST_PART = 1.4
-"""Ratio of the axes of a part of a split component above which no disks describe the component. By hand: of
-a hundred parts of contacts that touch, one to four are longer."""
 
 
 def measure_by_count(
@@ -84,7 +79,9 @@ def measure_by_count(
     blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
     x, y, radius, flags = (contacts[name] for name in (*PLACE, "flags"))
-    long = contacts["semi_major_px"] > LONGEST_PART * contacts["semi_minor_px"]
+    # Longer parts of a split component are no disks. By hand: of a hundred parts of contacts that touch, one
+    # to four are longer.
+    long = contacts["semi_major_px"] > 1.4 * contacts["semi_minor_px"]
     long &= flags & int(Flag.MERGED) > 0
     places = np.column_stack([x, y, radius])
     cut = touches(pair.valid, 0, places, radius + 2.0 * DEFAULT_BLUR_PX)  # a hole so near spoils the rim
@@ -258,7 +255,8 @@ def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: 
     if auto:
         scaled = np.clip(image * (SPAN_LEVELS / contrast.plateau), 0, 255).astype(np.uint8)
         level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-        return float(np.clip((level + 0.5) / SPAN_LEVELS, *OTSU_RANGE))
+        # outside this range noise makes contacts or takes them away
+        return float(np.clip((level + 0.5) / SPAN_LEVELS, 0.05, 0.95))
     if not (isinstance(threshold, Real) and 0 < threshold < 1):
         raise InputError(f'threshold must be a fraction between 0 and 1 or "auto", got {threshold!r}')
     return float(threshold)

@@ -26,17 +26,9 @@ from contactimg.tables import Reason
 LENGTH_HALF_WIDTHS, LENGTH_MARGIN_PX = 6.0, 3.0
 """A long region is longer than ``6 (half width + 3 px)``: longer than a few small contacts that touch. By
 hand."""
-BAR_DISTANCE_RATIO = 0.42
-"""Mean over largest distance from the rim above which a region is a bar. Theory: 1/3 for disks and squares,
-1/2 for bars."""
-THIN_HALF_WIDTH_PX = 1.6
-"""Half width below which distances in whole pixels are too coarse for that ratio. Chosen by hand."""
 LEVEL_FRACTION = 0.3
 """Level, as a fraction of the contrast, above which objects are looked for. By hand: a blurred hair does not
 reach half of the contrast along its whole length."""
-SPRAWL = 4.0
-"""Squared diagonal of the bounding box over the area above which a region is no disk and no pair of disks.
-Theory: 2.5 for a disk, 3.2 for two that touch."""
 LINE_WIDTH_PX = 9
 """Width below which a part of a region is thin, at `LEVEL_FRACTION`. By hand: a line of 4 px behind a blur of
 1.5 px."""
@@ -89,7 +81,8 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     components = label_components(squares, level)
     width = components["right"] - components["left"] + 1.0
     diagonal = width**2 + (components["bottom"] - components["top"] + 1.0) ** 2  # squared
-    sprawling = components[diagonal > np.maximum(SPRAWL * components["area"], SMALLEST_LINE**2)]
+    # Theory: the squared diagonal is 2.5 of the area for a disk, 3.2 for two that touch.
+    sprawling = components[diagonal > np.maximum(4.0 * components["area"], SMALLEST_LINE**2)]
     total, windows = float(components["area"].sum()), [window_of(one, 2 * MARGIN)[0] for one in sprawling]
     # clusters of contacts sprawl as well: most frames need no more than a look at each of them
     if sum(squares[box].size for box in windows) < squares.size:
@@ -240,7 +233,9 @@ def label_regions(mask: NDArray[np.bool_]) -> LabelledRegions:
     # distances end at the first pixel outside, on average half a pixel beyond the rim
     half = np.maximum(widest - 0.5, 0.5)
     extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    bar = (mean - 0.5 > BAR_DISTANCE_RATIO * half) | (half < THIN_HALF_WIDTH_PX)
+    # Theory: the mean distance from the rim is 1/3 of the largest for disks and squares, 1/2 for bars.
+    # By hand: for regions narrower than 1.6 px, distances in whole pixels are too coarse for the ratio.
+    bar = (mean - 0.5 > 0.42 * half) | (half < 1.6)
     long = bar & (extent > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX))
     x, y = np.asarray(centroids, float)[1:].T
     labels = np.asarray(labels, np.int32) - np.int32(1)

@@ -44,19 +44,6 @@ DARK_FRACTION = 0.2
 ODD_RATIO = 1.3
 """Plateau over the common contrast, or its inverse, from which a region is outlined at its own half.
 Theory: the edge at the wrong level is then off by a quarter of a blur width."""
-WIDER_RATIO = 1.15
-"""Radius of a faint region over that of a contact of the common contrast behind the blur, as high as the
-region, from which it has a brightness of its own. By hand: pixels and noise make 1.1."""
-HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
-"""Radius at half height of a Gaussian over its standard deviation (theory)."""
-FAINT_SMOOTHING_SQUARES = 0.5
-"""Standard deviation of the filter behind which faint regions are outlined, over the side of the squares that
-show them. By hand."""
-MOST_RUNS = 1500
-"""Runs of pixels that are looked at for it. Accuracy: they know a median to 1 % of the scatter."""
-WHITE_RATIO = 0.6
-"""Noise of squares over that of squares of half their side, above which coarser ones show texture rather than
-noise. Theory: 0.5 for white noise, 1 for texture wider than they are; by hand, near the former."""
 FAINT_RATIO, RAGGED_SHARE = 0.7, 0.6
 """Plateau over the common contrast up to which a region is faint, and share of its area that its pieces at
 the common level cover at most. By hand: at half of the contrast noise decides pixel by pixel."""
@@ -186,8 +173,9 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         # the disk that the blur reduces to this fraction of its height
         share = np.minimum(height / contrast, 0.99)
         small = float(blur * np.sqrt(-2.0 * np.log1p(-share))) if contrast > height else 0.0
-        spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + width**2)
-        if len(disks) == 1 and disks[0, 2] < WIDER_RATIO * spot:
+        spot = np.sqrt(2.0 * np.log(2.0)) * np.sqrt(blur**2 + 0.25 * small**2 + width**2)
+        # A wider one has a brightness of its own. By hand: pixels and noise make 1.1.
+        if len(disks) == 1 and disks[0, 2] < 1.15 * spot:
             disks[0, 2] = small
             found.append((contrast, disks, False))
         else:
@@ -222,7 +210,8 @@ def _core_level(
     No region counts more than `WEIGHT_CAP` usual ones. Where there are too few such pixels: ``middle``.
     """
     used = np.where(np.abs(plateau / middle - 1.0) < ODD_RATIO - 1.0, plateau, np.inf)
-    values, owner = _core_pixels(image, runs[:: max(len(runs) // MOST_RUNS, 1)], used)
+    # Accuracy: 1500 runs of pixels know a median to 1 % of the scatter.
+    values, owner = _core_pixels(image, runs[:: max(len(runs) // 1500, 1)], used)
     if len(values) < FEW:
         return middle
     count = np.bincount(owner)
@@ -341,7 +330,8 @@ def _faint_regions(
     # coarser squares where noise hides faint regions, as long as it falls: with white noise by half
     while side < 8 and not SIGNIFICANT_SIGMA * noise < FAINT_RATIO * level:
         wider_noise = seen.squares(2 * side)[1]
-        if wider_noise > WHITE_RATIO * noise:
+        # Theory: 0.5 for white noise, 1 for texture wider than the squares; by hand, near the former.
+        if wider_noise > 0.6 * noise:
             break
         side, noise = 2 * side, wider_noise
     if not SIGNIFICANT_SIGMA * noise < level:
@@ -356,7 +346,8 @@ def _faint_regions(
     taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * half_area))
     light = support["flux"] > LIGHT_SIGMA * noise * np.sqrt(support["area"])
     shown = light & ~taken & (half_area > WIDE_PX2)
-    found, width = list[Outlined](), FAINT_SMOOTHING_SQUARES * side
+    # Regions are outlined behind a filter of half the side of the squares that show them. By hand.
+    found, width = list[Outlined](), 0.5 * side
     for k in np.flatnonzero(shown):
         box, corner = window_of(support[k], 1)
         part = seen.image[tuple(slice(side * at.start, side * at.stop) for at in box)]

@@ -69,22 +69,9 @@ SPECK_BLUR_WIDTHS = 0.75
 hand: pieces of rings and reflections are narrower, contacts of half the brightness of the others wider."""
 LEAST_VISIBLE = 0.1
 """Share of a disk inside the image below which it is not measured. By hand."""
-LEAST_RISE = 0.25
-"""Rise of the mean inside over the surroundings, of the contrast fitted, of a contact that is seen. By
-hand."""
 RIM_FALL = 0.5
 """Least fall across the rim of a wide contact, of its contrast. Theory: 0.95 of a blurred edge; by hand:
 a point spread function with heavy tails leaves 0.66, a fibre out of focus 0.35 to 0.45."""
-LONGEST = 3.5
-"""Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
-hand."""
-MOST_APART = 0.12
-"""Pixels either of a region or of the disks fitted to it, over its area, from which it is no union of disks.
-By hand: mottled contacts that touch make up to 0.12, a packing of beads 0.09, islands of a random surface
-0.1 to 0.5."""
-INLET_RATIO = 0.2
-"""Half of the width of inlets that are closed, over the radius of the region. By hand: mottling and noise
-leave none wider, and two disks that touch gain 0.02 of their convex hull."""
 UNSEEN_FILM_BLUR_WIDTHS = 0.25 / np.sqrt(3.0)
 """Standard uncertainty of the place of an edge beside which an air film may shine, over the blur. Theory: of
 a shift anywhere between 0 and 0.25; by hand: of 0.17 no rim tells anything, twice as much is seen as soft
@@ -151,8 +138,10 @@ RULES: list[Rule] = [
     (Reason.NOISE, lambda e: e["light"] < np.where(e["misfit"], SIGNIFICANT_SIGMA, AGREEMENT_SIGMA)),
     (Reason.REFERENCE_DUST, lambda e: e["dust"]),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
-    (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
-    (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
+    # By hand: the mean inside over the surroundings, of the contrast fitted.
+    (Reason.INVISIBLE, lambda e: e["rise"] < 0.25),
+    # By hand: ratio of the axes of the counted pixels.
+    (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > 3.5) & (e["border"] == 0)),
     (Reason.CHAIN, lambda e: e["chained"]),
 ]
 """Reasons of rejection, in order."""
@@ -283,14 +272,18 @@ def _join_parts(
         filled = fill(mask, find_holes(mask), LARGEST_HOLE_SHARE * float(area.max()))
         apart = np.count_nonzero(drawn != (filled > 0)) / float(region["area"])
         # noise and mottling make inlets in an outline, which two contacts that touch do not leave
-        reach = round(INLET_RATIO * float(np.sqrt(region["area"] / np.pi)))
+        # By hand: wider than a fifth of the radius are none, and two disks that touch gain 0.02 of their
+        # convex hull.
+        reach = round(0.2 * float(np.sqrt(region["area"] / np.pi)))
         ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
         smooth = np.asarray(
             cv2.morphologyEx(np.pad(filled, 2 * reach + 1), cv2.MORPH_CLOSE, ellipse), np.uint8
         )
         convex = share_of_hull(smooth, float(np.count_nonzero(smooth)))
         least = LEAST_CONVEX if undescribed or len(rows) > 2 else CONVEX_SHARE
-        if convex > least or (undescribed and apart > MOST_APART):
+        # By hand: mottled contacts that touch make up to 0.12, a packing of beads 0.09, islands of a random
+        # surface 0.1 to 0.5.
+        if convex > least or (undescribed and apart > 0.12):
             largest = rows[np.argmax(area)]
             _count_region(table, largest, rows, region, float(filled.sum()))
             kept[(own == k) & (found != largest)] = False

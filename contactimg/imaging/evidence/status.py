@@ -39,9 +39,6 @@ HIDDEN_SHARE = 0.02
 """Share of the frame under hairs and scratches, or not covered or not lit by the reference, above which
 contacts may be missing. By hand: one of twenty contacts of a usual frame. Contacts must leave as much of it
 free for a statement on the background."""
-DARK_SHARE = 0.004
-"""Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it
-make 0.013."""
 FEWEST_DOUBTED, DOUBTED_AREA = 2, 0.02
 """Spots that are faint, of the other sign, or at the full scale of the sensor and no disks, from which they
 are doubted; and area of the latter two over that of the contacts above which they are. By hand: dust that has
@@ -52,16 +49,10 @@ surfaces of glass reflect makes 0.002, of four or coated mirrors up to 0.2."""
 WAVES = 0.06
 """The same within 32 px: fringes, or a texture. By hand: a texture of 2 % of the light, without a reference,
 makes 0.02 at a contrast of 0.6."""
-FEWEST_LEVELS = 4.0
-"""Steps of the grey levels between background and contacts below which an edge is that of whole pixels. By
-hand."""
 MOST_FALL = 1.25
 """Fall of the brightness across a rim, of the height of the contact, above which the edge is no blurred one.
 Theory: 0.95; by hand: unsharp masks of 0.5, 1 and 2 make 0.97, 1.1 and 1.5, the last with areas wrong by a
 fifth, and contacts of speckles 1.14."""
-COMMON_AREA = 0.01
-"""Share of the area by which the counted pixels of all contacts together differ from what the model expects,
-above which the edge is not the one assumed. By hand."""
 
 
 def judge_frame(seen: Judged) -> tuple[str, str, bool]:
@@ -155,7 +146,8 @@ def _background(seen: Judged) -> Iterator[tuple[str, str]]:
         text = f"the light of contacts leaves {100 * left.free_share:.2g} % of the frame for the background"
         yield Status.LITTLE_BACKGROUND, text
     elif left.free_share >= HIDDEN_SHARE:
-        if foreground.difference.ratio and left.dark_share > DARK_SHARE:
+        # By hand: fifteen contacts in the reference make 0.013.
+        if foreground.difference.ratio and left.dark_share > 0.004:
             text = (
                 f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, "
                 "by a fifth of the contrast and more: does the reference show contacts, or another place?"
@@ -182,7 +174,8 @@ def _grey_levels(foreground: Foreground) -> Iterator[tuple[str, str]]:
             f"{rounding * pair.unit:.2g} grey levels, and small contacts may be lost"
         )
         yield Status.UNRESOLVED, text
-    if 0 < contrast < FEWEST_LEVELS * pair.step:
+    # By hand: with fewer, an edge is that of whole pixels.
+    if 0 < contrast < 4.0 * pair.step:
         steps = max(contrast / pair.step, 1.0)
         text = (
             f"background and contacts are {steps:.2g} steps of the grey levels apart: "
@@ -261,7 +254,8 @@ def _fitted(e: Columns) -> Iterator[tuple[str, str]]:
         yield Status.UNRESOLVED, text
     used, apart, std = excess_of_counts(e)
     share, z = apart / max(float(e["expected"][used].sum()), 1.0), apart / max(std, 1e-9)
-    if np.count_nonzero(used) >= FEWEST and abs(z) >= SIGNIFICANT_SIGMA and abs(share) >= COMMON_AREA:
+    # By hand: a hundredth of the area shows another edge than the one assumed.
+    if np.count_nonzero(used) >= FEWEST and abs(z) >= SIGNIFICANT_SIGMA and abs(share) >= 0.01:
         text = (
             f"the pixels above half height make areas {100 * share:+.2g} % of those of the fit ({z:+.2g} "
             "standard errors): the edge of the contacts is not the one assumed"

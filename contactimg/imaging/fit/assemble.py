@@ -50,15 +50,8 @@ from contactimg.imaging.profile.limits import (
     REACH_BLUR_WIDTHS,
 )
 
-MOST_DISKS_PER_PX2 = 1.0 / 40.0
-"""Disks over pixels at most: three times as many as contacts of two pixels in radius in a close packing."""
-MOST_DISKS = 100_000
-"""Disks of a frame at most; five times the largest crowd that was measured."""
 GROWTH_RATIO = 1.3
 """Largest fitted radius over that of the candidate, besides one blur width. By hand."""
-OVER_SURROUNDINGS = 0.8
-"""Least height of a peak over the mean residual around it, of its least height over zero. By hand: light that
-no polynomial describes leaves ridges, on which 0.5 takes specks for contacts; 1 loses faint contacts."""
 
 
 def assemble_disks(
@@ -80,7 +73,9 @@ def assemble_disks(
     """
     contrast = problem.contrast
     found = find_candidates(seen, contrast, blur=blur)
-    most = min(int(MOST_DISKS_PER_PX2 * problem.image.size) + 1, MOST_DISKS)
+    # Three times as many as contacts of two pixels in radius in a close packing, and five times the largest
+    # crowd that was measured.
+    most = min(int((1.0 / 40.0) * problem.image.size) + 1, 100_000)
     tiles = found.places[:most, :2] // 64
     near = np.lexsort((tiles[:, X], tiles[:, Y]))  # neighbours one after the other share what is in the cache
     disks, whole = found.places[near], found.whole[near]
@@ -190,7 +185,9 @@ class Assembly:
         at_rim = _near_rims(peaks, fit.disks, REACH_BLUR_WIDTHS * fit.blur)
         peaks = peaks[peaks[:, 2] > np.maximum(lowest, np.where(at_rim, IMPERFECT_RIM * contrast, 0.0))]
         mean, scatter = _residuals_around(problem.image, fit.model, peaks, fit.blur).T
-        stands_out = peaks[:, 2] - mean > OVER_SURROUNDINGS * lowest
+        # By hand: light that no polynomial describes leaves ridges, on which 0.5 takes specks for contacts; 1
+        # loses faint contacts.
+        stands_out = peaks[:, 2] - mean > 0.8 * lowest
         # behind the filter white noise is smaller by this; rests of compression are less so
         behind = 2.0 / (2.0 * np.sqrt(np.pi) * fit.blur)
         rough = scatter > ROUGH_RATIO * problem.pixel_noise

@@ -38,12 +38,6 @@ LEAST_ELONGATION = 1.03
 """Ratio of the axes of the counted pixels from which an ellipse is tried in the place of a disk that fits
 badly, and that of the ellipse from which it is taken. By hand: a neighbour that is not found yet makes 1.02
 of a disk of 20 px."""
-BETTER_RATIO = 0.7
-"""Chi-square of an ellipse over that of the disk that it must go below, unless it fits well. By hand."""
-MOST_ELLIPSES = 400
-"""Ellipses tried in a frame: the bound of the work; the widest first."""
-LARGEST_RADIUS_PX = 250.0
-"""Radius up to which an ellipse is fitted: the bound of the work on one contact."""
 EXACT_OPTICS = np.diag([1e-8, 1e-8])
 """Covariance of contrast and blur that are not in question. Accuracy: keeps it regular."""
 
@@ -246,14 +240,16 @@ def find_ellipses(
             looked = look_at_pixels(problem, fit, rows=chosen)
             low, high = elongation
             chosen = chosen[(looked.elongation > low) & (looked.elongation < high) & (looked.border == 0.0)]
-    chosen = chosen[np.argsort(-fit.disks[chosen, RADIUS], kind="stable")][:MOST_ELLIPSES]
+    # The widest 400 bound the work.
+    chosen = chosen[np.argsort(-fit.disks[chosen, RADIUS], kind="stable")][:400]
     kept, fitted = [], []
     for row in chosen:
         ellipse = _fit_one(problem, fit, prior, covariance, int(row))
         if ellipse is None:
             continue
         least, disk = float(ellipse.chi_square[0]), float(fit.chi_square[row])
-        better = least < min(max(BETTER_RATIO * disk, POOR_CHI_SQUARE), disk)
+        # By hand: well below the disk, unless the ellipse fits well.
+        better = least < min(max(0.7 * disk, POOR_CHI_SQUARE), disk)
         better &= np.exp(2.0 * ellipse.ellipticity) > LEAST_ELONGATION
         if everywhere or rows is not None or (better and ellipse.significance > TWO_SIGNIFICANT):
             kept.append(int(row))
@@ -264,7 +260,8 @@ def find_ellipses(
 def poor_disks(fit: FittedDisks, chi_square: float = POOR_CHI_SQUARE) -> NDArray[np.intp]:
     """Disks that touch no other, wide enough to show a shape, which fit worse than that."""
     radius = fit.disks[:, RADIUS]
-    wide = (radius > fit.blur) & (radius < LARGEST_RADIUS_PX) & (fit.chi_square > chi_square)
+    # Up to 250 px: the bound of the work on one contact.
+    wide = (radius > fit.blur) & (radius < 250.0) & (fit.chi_square > chi_square)
     return np.flatnonzero(wide & (count_touching(fit.disks, fit.blur) == 0))
 
 

@@ -61,8 +61,6 @@ from contactimg.imaging.profile.optics import SharedOptics
 
 LINEAR_STEP = 0.003
 """Relative step below which disks are extrapolated linearly. Accuracy: the error is its square."""
-BLUR_GUESS_FRACTION = 0.5
-"""Relative standard deviation of a guessed blur. By hand: right to a factor 2."""
 SPREAD_FRACTION = 0.03
 """Spread of the contrasts where too few contacts are wide, and least departure of an odd contrast. By hand:
 less moves the radius of a small contact by 1.5 %."""
@@ -72,7 +70,6 @@ contacts need not be drawn to. By hand: a guess has 0.5 of the blur, a pooled se
 LEAST_BLUR_PX = 0.1
 """Blur at which its uncertainty is taken where it is narrower. Accuracy: keeps that finite, as edges as sharp
 as the pixels have a blur of 0."""
-LEAST_WIDTH_RATIO = 0.05  # of the variances of disk and blur; keeps the uncertainty finite
 CONTROL = FitControl(free_blur=False, iterations=6, tolerance=0.003)
 
 
@@ -155,7 +152,8 @@ class OpticsPrior:
         ratio = max(ratio, PLATEAU_STD_FRACTION)
         given = np.isfinite([optics.contrast, optics.blur_px])
         mean = np.array([np.log(contrast) + 0.5 * ratio, blur])
-        std = np.array([ratio / np.sqrt(12.0), BLUR_GUESS_FRACTION * blur])
+        # By hand: the guess of the blur is right to a factor of 2.
+        std = np.array([ratio / np.sqrt(12.0), 0.5 * blur])
         if given[0]:
             mean[0] = np.log(optics.contrast)
             std[0] = max(optics.contrast_relative_std, NEGLIGIBLE_FRACTION)
@@ -314,7 +312,7 @@ def _of_kurtosis(fit: FittedDisks) -> NDArray[np.float64]:
     ``ln a`` by ``k (1+q)^2/(4 q^2)``, to first order in q.
     """
     widest, blur = _widest(fit), fit.blur
-    q = max((widest / blur) ** 2 / 4.0, LEAST_WIDTH_RATIO)
+    q = max((widest / blur) ** 2 / 4.0, 0.05)  # keeps the uncertainty finite
     mode = KURTOSIS_STD * (1.0 + 1.0 / q) ** 2 / 4.0 * np.array([2.0, q * blur])
     return np.outer(mode, mode) * (widest <= NEAR_BLUR_WIDTHS * blur)
 

@@ -62,8 +62,6 @@ CONTROL = FitControl(free_blur=False, robust=False, iterations=ITERATIONS)
 SETTLED_GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.1, 0.3
 """Largest fitted radius of a disk that is about right over the radius before, and an additional margin. By
 hand."""
-COARSE_BLUR_WIDTHS = 2.0
-"""Standard deviation of the additional blur of a coarser look at a group. By hand."""
 DISK_PRICE = 40.0
 """Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
 EXCESS_LEFT_FRACTION = 0.35
@@ -71,16 +69,9 @@ EXCESS_LEFT_FRACTION = 0.35
 JOINED_ELLIPTICITY, MOST_JOINED = 0.3, 4
 """Ellipticity from which the fit of one ellipse to touching disks starts, and disks that it may replace. By
 hand: three disks in a row are an ellipse of 3 : 1."""
-LARGEST_GROUP = 20
-"""Disks of the largest group for which covers are tried. By hand, for time."""
 LONG_RATIO = 1.12
 """Ratio of the axes from which two disks are tried in the place of an ellipse. By hand: two disks that are
 told apart make 1.24."""
-MOST_WINDOW_SHARE = 1.5
-"""Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By
-hand: a crowd of which half is covered takes 0.7."""
-PIXELS_OF_A_GROUP = 3000.0
-"""Pixels that take as long as the fits of the smallest group; for time."""
 
 Cover = tuple[NDArray[np.float64], float]
 """Fitted disks, and their chi-square."""
@@ -228,7 +219,8 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
         seen = look_at_pixels(problem, fit, rows=np.flatnonzero(imperfect))
         imperfect[imperfect] = seen.elongation < LEAST_ELONGATION
     # the smallest groups first: most of them are resolved if the work does not suffice for all
-    coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
+    # By hand: a crowd of which half is covered takes 0.7 of the pixels of the image.
+    coarse, left = _no_finer_than_shapes(problem), 1.5 * problem.image.size
     for members in sorted(_groups_with(bad, fit.disks, NEAR_BLUR_WIDTHS * fit.blur), key=len):
         # a single disk must fit worse than most, as in a frame of ragged contacts all do, and be longer
         # than wide, as two disks are, or leave more than an imperfect rim, as three do
@@ -238,14 +230,15 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
         window = GroupWindow.about(coarse, fit, members)
         if window is None:
             continue
-        left -= PIXELS_OF_A_GROUP + window.near.size
+        left -= 3000.0 + window.near.size  # that many pixels take as long as the smallest group
         if left < 0.0:
             break
         disks = fit.disks[members] - window.offset
         # what a small part of the group leaves does not stand out of the noise of all its pixels
         if 2 * fit.pixels[members[bad[members]]].sum() < fit.pixels[members].sum():
             window.near = window.pixels_of(*disks[bad[members]])
-        better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
+        # Covers of larger groups take too long. By hand.
+        better = _find_cover(window, disks, usual) if len(members) <= 20 else disks
         if len(members) == 1 and len(better) == 2:
             found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
             # the first two that describe the pixels need not have settled
@@ -308,7 +301,7 @@ def _coarser_cover(window: GroupWindow, disks: NDArray) -> tuple[NDArray[np.floa
     The level is half of the median height within the disks of the group; a blur moves a rim there only in
     second order.
     """
-    image, blur = window.problem.image, COARSE_BLUR_WIDTHS * window.blur
+    image, blur = window.problem.image, 2.0 * window.blur  # much coarser. By hand
     smooth = cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
     inside = window.model(disks) > 0.5 * window.problem.contrast
     if not inside.any():

@@ -29,8 +29,6 @@ RADII = np.geomspace(0.3, 45.0, 12)
 numbers."""
 LAGS = np.arange(0.0, 25.0, 0.02)
 """Tabulated distances of two pixels, blur widths."""
-STRIP_LAGS = 4
-"""Rows of the strips that give it, lags: three quarters of them have all their partners below."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +149,7 @@ def measure_correlation(image: Values, model: Values, background: Flags, *, nois
     noise : float
         Standard deviation of a background pixel.
     """
-    height = STRIP_LAGS * LARGEST_LAG
+    height = 4 * LARGEST_LAG  # three quarters of the rows of a strip have all their partners below
     inside = (min(height, len(image)) - LARGEST_LAG, image.shape[1] - LARGEST_LAG)
     if min(inside) <= 0:
         return NoiseCorrelation.independent()

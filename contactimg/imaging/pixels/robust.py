@@ -34,11 +34,6 @@ MANY = 160_000
 """Values that are looked at where each tells little: a covariance, or blocks of 64 of them. Accuracy."""
 SAMPLE = 20_000
 """Values that are looked at where there are many: they give a scatter to 0.6 % (theory)."""
-DECILE_TO_STD = 0.60790
-"""The same over the ninth decile of the absolute deviations: 1/Phi^-1(0.95)."""
-DEGENERATE_RATIO = 6.0
-"""Ratio of the two above which most of the values are equal. By hand: 1 for normal values, 3 among contacts
-that leave no block free of their light, 10 or more where values are clipped."""
 
 
 def finite_values(values: NDArray) -> NDArray:
@@ -106,8 +101,11 @@ def noise_std(values: NDArray) -> float:
     """
     middle = median(values)
     deviation = np.abs(values - np.asarray(middle, values.dtype))
-    usual, tail = MAD_TO_STD * median(deviation), DECILE_TO_STD * quantile(deviation, 0.9)
-    return tail if tail > DEGENERATE_RATIO * usual else usual
+    # 1/Phi^-1(0.95) = 0.6079.
+    usual, tail = MAD_TO_STD * median(deviation), 0.60790 * quantile(deviation, 0.9)
+    # Above, most values are equal. By hand: 1 for normal values, 3 among contacts that leave no block free of
+    # their light, 10 or more where values are clipped.
+    return tail if tail > 6.0 * usual else usual
 
 
 def reach_std(values: NDArray, centre: float) -> float:

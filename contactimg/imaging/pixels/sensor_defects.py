@@ -18,9 +18,6 @@ from contactimg.imaging.pixels.robust import (
 )
 
 MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected. By hand
-DEFECT_SIGMA = 10.0  # from the median of nine pixels. By hand: shot noise of bright contacts is below
-DEFECT_RATIO = 6.0  # of that to the range of the neighbours. Theory: 2.4 for a point behind a blur of 0.75 px
-DEFECT_COMPANIONS = 2  # neighbours that may be as far off: a line one pixel wide is no contact either
 # Least difference from the median, of the largest, where there is no noise; and share of the pixels that may
 # be defective: what has more is a texture. By hand: a transmission that flips bits spoils some in a hundred.
 LEAST_DEFECT, MOST_DEFECTS = 0.02, 0.1
@@ -39,7 +36,8 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
     worst = rest.max(axis=1)
     every, largest = max(int(np.sqrt(image.size / SAMPLE)), 1), float(worst.max())
     some = rest[::every, ::every]
-    limit = DEFECT_SIGMA * noise_std(some.astype(np.int16 if some.dtype == np.uint8 else np.float32))
+    # By hand, from the median of nine pixels: shot noise of bright contacts is below.
+    limit = 10.0 * noise_std(some.astype(np.int16 if some.dtype == np.uint8 else np.float32))
     limit = min(max(limit, LEAST_DEFECT * largest), largest)
     off = np.flatnonzero(worst > rest.dtype.type(limit))
     places, columns = np.nonzero(rest[off] > rest.dtype.type(limit))
@@ -54,9 +52,11 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
     around = image.ravel()[centre[:, None] + (step[:, None] * width + step).ravel()].astype(np.float32)
     above = np.where(image[rows, columns] > middle[rows, columns], np.float32(1.0), np.float32(-1.0))
     ordered = np.sort(around * above[:, None], axis=1)
-    usual = ordered[:, -2 - DEFECT_COMPANIONS]  # the largest but for the companions and the pixel itself
+    # Two neighbours may be as far off: a line one pixel wide is no contact either.
+    usual = ordered[:, -4]  # the largest but for these and the pixel itself
     off, spread = above * image[rows, columns] - usual, usual - ordered[:, 1]  # one may be off the other way
-    defective = (off > limit) & (off > DEFECT_RATIO * spread)
+    # Theory: 2.4 for a point behind a blur of 0.75 px.
+    defective = (off > limit) & (off > 6.0 * spread)
     if not defective.any():
         return image, None
     rows, columns = rows[defective], columns[defective]

@@ -81,12 +81,9 @@ SHARED = 2
 WIDTH_RATIOS = (0.5, 0.7, 1.4, 2.0, 2.9)
 """Widths rho of the Gaussians of a point spread function, over the blur. Chosen: steps of sqrt(2), which a
 sum of Gaussians hardly resolves."""
-RIM_RADII = 0.1  # width of a rim outside. Chosen: with its height, what a blur leaves of other widths
-NARROWEST_BLUR_RATIO = 0.4  # of a blur that varies over the field, to its mean; accuracy: keeps it positive
 
 INNER_NODES = 6
 """Equal steps from the centre of a disk to its rim. Accuracy: the plateau of a contact is smooth."""
-STEPS_PER_BLUR = 4  # nodes of derivatives about the rim; accuracy: affects the efficiency alone
 FINE_STEPS_PER_BLUR = 16  # nodes of profiles; theory: linear interpolation errs by (1/16)^2/8 * 0.24 = 1e-4
 
 
@@ -113,7 +110,7 @@ class Nodes:
 
     @classmethod
     def about(
-        cls, disks: Values, shape: tuple[int, ...], blur: float, *, per_blur: int = STEPS_PER_BLUR,
+        cls, disks: Values, shape: tuple[int, ...], blur: float, *, per_blur: int = 4,
         reach: float = INNER_BLUR_WIDTHS,
     ) -> "Nodes":  # fmt: skip
         """Nodes about disks (x, y, radius) in an image of some shape, up to ``reach`` blur widths beyond.
@@ -195,7 +192,7 @@ class Edge:
         shape, a, r = self.shape, nodes.radius, nodes.distance
         relative = 1.0 + (nodes.field @ shape[FIELD])[:, None]
         variance = (self.blur * relative) ** 2 + shape[SOFTNESS] * a**2
-        s = np.sqrt(np.maximum(variance, (NARROWEST_BLUR_RATIO * self.blur) ** 2))
+        s = np.sqrt(np.maximum(variance, (0.4 * self.blur) ** 2))  # accuracy: stays positive
         plain = light = blurred_disks(r, a, s)
         for weight, ratio in zip(shape[WEIGHTS], WIDTH_RATIOS, strict=True):
             if weight:
@@ -203,7 +200,8 @@ class Edge:
         if shape[DOME]:
             light = light + shape[DOME] * blurred_dome(r, a, s)
         if shape[RIM]:
-            light = light + shape[RIM] * (blurred_disks(r, (1.0 + RIM_RADII) * a, s) - plain)
+            # Chosen: with its height, a rim of a tenth of the radius is what a blur leaves of other widths.
+            light = light + shape[RIM] * (blurred_disks(r, (1.0 + 0.1) * a, s) - plain)
         if shape[LIGHT] and self.film is not None:
             table = film_table(self.film, self.blur).values
             light = light + shape[LIGHT] * (look_up(table, r, a, self.blur)[0] - plain)

@@ -22,8 +22,6 @@ SMALLEST_RADIUS_PX = 8.0
 """Radius below which a contact is too small to be the contact of a smooth sphere. Chosen by hand."""
 SHORTEST_ARC = 0.25
 """Least fraction of the circumference that must be visible. Chosen by hand."""
-LARGEST_SCATTER = 0.05
-"""Robust scatter of the outline over the radius above which it is no circle. Chosen by hand."""
 SECTORS, RING_PX = 72, 0.5
 """Number of sectors (5 degrees each) and width of the rings over which the image is averaged. Chosen by
 hand."""
@@ -150,7 +148,7 @@ def find_circle(
         raise FrameError(f"the widest contact has a radius of {radius:.3g} px: no wide smooth contact")
     if visible < SHORTEST_ARC:
         raise FrameError(f"only {visible:.0%} of the contact's edge are seen; {SHORTEST_ARC:.0%} are needed")
-    if scatter > LARGEST_SCATTER * radius:
+    if scatter > 0.05 * radius:  # by hand
         raise FrameError(f"the outline is no circle: its radius scatters by {scatter / radius:.0%}")
     return Circle(x, y, radius, arc=visible)
 
