@@ -18,11 +18,6 @@ Values = NDArray[np.float64]
 TAIL = (1 - COVERAGE) / 2
 """Probability on either side of an interval."""
 
-LEAST_EFFECTIVE_COUNT = 0.5
-"""Below this the interval is symmetric. Theory: positive weights leave (sum w)^2/sum w^2 >= 1, so that less
-comes from weights of both signs, for which no gamma distribution stands. Chosen: half of the bound leaves
-room for the estimate of the variance from few places."""
-
 
 def radial_profile(
     contacts: pd.DataFrame,
@@ -198,7 +193,10 @@ def weighted_count_interval(
     ([0.619, 0.0], [8.767, 3.689])
     """
     y, v, w = np.broadcast_arrays(*(np.asarray(part, np.float64) for part in (total, variance, one_more)))
-    few = (y**2 < LEAST_EFFECTIVE_COUNT * v) | (y < 0)
+    # Theory: positive weights leave (sum w)^2/sum w^2 >= 1, so that less comes from weights of both signs,
+    # for which no gamma distribution stands. Chosen: half of the bound leaves room for the estimate of the
+    # variance from few places.
+    few = (y**2 < 0.5 * v) | (y < 0)
     reach = NORMAL_95 * np.sqrt(v)
     positive = np.where(y > 0, y, np.nan)
     scale = np.where(v > 0, v, np.nan) / positive
