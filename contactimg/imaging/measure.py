@@ -402,9 +402,8 @@ def _grey_levels(image: ArrayLike) -> NDArray:
     levels = as_pixels(image)
     if levels.dtype.kind not in "buif":
         said = repr(image) if isinstance(image, str) else f"numbers of the type {levels.dtype}"
-        raise FrameError(
-            f"an image must be an array of grey levels, got {said}; contactimg.read_frames reads files"
-        )
+        hint = "contactimg.read_frames reads files"
+        raise FrameError(f"an image must be an array of grey levels, got {said}; {hint}")
     return levels
 
 

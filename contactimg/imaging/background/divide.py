@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.background.alignment import (
-    SMOOTHING_PX,
-    Alignment,
-    filter_rows_and_columns,
-    shift_kernel,
-)
+from contactimg.imaging.background import alignment
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, Illumination, cubic
 from contactimg.imaging.pixels.blocks import block_means, is_background, strips, to_pixels
 from contactimg.imaging.pixels.masks import Mask, Values, mean_of_seen
@@ -40,7 +35,7 @@ def divide_by_reference(
     valid: Mask,
     illumination: Illumination,
     *,
-    residual: Alignment,
+    residual: alignment.Alignment,
     level: float,
 ) -> Values:
     """``level (F/(g R) - 1)`` of the frame F, the ratio g of the illuminations, and the filtered reference R.
@@ -68,7 +63,7 @@ def divide_by_reference(
     source = (reference, _move_and_blur(half, MIDDLE_PX, shift, 2), wide, *_gaussians(shift, NARROW_PX))
     gains, scatters = _measure_gains(frame, source, illumination)
     numbers = np.array([*gains, *scatters, level, DARKEST_FRACTION * level], np.float32)
-    move = [shift_kernel(part).astype(np.float32) for part in shift]
+    move = [alignment.shift_kernel(part).astype(np.float32) for part in shift]
     light = illumination.row_polynomials(np.arange(len(frame)), frame.shape)
     out = np.empty(frame.shape, np.float32)
     _divide(out, frame, source, *move, *light, numbers)
@@ -197,8 +192,8 @@ def _move_and_blur(binned: Values, blur_px: float, shift: tuple[float, float], s
     kernels = _gaussians((shift[0] / side, shift[1] / side), width)
     finite = np.isfinite(binned)
     if finite.all():
-        return filter_rows_and_columns(binned, *kernels)
-    return mean_of_seen(lambda part: filter_rows_and_columns(part, *kernels), binned, finite)[0]
+        return alignment.filter_rows_and_columns(binned, *kernels)
+    return mean_of_seen(lambda part: alignment.filter_rows_and_columns(part, *kernels), binned, finite)[0]
 
 
 def _measure_gains(
@@ -224,8 +219,8 @@ def _measure_gains(
 
     narrow, middle, wide = _bands_at_rows(rows, source)
     target = frame[rows] / illumination.ratio_at_rows(rows, frame.shape) - wide
-    still, parts = _gaussians((0.0, 0.0), SMOOTHING_PX), (narrow - middle, middle - wide)
-    excess, *bands = (sample(filter_rows_and_columns(part, *still)) for part in (target, *parts))
+    still, parts = _gaussians((0.0, 0.0), alignment.SMOOTHING_PX), (narrow - middle, middle - wide)
+    excess, *bands = (sample(alignment.filter_rows_and_columns(part, *still)) for part in (target, *parts))
     detail = np.stack([sample(part) for part in parts])
     excess = excess - np.float32(median(excess))
     scatters = np.array([robust_std(part, centre=0.0) for part in detail])

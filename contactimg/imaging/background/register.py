@@ -316,9 +316,8 @@ def _texture(detail: NDArray, usable: Flags, scatter: float) -> tuple[bool, bool
     one, near, beyond = (part[known] for part in (detail[:, :-far], detail[:, 1 : 1 - far], detail[:, far:]))
     if not len(one):
         return False, False
-    grains = (np.abs(one) > SIGNIFICANT_SIGMA * scatter) & (
-        one * near > (SIGNIFICANT_SIGMA / 2 * scatter) ** 2
-    )
+    least = SIGNIFICANT_SIGMA * scatter
+    grains = (np.abs(one) > least) & (one * near > (SIGNIFICANT_SIGMA / 2 * scatter) ** 2)
     product = one * (near - beyond)  # what far ones share as well is a slope of the light
     covariance = float(product.mean()) * np.sqrt(len(product)) / max(float(product.std()), 1e-30)
     return int(np.count_nonzero(grains)) >= FEWEST_PLACES, covariance > SIGNIFICANT_SIGMA

@@ -226,10 +226,8 @@ class _PlacedReference:
                 noise = neighbour_scatter(above)  # contacts leave most squares alone
             return above / np.maximum(below, DARKEST_FRACTION * level), float(noise) / level
 
-        rounding = images.rounding / level
-        illumination = find_illumination(
-            ratio, images.frame.shape, background_is=images.background_is, rounding=rounding
-        )
+        rounding, which = images.rounding / level, images.background_is
+        illumination = find_illumination(ratio, images.frame.shape, background_is=which, rounding=rounding)
         if valid is not None:  # blocks with holes are noisier than whole ones
             side = side_of(illumination.background.shape, images.frame.shape)
             whole = block_means(valid.astype(np.float32), side=side) == 1.0
@@ -267,10 +265,8 @@ def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReferenc
             return *_approach(placed, residual, all_rows=all_rows), False
         if not (residual.known or crowded):  # nor do all rows tell it where there is nothing to find
             break
-    frame = placed.images.frame
-    shift, textured = search_alignment(
-        frame, placed.reference, placed.illumination, placed.valid, near=residual
-    )
+    pair = placed.images.frame, placed.reference
+    shift, textured = search_alignment(*pair, placed.illumination, placed.valid, near=residual)
     if shift is not None and not (residual.known and shift.is_shift):
         candidate = placed.moved_by(shift)
         left = candidate.align(all_rows=True)

@@ -34,7 +34,7 @@ from contactimg.imaging.evidence.rules import PLACE, Columns, Judged
 from contactimg.imaging.fit.unseen_contrast import LARGEST_CONTRAST_RATIO, PLATEAU_STD_FRACTION
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
-from contactimg.imaging.pixels.masks import touches
+from contactimg.imaging.pixels.masks import Flags, touches
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import FEWEST, SHOWN_BLUR_WIDTHS, SMALL_AREA_PX2
@@ -73,9 +73,8 @@ def measure_by_count(
         nothing["flags"] = np.empty(0, np.int64)
         prior = foreground.prior_optics
         return Judged(foreground, nothing, nothing, prior, prior, unmatched=edits)
-    contacts, rejected = count_contacts(
-        image, fraction=fraction, plateau=contrast.plateau, noise=foreground.noise
-    )
+    plateau, noise = contrast.plateau, foreground.noise
+    contacts, rejected = count_contacts(image, fraction=fraction, plateau=plateau, noise=noise)
     blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
     x, y, radius, flags = (contacts[name] for name in (*PLACE, "flags"))
@@ -213,9 +212,7 @@ def count_contacts(
     return contacts | dict(axes) | rest, rejected
 
 
-def _flags(
-    components: NDArray[np.void], split: NDArray[np.bool_], shape: tuple[int, ...]
-) -> NDArray[np.int64]:
+def _flags(components: NDArray[np.void], split: Flags, shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Flags of components, those that touch the border of an image of that shape included."""
     return (
         int(Flag.EDGE) * np.any(sides_cut(components, shape), axis=0)

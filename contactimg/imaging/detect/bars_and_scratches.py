@@ -19,7 +19,7 @@ from contactimg.imaging.detect.inscribed_disks import fill, find_holes
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.pixels.blocks import SignedImage, to_pixels
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Mask, Values
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, SQUARE_PX
 from contactimg.tables import Reason
 
@@ -86,18 +86,16 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     total, windows = float(components["area"].sum()), [window_of(one, 2 * MARGIN)[0] for one in sprawling]
     # clusters of contacts sprawl as well: most frames need no more than a look at each of them
     if sum(squares[box].size for box in windows) < squares.size:
-        parts = (
-            image[tuple(slice(SQUARE_PX * at.start, SQUARE_PX * at.stop) for at in box)] for box in windows
+        pixels = (tuple(slice(SQUARE_PX * at.start, SQUARE_PX * at.stop) for at in box) for box in windows)
+        looks = (
+            _find(image[one], squares[box], level, total) for one, box in zip(pixels, windows, strict=True)
         )
-        looks = (_find(part, squares[box], level, total) for part, box in zip(parts, windows, strict=True))
         if not any(found is not None for found in looks):
             return NONE
     return _find(image, squares, level, total) or NONE
 
 
-def _find(
-    image: NDArray[np.float32], squares: NDArray[np.float32], level: float, total: float
-) -> "Foreign | None":
+def _find(image: Values, squares: Values, level: float, total: float) -> "Foreign | None":
     """The objects of an image, or of a window of it; None if there is none.
 
     ``total`` is the area of all that stands out, in squares.

@@ -22,6 +22,7 @@ from contactimg.imaging.detect.inscribed_disks import (
     is_round,
 )
 from contactimg.imaging.pixels.blocks import SignedImage
+from contactimg.imaging.pixels.masks import Values
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA, SIGNIFICANT_SIGMA, quantile
 from contactimg.imaging.profile.limits import FEW, NOISY_RATIO, SMALL_AREA_PX2
 
@@ -150,9 +151,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
     image, noise = seen.image, seen.noise
     smooth, smooth_noise = image, noise
     if contrast < NOISY_RATIO * noise:
-        smooth = np.asarray(
-            cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE), np.float32
-        )
+        smooth = cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE).astype(np.float32)
         smooth_noise = noise / (2.0 * np.sqrt(np.pi) * blur)
     level = max(0.5 * contrast, SIGNIFICANT_SIGMA * smooth_noise)
     regions, runs, plateau, half_area = _with_plateaus(smooth, level)
@@ -187,9 +186,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
     return Candidates(disks[order], heights[order], wholes[order])
 
 
-def _whole_at_lower_level(
-    region: np.void, image: NDArray[np.float32], level: float
-) -> NDArray[np.float64] | None:
+def _whole_at_lower_level(region: np.void, image: Values, level: float) -> NDArray[np.float64] | None:
     """The disk of a region that is one ellipse at a lower level, which mottling does not cut up, or None."""
     box, corner = window_of(region, LOWER_MARGIN_PX)
     above = (image[box] > LOWER_RATIO * level).astype(np.uint8)

@@ -95,9 +95,8 @@ def as_one_contact(
     area = moments["m00"]
     if area < SMALLEST_PAIR_PX2:  # pixels make smaller regions look like anything
         return None
-    spread = (moments["mu20"] / area + 1 / 12) * (moments["mu02"] / area + 1 / 12) - (
-        moments["mu11"] / area
-    ) ** 2
+    xx, yy, xy = (moments[name] / area for name in ("mu20", "mu02", "mu11"))
+    spread = (xx + 1 / 12) * (yy + 1 / 12) - xy**2
     lack = 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9)))
     # Theory: 0 for any ellipse, 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of it.
     if lack > 0.03 and share_of_hull(mask, float(bare.sum())) < convex:

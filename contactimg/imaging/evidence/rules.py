@@ -14,22 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import ellipe
 
 from contactimg.compiled import njit
-from contactimg.imaging.detect.components import (
-    component_of_pixels,
-    half_axes,
-    label_runs,
-    mask_of_component,
-    window_of,
-)
+from contactimg.imaging.detect import components, inscribed_disks
 from contactimg.imaging.detect.hand_edits import HandEdit
-from contactimg.imaging.detect.inscribed_disks import (
-    CONVEX_SHARE,
-    LARGEST_HOLE_SHARE,
-    LEAST_CONVEX,
-    fill,
-    find_holes,
-    share_of_hull,
-)
 from contactimg.imaging.evidence.reference_dust import find_dust
 from contactimg.imaging.fit.contact_pixels import look_at_pixels
 from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, erase_disks
@@ -246,10 +232,10 @@ def _join_parts(
     """
     joint = result.joint
     half = 0.5 * result.core_share * (result.problem.contrast if joint is None else joint.contrast)
-    regions, runs = label_runs(foreground.image, half)
+    regions, runs = components.label_runs(foreground.image, half)
     x, y = np.nan_to_num(result.problem.in_frame(result.fit.disks[:, [X, Y]])).T
     a = result.fit.disks[:, RADIUS] * result.problem.binning
-    own = component_of_pixels(runs, np.rint(x).astype(int), np.rint(y).astype(int))
+    own = components.component_of_pixels(runs, np.rint(x).astype(int), np.rint(y).astype(int))
     inside, noise = own >= 0, reason == Reason.NOISE
     alike, every = (np.bincount(own[inside & rows], minlength=len(regions)) for rows in (noise, inside))
     light = regions["flux"] / np.sqrt(np.maximum(regions["area"], 1.0))
@@ -264,27 +250,26 @@ def _join_parts(
         poor, undescribed = (area @ e[name][rows] > 0.5 * area.sum() for name in ("poor", "undescribed"))
         if not poor:
             continue
-        box, _ = window_of(region)
+        box, _ = components.window_of(region)
         j, i = np.ogrid[box]
-        mask = mask_of_component(runs, k, (box[0].start, box[1].start), (len(j), i.size))
+        mask = components.mask_of_component(runs, k, (box[0].start, box[1].start), (len(j), i.size))
         drawn = np.any([np.hypot(i - x[row], j - y[row]) < a[row] for row in rows], axis=0)
         # speckles are no outline, the gaps of a packing are
-        filled = fill(mask, find_holes(mask), LARGEST_HOLE_SHARE * float(area.max()))
+        largest_hole = inscribed_disks.LARGEST_HOLE_SHARE * float(area.max())
+        filled = inscribed_disks.fill(mask, inscribed_disks.find_holes(mask), largest_hole)
         apart = np.count_nonzero(drawn != (filled > 0)) / float(region["area"])
         # noise and mottling make inlets in an outline, which two contacts that touch do not leave
         # By hand: wider than a fifth of the radius are none, and two disks that touch gain 0.02 of their
         # convex hull.
         reach = round(0.2 * float(np.sqrt(region["area"] / np.pi)))
         ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-        smooth = np.asarray(
-            cv2.morphologyEx(np.pad(filled, 2 * reach + 1), cv2.MORPH_CLOSE, ellipse), np.uint8
-        )
-        convex = share_of_hull(smooth, float(np.count_nonzero(smooth)))
-        least = LEAST_CONVEX if undescribed or len(rows) > 2 else CONVEX_SHARE
+        smooth = cv2.morphologyEx(np.pad(filled, 2 * reach + 1), cv2.MORPH_CLOSE, ellipse).astype(np.uint8)
+        convex = inscribed_disks.share_of_hull(smooth, float(np.count_nonzero(smooth)))
+        least = inscribed_disks.LEAST_CONVEX if undescribed or len(rows) > 2 else inscribed_disks.CONVEX_SHARE
         # By hand: mottled contacts that touch make up to 0.12, a packing of beads 0.09, islands of a random
         # surface 0.1 to 0.5.
         if convex > least or (undescribed and apart > 0.12):
-            largest = rows[np.argmax(area)]
+            largest = int(rows[np.argmax(area)])
             _count_region(table, largest, rows, region, float(filled.sum()))
             kept[(own == k) & (found != largest)] = False
             reason[rows] = ""
@@ -292,12 +277,10 @@ def _join_parts(
     return found, found[kept & (reason[found] == "")]
 
 
-def _count_region(
-    table: Columns, row: np.intp, parts: NDArray[np.intp], region: np.void, area: float
-) -> None:
+def _count_region(table: Columns, row: int, parts: NDArray[np.intp], region: np.void, area: float) -> None:
     """Put a region of an area in the place of a contact, with the uncertainties and flags of its parts."""
     radius, std = np.sqrt(area / np.pi), float(np.linalg.norm(table["area_std_px2"][parts]))
-    major, minor, angle = half_axes(region)
+    major, minor, angle = components.half_axes(region)
     ratio = np.sqrt(major / minor)
     flags = np.bitwise_or.reduce(table["flags"][parts]) | int(Flag.POOR_FIT | Flag.COUNTED)
     values = {
@@ -473,9 +456,8 @@ def visible_areas(contacts: Columns, shape: tuple[int, ...]) -> NDArray[np.float
     for k in np.flatnonzero(np.minimum.reduce([x - low[0], y - low[1], high[0] - x, high[1] - y]) < major):
         polygon = Outline(0, x[k], y[k], major[k], minor[k], angle[k]).polygon
         # what lies outside falls onto the border, where it has no area
-        whole, inside = (
-            u[:-1] @ v[1:] - u[1:] @ v[:-1] for u, v in (polygon.T, np.clip(polygon, low, high).T)
-        )
+        outlines = polygon.T, np.clip(polygon, low, high).T
+        whole, inside = (u[:-1] @ v[1:] - u[1:] @ v[:-1] for u, v in outlines)
         visible[k] *= inside / whole
     fitted = contacts["shape"] != "free"
     visible[fitted] -= areas_beyond_chords(np.column_stack([x, y, radius])[fitted])

@@ -8,16 +8,8 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.detect.candidates import ODD_RATIO, dark_spots, measure_contrast
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
+from contactimg.imaging.evidence import rules
 from contactimg.imaging.evidence.background_left import UNEVENNESS, inspect_background
-from contactimg.imaging.evidence.rules import (
-    FALSE_CANDIDATES,
-    PLACE,
-    SPECK_BLUR_WIDTHS,
-    WIDEST_BLUR_PX,
-    Columns,
-    Judged,
-    excess_of_counts,
-)
 from contactimg.imaging.fit.learned_edge import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
@@ -55,7 +47,7 @@ Theory: 0.95; by hand: unsharp masks of 0.5, 1 and 2 make 0.97, 1.1 and 1.5, the
 fifth, and contacts of speckles 1.14."""
 
 
-def judge_frame(seen: Judged) -> tuple[str, str, bool]:
+def judge_frame(seen: rules.Judged) -> tuple[str, str, bool]:
     """Status, message and measurability of a frame.
 
     Returns
@@ -90,7 +82,7 @@ def _left_out(foreground: Foreground) -> float:
     return hidden + float(np.mean(foreground.bright)) * foreground.shown.resolved
 
 
-def _light(seen: Judged) -> Iterator[tuple[str, str]]:
+def _light(seen: rules.Judged) -> Iterator[tuple[str, str]]:
     """Defects of light, reference and background, gravest first."""
     foreground, difference = seen.foreground, seen.foreground.difference
     rows, columns = foreground.image.shape
@@ -131,12 +123,12 @@ def _light(seen: Judged) -> Iterator[tuple[str, str]]:
     yield from _grey_levels(foreground)
 
 
-def _background(seen: Judged) -> Iterator[tuple[str, str]]:
+def _background(seen: rules.Judged) -> Iterator[tuple[str, str]]:
     """Defects of the background that is left outside the contacts and what the blur spreads of them."""
     foreground, fit = seen.foreground, seen.fit
     blur = DEFAULT_BLUR_PX if fit is None else fit.fit.blur * fit.problem.binning
     by_hand = seen.rejected["reason"] == Reason.BY_HAND  # no background either
-    places = [np.append(seen.contacts[name], seen.rejected[name][by_hand]) for name in PLACE]
+    places = [np.append(seen.contacts[name], seen.rejected[name][by_hand]) for name in rules.PLACE]
     left = inspect_background(
         foreground.image, foreground.frame_pair.valid, foreground.difference.illumination.background,
         np.column_stack(places),
@@ -184,11 +176,11 @@ def _grey_levels(foreground: Foreground) -> Iterator[tuple[str, str]]:
         yield Status.UNRESOLVED, text
 
 
-def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
+def _contacts(seen: rules.Judged) -> Iterator[tuple[str, str]]:
     """Defects of the contacts, gravest first."""
     if seen.fit is not None:
         blur, given = seen.optics.blur_px, seen.foreground.prior_optics.blur_px
-        if blur > WIDEST_BLUR_PX and seen.count < FEWEST and not np.isfinite(given):
+        if blur > rules.WIDEST_BLUR_PX and seen.count < FEWEST and not np.isfinite(given):
             text = f"what stands out is blurred over {blur:.2g} px, as light is, and no image of contacts"
             yield Status.LIGHT_NOT_FOLLOWED, text
         yield from _edges(seen.fit, seen.contacts["radius_px"])
@@ -225,18 +217,17 @@ def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
     if seen.count and seen.evidence:
         yield from _fitted(seen.evidence)
     faint = seen.having(Flag.TOO_SMALL | Flag.LOW_SIGNAL)
-    specks = seen.contacts["radius_px"] < SPECK_BLUR_WIDTHS * seen.optics.blur_px
+    specks = seen.contacts["radius_px"] < rules.SPECK_BLUR_WIDTHS * seen.optics.blur_px
     specks = faint & (specks | seen.having(Flag.POOR_FIT))
     n, few = np.count_nonzero(faint), np.count_nonzero(specks)
-    if (n >= FEWEST and n > SPOILED_SHARE * seen.count) or (
-        few >= FEWEST_DOUBTED and few > DOUBTED_SHARE * seen.count
-    ):
+    doubted = few >= FEWEST_DOUBTED and few > DOUBTED_SHARE * seen.count
+    if doubted or (n >= FEWEST and n > SPOILED_SHARE * seen.count):
         text = f"{n} of {seen.count} contacts are no wider than the blur and hardly stand out of the noise"
         yield Status.FALSE_CANDIDATES, text
 
 
 def _spoiled(
-    seen: Judged, flag: Flag, *, fewest: int = FEWEST, many: float = SPOILED_SHARE, much: float = 0.5
+    seen: rules.Judged, flag: Flag, *, fewest: int = FEWEST, many: float = SPOILED_SHARE, much: float = 0.5
 ) -> str:
     """Say how many contacts have a flag, if they are so many, or so large, that they spoil the frame."""
     n, area = seen.flagged(flag), seen.contacts["visible_area_px2"]
@@ -245,14 +236,14 @@ def _spoiled(
     return f"{n} of {seen.count} contacts, {100 * share:.3g} % of the area," if spoiled else ""
 
 
-def _fitted(e: Columns) -> Iterator[tuple[str, str]]:
+def _fitted(e: rules.Columns) -> Iterator[tuple[str, str]]:
     """Defects that the evidence of all contacts together shows, gravest first."""
     alone = e["touching"] == 0
     disks = np.count_nonzero(~alone & ~e["ellipse"])
     if disks >= 2 and np.count_nonzero(e["ellipse"] & alone) > 0.5 * alone.sum():
         text = f"most contacts are ellipses, and {disks} disks touch: two of them may be one ellipse"
         yield Status.UNRESOLVED, text
-    used, apart, std = excess_of_counts(e)
+    used, apart, std = rules.excess_of_counts(e)
     share, z = apart / max(float(e["expected"][used].sum()), 1.0), apart / max(std, 1e-9)
     # By hand: a hundredth of the area shows another edge than the one assumed.
     if np.count_nonzero(used) >= FEWEST and abs(z) >= SIGNIFICANT_SIGMA and abs(share) >= 0.01:
@@ -267,15 +258,14 @@ def _fitted(e: Columns) -> Iterator[tuple[str, str]]:
         yield Status.NONLINEAR, text
     bare = 1.0 - float(np.mean(e["surrounded"]))
     if bare > (0.5 if len(alone) >= FEWEST else 0.99):
-        text = f"no background is seen around {100 * bare:.0f} % of the contacts"
-        yield Status.LITTLE_BACKGROUND, text
+        yield Status.LITTLE_BACKGROUND, f"no background is seen around {100 * bare:.0f} % of the contacts"
 
 
-def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
+def _false_candidates(seen: rules.Judged) -> Iterator[tuple[str, str]]:
     """Candidates that were taken for contacts and are none, or were not taken and may be."""
     foreground, reasons = seen.foreground, Counter(seen.rejected["reason"])
     dust = reasons[Reason.REFERENCE_DUST]
-    false = sum(reasons[reason] for reason in FALSE_CANDIDATES)
+    false = sum(reasons[reason] for reason in rules.FALSE_CANDIDATES)
     if dust > 0.5 * (dust + seen.count) and dust >= FEWEST:
         text = (
             f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of "
@@ -290,14 +280,12 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
         yield Status.FALSE_CANDIDATES, text
     mask = foreground.foreign.mask
     if mask is not None and (hidden := float(np.mean(mask))) > HIDDEN_SHARE:
-        text = (
-            f"hairs, scratches or bars hide {100 * hidden:.2g} % of the frame: what they cross was left out"
-        )
+        percent = f"{100 * hidden:.2g} %"
+        text = f"hairs, scratches or bars hide {percent} of the frame: what they cross was left out"
         yield Status.UNRESOLVED, text
     if seen.unexplained > DOUBTED_SHARE:
-        text = (
-            f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
-        )
+        percent = f"{100 * seen.unexplained:.3g} %"
+        text = f"{percent} of the pixels that stand out belong to no contact that was found"
         yield Status.UNRESOLVED, text
     if seen.evidence and seen.count:
         brightness = seen.evidence["brightness"]  # a second image draws the common contrast down
@@ -347,7 +335,7 @@ def _edges(fit: FrameFit, radius: NDArray[np.float64]) -> Iterator[tuple[str, st
             yield Status.SOFT if n > DOUBTED_SHARE * count else "", f"{text} contacts"
 
 
-def _remarks(seen: Judged) -> Iterator[str]:
+def _remarks(seen: rules.Judged) -> Iterator[str]:
     """The remarks that are worth knowing without being a defect."""
     foreground = seen.foreground
     unit, valid = foreground.frame_pair.unit, foreground.frame_pair.valid
@@ -387,7 +375,7 @@ def _remarks(seen: Judged) -> Iterator[str]:
         yield f"the areas of {n} of {seen.count} contacts are those of their counted pixels"
 
 
-def _show_plateaus(seen: Judged) -> bool:
+def _show_plateaus(seen: rules.Judged) -> bool:
     """Whether every contact shows its plateau, so that no radius depends on what is known of the contrast."""
     wide = np.min(seen.contacts["radius_px"]) > CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX
     return bool(wide) and seen.foreground.shown.resolved

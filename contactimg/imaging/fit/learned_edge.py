@@ -126,10 +126,8 @@ def describe_edge(learned: LearnedEdge, *, binning: int) -> str:
         blur = edge.blur * binning * (1 + terms @ edge.shape[FIELD])
         parts.append(f"a blur between {blur.min():.2g} and {blur.max():.2g} px over the frame")
     if "contrast" in learned.families:
-        trend = float(edge.shape[TREND])
-        parts.append(
-            f"small contacts {abs(trend):.2g} {'brighter' if trend > 0 else 'dimmer'} than large ones"
-        )
+        trend, what = abs(edge.shape[TREND]), "brighter" if edge.shape[TREND] > 0 else "dimmer"
+        parts.append(f"small contacts {trend:.2g} {what} than large ones")
     if "response" in learned.families:
         gamma, std = learned.gamma
         parts.append(

@@ -133,9 +133,8 @@ def measure_by_fit(
     contradicts = False
     if given.is_uncertain and joint is not None and not film_taken:
         contradicts = frame.prior.is_contradicted_by(joint)
-    return replace(
-        best, fit=_shown(best.fit, best.problem), known_edge=given.known_edge, contradicts_prior=contradicts
-    )
+    fit = _shown(best.fit, best.problem)
+    return replace(best, fit=fit, known_edge=given.known_edge, contradicts_prior=contradicts)
 
 
 class _Frame:
@@ -214,9 +213,8 @@ class _Frame:
         """
         radius, image, noise = fit.disks[:, RADIUS], problem.image, problem.noise
         gain, known_spread = 1.0 + noise.slope, self.foreground.prior_optics.spread
-        correlation = correlation or measure_correlation(
-            image, fit.model, problem.background, noise=problem.pixel_noise
-        )
+        images, pixel_noise = (image, fit.model, problem.background), problem.pixel_noise
+        correlation = correlation or measure_correlation(*images, noise=pixel_noise)
         shared = correlation.inflation(radius, fit.blur, noise=noise, gain=gain, rim=False)
         prior = contrast_prior(fit, problem, inflation=shared)
         seen = np.count_nonzero(wide_disks(fit)) >= FEWEST

@@ -20,14 +20,7 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitP
 from contactimg.imaging.kernels.ellipse_equations import sample_ellipse, sum_over_ellipse
 from contactimg.imaging.kernels.pairs import count_touching
 from contactimg.imaging.pixels.masks import for_kernel
-from contactimg.imaging.profile.limits import (
-    ITERATIONS,
-    LEAST_FRACTION,
-    POOR_CHI_SQUARE,
-    REACH_BLUR_WIDTHS,
-    SETTLED_SIGMA,
-    TWO_SIGNIFICANT,
-)
+from contactimg.imaging.profile import limits
 
 E1, E2, LIGHT = 3, 4, 5
 """Columns of the ellipticity and the contrast among the parameters of an ellipse, after x, y and radius."""
@@ -131,21 +124,20 @@ def fit_ellipse(
     inflation : float
         Factor of the variances for noise that pixels share.
     """
-    contrast, spread = prior[0], max(prior[1], LEAST_FRACTION * prior[0])
+    contrast, spread = prior[0], max(prior[1], limits.LEAST_FRACTION * prior[0])
     noise, valid = window.noise, for_kernel(window.valid)
     a, size = start[RADIUS], max(start[RADIUS], blur)
     limit = np.array([size, size, a + blur, 2 * WIDEST_ELLIPTICITY, 2 * WIDEST_ELLIPTICITY, 3.0 * contrast])
     low = np.array([-np.inf, -np.inf, min(0.5 * a, 0.1 * blur), *[-WIDEST_ELLIPTICITY] * 2, 0.3 * contrast])
     high = np.array([np.inf, np.inf, np.inf, *[WIDEST_ELLIPTICITY] * 2, 3.0 * contrast])
     p, best, least, damping = start, start, np.inf, 1e-3
-    for _ in range(ITERATIONS):
+    for _ in range(limits.ITERATIONS):
         products, right = np.empty((7, 7)), np.empty(6)
-        sums = sum_over_ellipse(
-            window.image, valid, p, blur, noise.variance, noise.slope / contrast, products, right
-        )
+        variance = noise.variance, noise.slope / contrast
+        sums = sum_over_ellipse(window.image, valid, p, blur, *variance, products, right)
         loss = sums[0] + ((p[LIGHT] - contrast) / spread) ** 2
         if not loss >= least:  # the first, or a better one; NaN ends as parameters that are not finite
-            small, best, least, damping = least - loss < SETTLED_SIGMA**2, p, loss, 0.1 * damping
+            small, best, least, damping = least - loss < limits.SETTLED_SIGMA**2, p, loss, 0.1 * damping
             normal, by_blur, gradient, fitted = products[:6, :6], products[:6, 6], right, sums[1:]
             normal[LIGHT, LIGHT] += spread**-2.0
             gradient[LIGHT] += (contrast - p[LIGHT]) / spread**2
@@ -155,7 +147,7 @@ def fit_ellipse(
             damping = max(10.0 * damping, 1e-3)
         step = np.linalg.solve(normal + np.diag(damping * np.diag(normal) + 1e-12), gradient)
         p = np.clip(best + np.clip(step, -limit, limit), low, high)
-        if damping < 0.1 and step @ gradient < SETTLED_SIGMA**2:
+        if damping < 0.1 and step @ gradient < limits.SETTLED_SIGMA**2:
             break
     # a regularisation treats all parameters alike
     sizes = np.array([blur, blur, blur, 0.1, 0.1, contrast])
@@ -234,7 +226,7 @@ def find_ellipses(
     """
     chosen = rows
     if chosen is None:
-        chosen = poor_disks(fit, 0.0 if everywhere else POOR_CHI_SQUARE)
+        chosen = poor_disks(fit, 0.0 if everywhere else limits.POOR_CHI_SQUARE)
         chosen = chosen if among is None else chosen[among[chosen]]
         if not everywhere and len(chosen):
             looked = look_at_pixels(problem, fit, rows=chosen)
@@ -249,15 +241,15 @@ def find_ellipses(
             continue
         least, disk = float(ellipse.chi_square[0]), float(fit.chi_square[row])
         # By hand: well below the disk, unless the ellipse fits well.
-        better = least < min(max(0.7 * disk, POOR_CHI_SQUARE), disk)
+        better = least < min(max(0.7 * disk, limits.POOR_CHI_SQUARE), disk)
         better &= np.exp(2.0 * ellipse.ellipticity) > LEAST_ELONGATION
-        if everywhere or rows is not None or (better and ellipse.significance > TWO_SIGNIFICANT):
+        if everywhere or rows is not None or (better and ellipse.significance > limits.TWO_SIGNIFICANT):
             kept.append(int(row))
             fitted.append(ellipse)
     return Ellipses(np.array(kept, np.intp), fitted, fit.blur)
 
 
-def poor_disks(fit: FittedDisks, chi_square: float = POOR_CHI_SQUARE) -> NDArray[np.intp]:
+def poor_disks(fit: FittedDisks, chi_square: float = limits.POOR_CHI_SQUARE) -> NDArray[np.intp]:
     """Disks that touch no other, wide enough to show a shape, which fit worse than that."""
     radius = fit.disks[:, RADIUS]
     # Up to 250 px: the bound of the work on one contact.
@@ -270,7 +262,7 @@ def _fit_one(
 ) -> FittedEllipse | None:
     """An ellipse in the place of one disk, all others subtracted."""
     x, y, a, c = fit.disks[row]
-    reach = 1.5 * a + REACH_BLUR_WIDTHS * fit.blur
+    reach = 1.5 * a + limits.REACH_BLUR_WIDTHS * fit.blur
     rows, columns = problem.image.shape
     left, top = max(int(x - reach), 0), max(int(y - reach), 0)
     box = slice(top, min(int(y + reach) + 2, rows)), slice(left, min(int(x + reach) + 2, columns))
@@ -307,15 +299,14 @@ def made_round(
     image, disks = problem.image.copy(), fit.disks.copy()
     for row, ellipse in zip(ellipses.rows, ellipses.fitted, strict=True):
         x, y, a, _, _, c = ellipse.parameters
-        reach = 1.2 * float(ellipse.half_axes[0]) + REACH_BLUR_WIDTHS * fit.blur
+        reach = 1.2 * float(ellipse.half_axes[0]) + limits.REACH_BLUR_WIDTHS * fit.blur
         left, top = max(int(x - reach), 0), max(int(y - reach), 0)
         part = image[top : max(int(y + reach) + 2, 0), left : max(int(x + reach) + 2, 0)]
         if not part.size:
             continue
         corner = np.array([left, top, 0.0, 0.0, 0.0, 0.0])
         disk = render_disks(np.array([[x - left, y - top, a, c]]), ellipses.blur, part.shape)
-        part += np.float32(sign) * (
-            disk - render_ellipse(ellipse.parameters - corner, ellipses.blur, part.shape)
-        )
+        shown = render_ellipse(ellipse.parameters - corner, ellipses.blur, part.shape)
+        part += np.float32(sign) * (disk - shown)
         disks[row, [X, Y, RADIUS, CONTRAST]] = x, y, a, c
     return replace(problem, image=image), disks

@@ -185,9 +185,8 @@ def rim_scores(
     weight[nodes.distance > nodes.radius + INNER_BLUR_WIDTHS * edge.blur] = 0.0
     # own contrast, background and radius, then the blur and the parameters of the edge
     slopes = disks[:, CONTRAST, None, None] * edge.derivatives(nodes, profile, chosen[1:])
-    columns = np.concatenate(
-        [profile[:, None], slopes[:, :1], np.ones_like(slopes[:, :1]), slopes[:, 1:]], axis=1
-    )
+    own = profile[:, None], slopes[:, :1], np.ones_like(slopes[:, :1])
+    columns = np.concatenate([*own, slopes[:, 1:]], axis=1)
     products = columns @ np.swapaxes(columns * (weight * nodes.areas)[:, None], 1, 2)
     gradient, excess = (columns @ (weight * rest)[:, :, None])[:, :, 0], disks[:, CONTRAST] - contrast
     normal, by_edge, size = products[:, :OWN, :OWN], chosen[1:], SHARED + len(PARAMETERS)

@@ -7,15 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.pixels import robust
 from contactimg.imaging.pixels.masks import Mask, Values
-from contactimg.imaging.pixels.robust import (
-    SAMPLE,
-    SIGNIFICANT_SIGMA,
-    median,
-    noise_std,
-    quantile,
-    robust_std,
-)
 
 MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected. By hand
 # Least difference from the median, of the largest, where there is no noise; and share of the pixels that may
@@ -34,10 +27,10 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
     middle = cv2.medianBlur(image, 3)
     rest = cv2.absdiff(image, middle)
     worst = rest.max(axis=1)
-    every, largest = max(int(np.sqrt(image.size / SAMPLE)), 1), float(worst.max())
+    every, largest = max(int(np.sqrt(image.size / robust.SAMPLE)), 1), float(worst.max())
     some = rest[::every, ::every]
     # By hand, from the median of nine pixels: shot noise of bright contacts is below.
-    limit = 10.0 * noise_std(some.astype(np.int16 if some.dtype == np.uint8 else np.float32))
+    limit = 10.0 * robust.noise_std(some.astype(np.int16 if some.dtype == np.uint8 else np.float32))
     limit = min(max(limit, LEAST_DEFECT * largest), largest)
     off = np.flatnonzero(worst > rest.dtype.type(limit))
     places, columns = np.nonzero(rest[off] > rest.dtype.type(limit))
@@ -89,12 +82,11 @@ def mosaic_gains(image: NDArray, valid: Mask = None) -> NDArray[np.float64] | No
     rows, columns = (size // 2 * 2 for size in image.shape)
     if not rows * columns:
         return None
-    every = max(int(np.sqrt(rows * columns / 4 / SAMPLE)), 1)
+    every = max(int(np.sqrt(rows * columns / 4 / robust.SAMPLE)), 1)
 
     def of_colours(pixels: NDArray) -> NDArray:
-        return np.stack(
-            [pixels[y:rows:2, x:columns:2][::every, ::every].ravel() for y, x in np.ndindex(2, 2)]
-        )
+        phases = (pixels[y:rows:2, x:columns:2][::every, ::every] for y, x in np.ndindex(2, 2))
+        return np.stack([phase.ravel() for phase in phases])
 
     phases = np.asarray(of_colours(image), np.float32)
     if valid is not None:
@@ -104,18 +96,18 @@ def mosaic_gains(image: NDArray, valid: Mask = None) -> NDArray[np.float64] | No
     mean, levels = phases.mean(axis=0), phases.mean(axis=1)
     if np.ptp(levels) < 0.5 * MOSAIC_STEP * levels.mean():
         return None
-    bright = mean > max(0.2 * quantile(mean, 0.9), 1e-6)
+    bright = mean > max(0.2 * robust.quantile(mean, 0.9), 1e-6)
     if np.count_nonzero(bright) < 1000:
         return None
     ratio = phases[:, bright] / mean[bright]
-    gains = np.array([median(part) for part in ratio], float)
-    error = np.array([robust_std(part) for part in ratio]) / np.sqrt(ratio.shape[1])
+    gains = np.array([robust.median(part) for part in ratio], float)
+    error = np.array([robust.robust_std(part) for part in ratio]) / np.sqrt(ratio.shape[1])
     if not gains.min() > 0.0:
         return None
     step = np.abs(gains - 1.0)
     # the median of whole numbers is known to half of one
-    alike = np.max(step) < max(MOSAIC_STEP, 1.0 / median(mean[bright]))
-    return None if alike or np.max(step / (error + 1e-9)) < SIGNIFICANT_SIGMA else gains.reshape(2, 2)
+    alike = np.max(step) < max(MOSAIC_STEP, 1.0 / robust.median(mean[bright]))
+    return None if alike or np.max(step / (error + 1e-9)) < robust.SIGNIFICANT_SIGMA else gains.reshape(2, 2)
 
 
 def divide_by_mosaic(image: NDArray, gains: NDArray[np.float64]) -> Values:

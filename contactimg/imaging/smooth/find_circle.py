@@ -14,6 +14,7 @@ from scipy import optimize
 
 from contactimg.errors import FrameError
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
+from contactimg.imaging.pixels.masks import Flags
 from contactimg.imaging.pixels.robust import MAD_TO_STD
 
 Values = NDArray[np.float64]
@@ -94,9 +95,7 @@ class EdgeSamples:
         return np.stack([once.real, once.imag, np.ones(len(once)), twice.real, twice.imag])
 
 
-def find_circle(
-    image: NDArray[np.float32], plateau: float, *, valid: NDArray[np.bool_] | None = None
-) -> Circle:
+def find_circle(image: NDArray[np.float32], plateau: float, *, valid: Flags | None = None) -> Circle:
     """Rough circle of the widest contact of an image.
 
     Parameters
@@ -218,9 +217,8 @@ def sample_edge(
     near_edge = np.abs(low + (np.arange(rings) + 0.5) * RING_PX - circle.radius_px) < min(4.0, inside_px)
     whole = (count.reshape(SECTORS, rings)[:, near_edge] > 0).mean(axis=1) > 0.75
     kept = np.flatnonzero((count > 0) & np.repeat(whole, rings))
-    distance, value = (
-        np.bincount(cell, weights, SECTORS * rings)[kept] / count[kept] for weights in (r, part[used])
-    )
+    sums = (np.bincount(cell, weights, SECTORS * rings)[kept] for weights in (r, part[used]))
+    distance, value = (total / count[kept] for total in sums)
     middle = (kept // rings + 0.5) / SECTORS * 2 * np.pi - np.pi
     weight = np.sqrt(count[kept]) / max(noise, 1e-3 * float(np.ptp(value)) if len(value) else 1.0, 1e-9)
     return EdgeSamples(circle, middle, distance, value, weight, kept // rings)
