@@ -432,17 +432,15 @@ def _check_types(**given: tuple[Any, ...]) -> None:
             raise InputError(f"{name} must be of type {names}, got {value!r}")
 
 
-def _subtract_background(
-    frame_pair: FramePair, polarity: str, **registration: bool
-) -> tuple[DifferenceImage, int]:
+def _subtract_background(pair: FramePair, polarity: str, **registration: bool) -> tuple[DifferenceImage, int]:
     """Difference image and the sign that makes contacts positive."""
-    frame, reference = frame_pair.frame, frame_pair.reference
-    if frame_pair.trivial:
+    frame, reference = pair.frame, pair.reference
+    if pair.trivial:
         plain = np.subtract(frame, frame if reference is None else reference, dtype=np.float32)
         return plain_difference(plain), -1 if polarity == "dark" else 1
     if reference is not None:
-        return remove_background(frame, reference, valid=frame_pair.valid, polarity=polarity, **registration)
-    return estimate_background(frame, valid=frame_pair.valid, polarity=polarity)
+        return remove_background(frame, reference, valid=pair.valid, polarity=polarity, **registration)
+    return estimate_background(frame, valid=pair.valid, polarity=polarity)
 
 
 def _match_levels(image: NDArray, reference: NDArray | None) -> NDArray | None:

@@ -18,7 +18,7 @@ from contactimg.imaging.pixels.masks import Flags, Mask, Values
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, MAD_TO_STD, median, robust_std
 from contactimg.imaging.profile.limits import FEW, LEAST_FRACTION, ROUNDS
 
-Places = NDArray[np.int64] | slice
+Rows = NDArray[np.int64]
 
 POLYNOMIAL_ORDER = 3  # total degree: vignetting is a quadratic, uneven lamps need a cubic
 # Powers of u and v in each term of the polynomial.
@@ -50,14 +50,14 @@ class Illumination:
     background: Flags
     scatter: float
 
-    def row_polynomials(self, rows: NDArray[np.int64], shape: tuple[int, int]) -> tuple[Values, Values]:
+    def row_polynomials(self, rows: Rows, shape: tuple[int, int]) -> tuple[Values, Values]:
         """Coefficients of the cubic in ``u`` for some rows, and ``u`` of each column."""
         along = _powers(2.0 * rows / shape[0] - 1.0) @ self.coefficients
         across = 2.0 * np.arange(shape[1]) / shape[1] - 1.0
         return along.astype(np.float32), across.astype(np.float32)
 
     def ratio_at_rows(
-        self, rows: NDArray[np.int64], shape: tuple[int, int], columns: Places = slice(None)
+        self, rows: Rows, shape: tuple[int, int], columns: Rows | slice = slice(None)
     ) -> Values:
         """A ratio, far enough from 0 to divide by it, at all pixels of some rows (and columns)."""
         along, across = self.row_polynomials(rows, shape)

@@ -23,15 +23,9 @@ from contactimg.imaging.pixels.masks import Mask, Values
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, SQUARE_PX
 from contactimg.tables import Reason
 
-LENGTH_HALF_WIDTHS, LENGTH_MARGIN_PX = 6.0, 3.0
-"""A long region is longer than ``6 (half width + 3 px)``: longer than a few small contacts that touch. By
-hand."""
-LEVEL_FRACTION = 0.3
-"""Level, as a fraction of the contrast, above which objects are looked for. By hand: a blurred hair does not
-reach half of the contrast along its whole length."""
 LINE_WIDTH_PX = 9
-"""Width below which a part of a region is thin, at `LEVEL_FRACTION`. By hand: a line of 4 px behind a blur of
-1.5 px."""
+"""Width below which a part of a region is thin, at the level of `find_foreign`. By hand: a line of 4 px
+behind a blur of 1.5 px."""
 SMALLEST_LINE = 15
 """Squares in the diagonal of a region, and in a thin part, from which it may be a line: slivers of rims are
 smaller. By hand."""
@@ -77,7 +71,8 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     (['long: neither a disk nor a group of disks'], [99.5], 0)
     """
     image, (squares, _) = seen.image, seen.squares(SQUARE_PX)
-    level = max(LEVEL_FRACTION * plateau, FALSE_ALARM_SIGMA * seen.noise / SQUARE_PX)
+    # By hand: a blurred hair does not reach half of the contrast along its whole length.
+    level = max(0.3 * plateau, FALSE_ALARM_SIGMA * seen.noise / SQUARE_PX)
     components = label_components(squares, level)
     width = components["right"] - components["left"] + 1.0
     diagonal = width**2 + (components["bottom"] - components["top"] + 1.0) ** 2  # squared
@@ -87,9 +82,8 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     # clusters of contacts sprawl as well: most frames need no more than a look at each of them
     if sum(squares[box].size for box in windows) < squares.size:
         pixels = (tuple(slice(SQUARE_PX * at.start, SQUARE_PX * at.stop) for at in box) for box in windows)
-        looks = (
-            _find(image[one], squares[box], level, total) for one, box in zip(pixels, windows, strict=True)
-        )
+        places = zip(pixels, windows, strict=True)
+        looks = (_find(image[pixel], squares[box], level, total) for pixel, box in places)
         if not any(found is not None for found in looks):
             return NONE
     return _find(image, squares, level, total) or NONE
@@ -234,7 +228,7 @@ def label_regions(mask: NDArray[np.bool_]) -> LabelledRegions:
     # Theory: the mean distance from the rim is 1/3 of the largest for disks and squares, 1/2 for bars.
     # By hand: for regions narrower than 1.6 px, distances in whole pixels are too coarse for the ratio.
     bar = (mean - 0.5 > 0.42 * half) | (half < 1.6)
-    long = bar & (extent > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX))
+    long = bar & (extent > 6.0 * (half + 3.0))  # px: longer than a few small contacts that touch. By hand
     x, y = np.asarray(centroids, float)[1:].T
     labels = np.asarray(labels, np.int32) - np.int32(1)
     return LabelledRegions(labels, area[1:], long[1:], half[1:], (0.5 * area / half)[1:], x, y)

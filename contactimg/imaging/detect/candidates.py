@@ -30,11 +30,6 @@ CLEAR_RATIO = 1.5
 """Plateau, over the level from which it stands out of the noise, above which it is no peak of noise; above
 twice as much coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by
 hand."""
-LOWER_RATIO, LOWER_MARGIN_PX = 0.6, 4
-"""Level, over half of the common contrast, at which a region is outlined again before it is split, and how
-far it may then reach beyond its first outline. By hand."""
-CORE_FRACTION = 0.75
-"""Pixels above this fraction of the peak of a region make its plateau. By hand."""
 WIDE_PX2 = 30.0
 """Area above half height of a region that shows its plateau: a radius of two blur widths of 1.5 px. Theory:
 1 - exp(-2) = 86 % of it at the centre."""
@@ -45,9 +40,7 @@ DARK_FRACTION = 0.2
 ODD_RATIO = 1.3
 """Plateau over the common contrast, or its inverse, from which a region is outlined at its own half.
 Theory: the edge at the wrong level is then off by a quarter of a blur width."""
-FAINT_RATIO, RAGGED_SHARE = 0.7, 0.6
-"""Plateau over the common contrast up to which a region is faint, and share of its area that its pieces at
-the common level cover at most. By hand: at half of the contrast noise decides pixel by pixel."""
+FAINT_RATIO = 0.7  # plateau over the common contrast up to which a region is faint. By hand
 WEIGHT_CAP = 8.0
 """Area over the median one up to which a region counts in the common contrast. By hand: no single region
 decides."""
@@ -188,8 +181,9 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
 
 def _whole_at_lower_level(region: np.void, image: Values, level: float) -> NDArray[np.float64] | None:
     """The disk of a region that is one ellipse at a lower level, which mottling does not cut up, or None."""
-    box, corner = window_of(region, LOWER_MARGIN_PX)
-    above = (image[box] > LOWER_RATIO * level).astype(np.uint8)
+    # By hand: 0.6 of the first level, and up to 4 px beyond the first outline.
+    box, corner = window_of(region, 4)
+    above = (image[box] > 0.6 * level).astype(np.uint8)
     labels = cv2.connectedComponents(above, connectivity=8)[1]
     peak = labels[int(region["peak_y"]) - box[0].start, int(region["peak_x"]) - box[1].start]
     own = np.asarray(labels == peak).astype(np.uint8)
@@ -257,11 +251,11 @@ def _with_plateaus(image: NDArray[np.float32], level: float) -> Regions:
 
 @njit(cache=True)
 def _measure_plateaus(image, runs, peak, plateau, half_area):
-    """Mean of the pixels near the peak of each region (`CORE_FRACTION`), and its area above half of it."""
+    """Mean of the pixels near the peak of each region, above 3/4 of it, and its area above half of it."""
     count = np.zeros(len(peak))
     for i in range(len(runs)):
         y, first, last, k = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3]
-        number, total = _sum_above(image[y, first : last + 1], np.float32(CORE_FRACTION * peak[k]))
+        number, total = _sum_above(image[y, first : last + 1], np.float32(0.75 * peak[k]))
         count[k] += number
         plateau[k] += total
     for k in range(len(peak)):
@@ -340,7 +334,8 @@ def _faint_regions(
     outlined = (where >= 0) & (regions["area"] > SMALL_AREA_PX2)
     covered = np.bincount(where[outlined], regions["area"][outlined], minlength=len(support))
     at_level = plateau < FAINT_RATIO * 2.0 * level
-    taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * half_area))
+    # By hand: at half of the contrast noise decides pixel by pixel, and leaves pieces of a region.
+    taken = (covered > 0) & ~(at_level & (covered < 0.6 * half_area))
     light = support["flux"] > LIGHT_SIGMA * noise * np.sqrt(support["area"])
     shown = light & ~taken & (half_area > WIDE_PX2)
     # Regions are outlined behind a filter of half the side of the squares that show them. By hand.

@@ -10,9 +10,6 @@ from contactimg.imaging.profile.limits import FEW
 
 DEFAULT_BLUR_PX = 1.5
 """Blur where the rims do not show it, px: typical of the paper's frames."""
-HALF_HEIGHT_BAND = (0.4, 0.6)
-"""Fractions of the plateau between which a pixel counts as at half height; the slope varies by 3 % (theory:
-``exp(-z^2/2)`` with ``Phi(z) = 0.6``)."""
 LEAST_VARIANCE_PX2 = 0.35
 """Least squared blur (0.59 px), pixel included. Chosen by hand."""
 STRIP = 64
@@ -26,7 +23,8 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
     -----
     At half height a straight edge has the gradient ``plateau/(s sqrt(2 pi))``. Good to 10 %.
     """
-    low, high = (np.float32(fraction * plateau) for fraction in HALF_HEIGHT_BAND)
+    # Theory: the slope varies by 3 % there, exp(-z^2/2) with Phi(z) = 0.6.
+    low, high = np.float32(0.4 * plateau), np.float32(0.6 * plateau)
     # The median of so many pixels at half height is good to 1.4 % of the scatter.
     slopes = _slopes(image, low, high, 8000)
     if len(slopes) < FEW:

@@ -39,8 +39,6 @@ from contactimg.tables.outlines import Outline
 DIRECTIONS, LEAST_SEEN = 32, 4
 """Directions in which the fall is read, from two blur widths inside to two outside, and least number of them
 that must be seen. By hand."""
-PERCENTILE = 70.0
-"""Percentile of these falls that is taken. By hand: up to 30 % of the rim may touch neighbours."""
 SHARPEST_BLUR_PX, WIDEST_BLUR_PX = 1.0, 8.0
 """Limits of the blur used here: pixels are not interpolated, and no optics is as blurred as uneven light."""
 Columns = dict[str, NDArray]
@@ -58,10 +56,6 @@ LEAST_VISIBLE = 0.1
 RIM_FALL = 0.5
 """Least fall across the rim of a wide contact, of its contrast. Theory: 0.95 of a blurred edge; by hand:
 a point spread function with heavy tails leaves 0.66, a fibre out of focus 0.35 to 0.45."""
-UNSEEN_FILM_BLUR_WIDTHS = 0.25 / np.sqrt(3.0)
-"""Standard uncertainty of the place of an edge beside which an air film may shine, over the blur. Theory: of
-a shift anywhere between 0 and 0.25; by hand: of 0.17 no rim tells anything, twice as much is seen as soft
-edges."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,11 +152,13 @@ def judge_contacts(
 
     ``linearity`` is the error of the camera's response at mid-level, of the contrast, that no fit can see: it
     moves every edge by ``linearity s sqrt(2 pi)``. Where nothing is known of an air film either, one that is
-    too narrow to be seen may move it by `UNSEEN_FILM_BLUR_WIDTHS`.
+    too narrow to be seen may move it by a quarter of the blur.
     """
     problem, joint, binning = result.problem, result.joint, result.problem.binning
     e = _evidence(foreground, result, free=shape == "free")
-    shift = np.hypot(linearity * np.sqrt(2.0 * np.pi), UNSEEN_FILM_BLUR_WIDTHS if film_unknown else 0.0)
+    # By hand: of a shift by 0.17 of the blur no rim tells anything, twice as much is seen as soft edges.
+    unseen_film = 0.25 / np.sqrt(3.0) if film_unknown else 0.0
+    shift = np.hypot(linearity * np.sqrt(2.0 * np.pi), unseen_film)
     table = _columns(result, e, float(shift) * result.fit.blur)
     e["total_std"] = table["radius_std_px"] / binning
     places = np.column_stack([table[name] for name in PLACE])
@@ -476,8 +472,8 @@ def measure_fall(
 ) -> NDArray[np.float64]:
     """Fall of the brightness across the rim of each disk, in the units of the image.
 
-    The `PERCENTILE` of its falls in `DIRECTIONS`, to the nearest of those that are seen. Infinite for narrow
-    disks and those of which too little is seen.
+    The 70th percentile of its falls in `DIRECTIONS`, to the nearest of those that are seen. Infinite for
+    narrow disks and those of which too little is seen.
 
     Parameters
     ----------
@@ -503,7 +499,8 @@ def measure_fall(
     pixels = np.asarray(image, np.float32)
     falls, count = _falls_across(pixels, for_kernel(valid), disks[wide], NEAR_BLUR_WIDTHS * blur, half)
     falls, enough = np.sort(falls), count >= LEAST_SEEN
-    chosen = np.rint(PERCENTILE / 100.0 * (count[enough] - 1)).astype(int)
+    # By hand: up to 30 % of the rim may touch neighbours.
+    chosen = np.rint(0.7 * (count[enough] - 1)).astype(int)
     out[wide[enough]] = falls[enough, chosen]
     return out
 

@@ -341,9 +341,8 @@ def _remarks(seen: rules.Judged) -> Iterator[str]:
     unit, valid = foreground.frame_pair.unit, foreground.frame_pair.valid
     yield seen.remark
     if valid is not None and (hidden := 1.0 - float(np.mean(valid))) > HIDDEN_SHARE:
-        yield (
-            f"{100 * hidden:.2g} % of the frame were left out: no light, a margin, a foreign object or a mask"
-        )
+        percent = f"{100 * hidden:.2g} %"
+        yield f"{percent} of the frame were left out: no light, a margin, a foreign object or a mask"
     refused = foreground.refused
     compared = [
         ("a contrast of {:.3g} grey levels", seen.optics.contrast * unit, refused.contrast * unit),

@@ -40,8 +40,6 @@ from contactimg.imaging.profile.limits import FAINT_FRACTION, FEW, SUSPICIOUS_CH
 SHARPEST_BLUR_PX = 0.75
 """Blur, pixel included, below which a misfit at the rims is that of coarse pixels, not of the edge. By hand:
 the edge then rises within 1.5 px."""
-RIM_BAND = (0.2, 0.8)
-"""Fractions of the contrast between which a pixel is at the rim. By hand."""
 QUANTILES_TO_STD = {0.25: QUARTILE_TO_STD, 0.5: MAD_TO_STD}
 """Standard deviation of normal deviates over quantiles of their size: ``1/Phi^-1(1/2 + share/2)``."""
 PAIR_MARGIN_PX = 2.0  # move of a rim (or 10 % of the blur) after which pairs are searched again; speed only
@@ -410,7 +408,7 @@ def allow_for_coarse_rims(problem: FitProblem, fit: FittedDisks, *, share: float
     # Accuracy: of so many pixels a thousand lie at rims and give their scatter to 4 %.
     every = max(int(np.sqrt(problem.image.size / 250_000)), 1)
     height, image = fit.model[::every] / problem.contrast, problem.image[::every]
-    rim = (height > RIM_BAND[0]) & (height < RIM_BAND[1])
+    rim = (height > 0.2) & (height < 0.8)  # by hand
     if problem.valid is not None:
         rim &= problem.valid[::every] > 0
     if np.count_nonzero(rim) < FEW:

@@ -59,14 +59,9 @@ INDISTINCT = ({"softness", "response"}, {"softness", "rim"}, {"softness", "point
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
 light outside like a soft rim, and soft rims of contacts that are equally large like a point spread function.
 """
-USUAL_ODDS, PRIOR_ODDS = 0.1, {"response": 0.5}
-"""Odds of each family against the plain edge before the frame is looked at. Chosen: one frame in ten has it;
-of cameras that nobody calls linear one in three has a gamma or a tone curve."""
 TAKEN_ODDS = 100.0
 """Odds at which an edge that nothing but the rims speaks for is taken. Chosen: one that is not there is drawn
 in one such frame of a hundred; what is not taken remains in the uncertainties."""
-POSITIVE = {"softness", "rim"}
-"""Families whose parameter cannot be negative: rims are soft, and the gap beside a contact shines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +290,9 @@ class EdgeSearch:
             part, covariance = step.delta[own], step.covariance[own, own]
             wald = float(part @ np.linalg.solve(covariance, part))
             known = np.linalg.slogdet(covariance)[1] - 2.0 * np.sum(np.log(PRIOR_STD[list(columns)]))
-            odds = np.log(PRIOR_ODDS.get(name, USUAL_ODDS)) + 0.5 * (wald + known)
+            # Chosen: one frame in ten has such an edge; of cameras that nobody calls linear one in three has
+            # a gamma or a tone curve.
+            odds = np.log(0.5 if name == "response" else 0.1) + 0.5 * (wald + known)
             found[name] = Option(step, float(odds), wald)
         return found
 
@@ -350,7 +347,8 @@ class EdgeSearch:
                 name: option.log_odds
                 for name, option in self.options(scores, rims, families).items()
                 if option.log_odds > np.log(TAKEN_ODDS)
-                and (name not in POSITIVE or option.step.delta[-1] > 0.0)
+                # rims are soft, and the gap beside a contact shines: neither can be negative
+                and (name not in {"softness", "rim"} or option.step.delta[-1] > 0.0)
             }
             for name in sorted(found, key=found.__getitem__, reverse=True):
                 more = self.settle(rims, (*families, name))

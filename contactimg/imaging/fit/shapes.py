@@ -19,7 +19,7 @@ from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, X, Y
 from contactimg.imaging.kernels.ellipse_equations import sample_ellipse, sum_over_ellipse
 from contactimg.imaging.kernels.pairs import count_touching
-from contactimg.imaging.pixels.masks import for_kernel
+from contactimg.imaging.pixels.masks import Values, for_kernel
 from contactimg.imaging.profile import limits
 
 E1, E2, LIGHT = 3, 4, 5
@@ -160,9 +160,7 @@ def fit_ellipse(
     return FittedEllipse(best + offset, scale * inverse, shifts, chi_square)
 
 
-def render_ellipse(
-    parameters: NDArray[np.float64], blur: float, shape: tuple[int, int]
-) -> NDArray[np.float32]:
+def render_ellipse(parameters: NDArray[np.float64], blur: float, shape: tuple[int, int]) -> Values:
     """Image of one blurred ellipse.
 
     Parameters

@@ -40,14 +40,9 @@ from contactimg.imaging.profile import limits
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 
-LINEAR_STEP = 0.003
-"""Relative step below which disks are extrapolated linearly. Accuracy: the error is its square."""
 SPREAD_FRACTION = 0.03
 """Spread of the contrasts where too few contacts are wide, and least departure of an odd contrast. By hand:
 less moves the radius of a small contact by 1.5 %."""
-LEAST_PRIOR_STD = np.array([0.05, 0.4])
-"""Uncertainty of ln C, and of the blur relative to it, from which prior knowledge is a guess that small
-contacts need not be drawn to. By hand: a guess has 0.5 of the blur, a pooled series 0.1 and less."""
 LEAST_BLUR_PX = 0.1
 """Blur at which its uncertainty is taken where it is narrower. Accuracy: keeps that finite, as edges as sharp
 as the pixels have a blur of 0."""
@@ -242,7 +237,8 @@ def _newton(
         last_step = step = np.clip(step, -longest, longest)
         contrast, blur = contrast * float(np.exp(step[0])), fit.blur + float(step[1])
         prior = prior.at(contrast)
-        if abs(step[0]) < LINEAR_STEP and abs(step[1]) < LINEAR_STEP * blur:
+        small = 0.003  # accuracy: a linear step errs by its square
+        if abs(step[0]) < small and abs(step[1]) < small * blur:
             change = scores.response @ step
             # a disk of which the pixels say next to nothing would go anywhere
             size = np.abs(fit.disks[:, RADIUS:])
@@ -273,7 +269,9 @@ def _is_unseen(
 ) -> bool:
     """Whether no contact is wider than that in blur widths, and nothing else tells contrast and blur."""
     std = np.sqrt(np.diag(np.linalg.inv(prior.information))) / np.array([1.0, prior.mean[1]])
-    free = bool((std >= LEAST_PRIOR_STD).all()) and bool(len(problem.profile.powers))
+    # Of ln C and the blur, from which the prior is a guess that small contacts need not be drawn to. By hand:
+    # a guess has 0.5 of the blur, a pooled series 0.1 and less.
+    free = bool((std >= np.array([0.05, 0.4])).all()) and bool(len(problem.profile.powers))
     lit = len(fit.disks) > 0 and float(np.median(fit.disks[:, CONTRAST])) > 0.0
     return free and lit and _widest(fit) <= widest * fit.blur
 

@@ -47,9 +47,6 @@ DISK_PRICE = 40.0
 """Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
 EXCESS_LEFT_FRACTION = 0.35
 """Fraction of the excess chi-square that a new cover may leave. By hand."""
-JOINED_ELLIPTICITY, MOST_JOINED = 0.3, 4
-"""Ellipticity from which the fit of one ellipse to touching disks starts, and disks that it may replace. By
-hand: three disks in a row are an ellipse of 3 : 1."""
 LONG_RATIO = 1.12
 """Ratio of the axes from which two disks are tried in the place of an ellipse. By hand: two disks that are
 told apart make 1.24."""
@@ -342,13 +339,13 @@ def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: shapes.Ellipses)
     touching[ellipses.rows] = False
     for members in _groups_with(touching, fit.disks, fit.blur):
         window = GroupWindow.about(_no_finer_than_shapes(problem), fit, members)
-        if window is None or len(members) > MOST_JOINED:
+        if window is None or len(members) > 4:  # by hand: three disks in a row are an ellipse of 3 : 1
             continue
         disks = fit.disks[members] - window.offset
         share = disks[:, RADIUS] ** 2 / np.sum(disks[:, RADIUS] ** 2)
         centre, radius = share @ disks[:, :2], float(np.sqrt(np.sum(disks[:, RADIUS] ** 2)))
         away = (disks[:, 0] - centre[0] + 1j * (disks[:, 1] - centre[1])) ** 2
-        turn = np.exp(1j * np.angle(share @ away)) * JOINED_ELLIPTICITY
+        turn = 0.3 * np.exp(1j * np.angle(share @ away))  # a start, by hand
         start = np.array([*centre, radius, turn.real, turn.imag, problem.contrast])
         ellipse = shapes.fit_ellipse(
             window.problem, start, blur=fit.blur, prior=(problem.contrast, problem.contrast),

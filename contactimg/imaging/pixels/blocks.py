@@ -14,9 +14,7 @@ BLOCK = 8
 """Side of the blocks, px; a power of 2."""
 
 ALL_FOUR = np.ones(BLOCK // 2, np.bool_).view(np.uint32)[0]  # flags of the pixels of a square in one number
-SOME_CLIPPED, MOST_CLIPPED = 0.1, 0.8
-"""Share of clipped blocks or pixels of an image that matters, and of clipped pixels of such a block. By hand:
-half of the pixels are clipped where a background was subtracted."""
+SOME_CLIPPED = 0.1  # share of clipped blocks or pixels of an image that matters. By hand
 
 
 def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> Values:
@@ -117,7 +115,8 @@ def find_clipped(image: NDArray) -> Mask:
     lowest, highest = image.min(), image.max()
     if not any(np.mean(image[::7, ::11] == level) > SOME_CLIPPED for level in (lowest, highest)):
         return None
-    clipped = block_means(((image == lowest) | (image == highest)).astype(np.float32)) > MOST_CLIPPED
+    # By hand: half of the pixels are clipped where a background was subtracted.
+    clipped = block_means(((image == lowest) | (image == highest)).astype(np.float32)) > 0.8
     if not SOME_CLIPPED < np.mean(clipped) < 1.0 - SOME_CLIPPED:
         return None
     return to_pixels(clipped.astype(np.uint8), image.shape)

@@ -21,9 +21,6 @@ LARGEST_LAG = 10
 """Distance of pixels up to which their covariance is measured, px. Chosen by hand; sensitivity not
 measured."""
 
-WAVE_NUMBERS, LARGEST_WAVE_NUMBER = 256, 4.0
-"""Nodes of the integral over wave numbers, and its upper end over the inverse blur: ``exp(-k^2)`` is 1e-7
-there."""
 RADII = np.geomspace(0.3, 45.0, 12)
 """Tabulated radii, blur widths; the derivative of the widest disk oscillates 30 times over the wave
 numbers."""
@@ -112,7 +109,7 @@ class NoiseCorrelation:
 @lru_cache(maxsize=2)
 def _autocorrelation(*, rim: bool) -> NDArray[np.float64]:
     """Autocorrelation of the derivative by the radius, or by the contrast: a row for each of `RADII`."""
-    k = (np.arange(WAVE_NUMBERS) + 0.5) * (LARGEST_WAVE_NUMBER / WAVE_NUMBERS)
+    k = (np.arange(256) + 0.5) * (4.0 / 256)  # over the inverse blur: exp(-k^2) is 1e-7 at 4
     ka = np.outer(RADII, k)
     power = (special.j0(ka) if rim else special.j1(ka) / ka) ** 2 * np.exp(-(k**2)) * k
     return np.asarray(power @ special.j0(np.outer(k, LAGS)) / power.sum(axis=1, keepdims=True))

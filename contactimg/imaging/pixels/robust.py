@@ -24,8 +24,6 @@ LIGHT_SIGMA = 8.0
 """Least summed light of a component or a faint region, in standard deviations of the noise, and height of a
 block or a peak of a correlation over the scatter of the others. Noise and texture alone stay below 6."""
 
-TAIL_SHARE, TAIL_TO_STD = 0.01, 2.576
-"""Share of the values below the centre that make the tail, and its place in standard deviations (theory)."""
 SOME = 60
 """Values that give a scatter to 10 % (theory: 1/sqrt(2 n))."""
 FEWEST_VALUES = 300
@@ -124,4 +122,5 @@ def reach_std(values: NDArray, centre: float) -> float:
     if below.size < FEWEST_VALUES:
         return noise_std(values)
     scatter = MAD_TO_STD * median(below)
-    return min(scatter, quantile(below, 1.0 - TAIL_SHARE) / TAIL_TO_STD)
+    # Theory: of the values below the centre, a hundredth lies beyond 2.576 standard deviations.
+    return min(scatter, quantile(below, 0.99) / 2.576)

@@ -11,9 +11,6 @@ from contactimg.imaging.pixels import robust
 from contactimg.imaging.pixels.masks import Mask, Values
 
 MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected. By hand
-# Least difference from the median, of the largest, where there is no noise; and share of the pixels that may
-# be defective: what has more is a texture. By hand: a transmission that flips bits spoils some in a hundred.
-LEAST_DEFECT, MOST_DEFECTS = 0.02, 0.1
 
 
 def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
@@ -31,14 +28,15 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
     some = rest[::every, ::every]
     # By hand, from the median of nine pixels: shot noise of bright contacts is below.
     limit = 10.0 * robust.noise_std(some.astype(np.int16 if some.dtype == np.uint8 else np.float32))
-    limit = min(max(limit, LEAST_DEFECT * largest), largest)
+    limit = min(max(limit, 0.02 * largest), largest)  # there may be no noise
     off = np.flatnonzero(worst > rest.dtype.type(limit))
     places, columns = np.nonzero(rest[off] > rest.dtype.type(limit))
     rows = off[places]
     if valid is not None:
         seen = valid[rows, columns] > 0
         rows, columns = rows[seen], columns[seen]
-    if not 0 < len(rows) < MOST_DEFECTS * image.size:
+    # More is a texture. By hand: a transmission that flips bits spoils some in a hundred.
+    if not 0 < len(rows) < 0.1 * image.size:
         return image, None
     (height, width), step = image.shape, np.arange(-1, 2)
     centre = np.clip(rows, 1, height - 2) * width + np.clip(columns, 1, width - 2)

@@ -66,9 +66,6 @@ PRIOR_STD, LARGEST = np.array([parameter[1:] for parameter in PARAMETERS]).T
 
 SHARED = 2
 """ln C and the blur come before the parameters of the edge in what contacts share."""
-WIDTH_RATIOS = (0.5, 0.7, 1.4, 2.0, 2.9)
-"""Widths rho of the Gaussians of a point spread function, over the blur. Chosen: steps of sqrt(2), which a
-sum of Gaussians hardly resolves."""
 
 INNER_NODES = 6
 """Equal steps from the centre of a disk to its rim. Accuracy: the plateau of a contact is smooth."""
@@ -184,7 +181,8 @@ class Edge:
         variance = (self.blur * relative) ** 2 + shape[SOFTNESS] * a**2
         s = np.sqrt(np.maximum(variance, (0.4 * self.blur) ** 2))  # accuracy: stays positive
         plain = light = blurred_disk.blurred_disks(r, a, s)
-        for weight, ratio in zip(shape[WEIGHTS], WIDTH_RATIOS, strict=True):
+        # Widths rho over the blur. Chosen: steps of sqrt(2), which a sum of Gaussians hardly resolves.
+        for weight, ratio in zip(shape[WEIGHTS], (0.5, 0.7, 1.4, 2.0, 2.9), strict=True):
             if weight:
                 light = light + weight * (blurred_disk.blurred_disks(r, a, ratio * s) - plain)
         if shape[DOME]:
