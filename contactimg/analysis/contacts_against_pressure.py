@@ -20,6 +20,7 @@ from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, break_places, br
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
+Tables = Mapping[str, pd.DataFrame]
 
 QUANTITIES = ("density", "mean_radius")
 
@@ -187,14 +188,10 @@ def _broken(single: PowerLaw, rows: Values, blocks: int) -> BrokenLaw:
     return broken_law(single, lines, gain, breaks, level=float(chosen[0, 0]))
 
 
-def _sums_of_blocks(
-    loads: Sequence[Mapping[str, pd.DataFrame]], *, by_place: bool
-) -> tuple[list[Values], int]:
+def _sums_of_blocks(loads: Sequence[Tables], *, by_place: bool) -> tuple[list[Values], int]:
     """Sums over the annuli of each block at each load, shape (sums, blocks, annuli); number of blocks."""
-    parts = [
-        table.assign(load=k, block=name) for k, places in enumerate(loads) for name, table in places.items()
-    ]
-    together = pd.concat(parts, ignore_index=True)
+    named = [(k, *place) for k, places in enumerate(loads) for place in places.items()]
+    together = pd.concat([table.assign(load=k, block=name) for k, name, table in named], ignore_index=True)
     if not by_place and "sector" in together:
         together["block"] += ":" + together["sector"].astype(str)
     blocks = np.unique(together["block"].to_numpy(str))

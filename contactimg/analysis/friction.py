@@ -81,9 +81,8 @@ def fit_shear_stress(
     """
     good = friction[friction["friction_N"].notna() & (friction["area_m2"] > 0)]
     if good.empty:
-        raise InputError(
-            "a shear stress needs a frame with friction_N and contacts; add the loads' friction_N"
-        )
+        hint = "add the loads' friction_N"
+        raise InputError(f"a shear stress needs a frame with friction_N and contacts; {hint}")
     area, force, area_std = (good[name].to_numpy(float) for name in ("area_m2", "friction_N", "area_std_m2"))
     points = Points(area, np.abs(force), x_std=np.nan_to_num(area_std, nan=0.0), y_std=friction_std)
     fit = fit_proportional(points)

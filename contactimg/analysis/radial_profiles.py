@@ -103,9 +103,8 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
     """
     edges = {(tuple(place["inner"]), tuple(place["outer"])) for place in places}
     if len(edges) != 1:
-        raise InputError(
-            f"places are averaged over the same annuli, got {len(edges)} different sets of edges"
-        )
+        got = f"{len(edges)} different sets of edges"
+        raise InputError(f"places are averaged over the same annuli, got {got}")
     inner, outer, area, n, n_forces, a, aa, load, squares, _ = sum_moments(places).to_numpy(float).T
     seen, some = (np.where(values > 0, values, np.nan) for values in (area, n))
     # contacts without any force, in the annulus or in all annuli

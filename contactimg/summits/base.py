@@ -60,9 +60,8 @@ class HeightMap:
         object.__setattr__(self, "heights", np.asarray(self.heights, dtype=np.float64))
         shape = self.heights.shape
         if len(shape) != 2 or min(shape) < TILES:
-            raise InputError(
-                f"a height map must be a matrix of at least {TILES} rows and columns, got the shape {shape}"
-            )
+            least = f"at least {TILES} rows and columns"
+            raise InputError(f"a height map must be a matrix of {least}, got the shape {shape}")
         if not np.isfinite(self.heights).any():
             raise InputError("the height map holds no finite height")
         if np.shape(self.pixel_size) != (2,) or not all(0 < size < np.inf for size in self.pixel_size):
