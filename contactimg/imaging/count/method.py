@@ -43,8 +43,6 @@ from contactimg.tables import Flag, Reason
 
 DEFAULT_FRACTION = 0.5
 """Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""
-SPECK_MARGIN_PX = 3
-"""Distance from a speck at which the level around it is read. By hand."""
 
 
 def measure_by_count(
@@ -229,8 +227,8 @@ def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> N
     out = np.zeros(len(components))
     specks = np.flatnonzero(components["area"] <= SPECK_PX2)
     part, (rows, columns) = components[specks], image.shape
-    x = np.stack([part["left"] - SPECK_MARGIN_PX, part["peak_x"], part["right"] + SPECK_MARGIN_PX])
-    y = np.stack([part["top"] - SPECK_MARGIN_PX, part["peak_y"], part["bottom"] + SPECK_MARGIN_PX])
+    x = np.stack([part["left"] - 3, part["peak_x"], part["right"] + 3])  # 3 px from the speck, by hand
+    y = np.stack([part["top"] - 3, part["peak_y"], part["bottom"] + 3])
     grid = image[np.clip(y, 0, rows - 1)[:, None], np.clip(x, 0, columns - 1)[None]].reshape(9, -1)
     out[specks] = np.median(np.delete(grid, 4, axis=0), axis=0)
     return out

@@ -26,10 +26,6 @@ from contactimg.imaging.profile.threshold_radius import disk_radius
 
 Values = NDArray[np.float64]
 
-INNER_RING, RIM_MARGIN = 0.5, 2.5
-"""Ring inside the rims in which their height is read: from this share of the radius to so many blur widths
-from the rim. Theory: 1 % of the edge is missing there."""
-
 
 @dataclass(frozen=True)
 class Crossing:
@@ -162,11 +158,12 @@ def height_at_rims(image: NDArray[np.float32], contacts: dict[str, NDArray], cro
     falls = np.empty(len(wide))
     for k, row in enumerate(wide):
         a = float(radius[row])
-        step = (a - RIM_MARGIN * s - INNER_RING * a) / 3.0
-        inner = INNER_RING * a - 3.0 * step
+        low, high = 0.5 * a, a - 2.5 * s  # ring that is read. Theory: 1 % of the edge is missing at its end
+        step = (high - low) / 3.0
+        inner = low - 3.0 * step
         place = np.array([[contacts["x_px"][row], contacts["y_px"][row], inner]])
         rise = float(measure_rise(image, place, step)[0])
-        squares = ((INNER_RING * a) ** 2 + (a - RIM_MARGIN * s) ** 2) / 2.0, (inner - 0.5 * step) ** 2 / 2.0
+        squares = (low**2 + high**2) / 2.0, (inner - 0.5 * step) ** 2 / 2.0
         falls[k] = rise * (a**2 - squares[0]) / (squares[0] - squares[1]) / crossing.contrast
     known = np.isfinite(falls)
     if np.count_nonzero(known) < FEWEST:

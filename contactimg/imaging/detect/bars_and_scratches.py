@@ -29,10 +29,6 @@ behind a blur of 1.5 px."""
 SMALLEST_LINE = 15
 """Squares in the diagonal of a region, and in a thin part, from which it may be a line: slivers of rims are
 smaller. By hand."""
-LINE_LENGTH = 11.0
-"""Length of a thin part over its half width from which it is a line; half of it is enough for a part of one
-where there are lines. By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of
-15 px make 12. Theory: 11 for seven contacts in a row."""
 MARGIN = round(CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX / SQUARE_PX)
 """Squares around an object that are masked with it: its blurred rim."""
 
@@ -104,8 +100,9 @@ def _find(image: Values, squares: Values, level: float, total: float) -> "Foreig
     mask = to_pixels(_widened(bar, MARGIN), image.shape, side=SQUARE_PX)
     lines = _lines(np.where(mask > 0, np.float32(0.0), image), (squares > level) & ~bar, level)
     slender = np.where(lines.area > SQUARE_PX**2 * SMALLEST_LINE, lines.length / lines.half_width, 0.0)
-    # contacts cut a line into pieces
-    line = np.flatnonzero(slender > LINE_LENGTH * (0.5 if (slender > LINE_LENGTH).any() else 1.0))
+    # Theory: seven contacts in a row make 11. By hand: the rims of contacts with holes make 8, those of pairs
+    # and crowds 5, rings of 15 px 12. Contacts cut a line into pieces: where there is one, half is enough.
+    line = np.flatnonzero(slender > (5.5 if (slender > 11.0).any() else 11.0))
     smooth = np.asarray(cv2.blur(image, (3, 3)), np.float32) if len(line) else image
     line = line[[_stays_thin(smooth, lines.labels == k) for k in line]]
     if not len(long) + len(line):

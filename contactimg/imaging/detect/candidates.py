@@ -26,10 +26,6 @@ from contactimg.imaging.pixels.masks import Values
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA, SIGNIFICANT_SIGMA, quantile
 from contactimg.imaging.profile.limits import FEW, NOISY_RATIO, SMALL_AREA_PX2
 
-CLEAR_RATIO = 1.5
-"""Plateau, over the level from which it stands out of the noise, above which it is no peak of noise; above
-twice as much coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by
-hand."""
 WIDE_PX2 = 30.0
 """Area above half height of a region that shows its plateau: a radius of two blur widths of 1.5 px. Theory:
 1 - exp(-2) = 86 % of it at the centre."""
@@ -99,7 +95,8 @@ def measure_contrast(image: SignedImage) -> Contrast:
     spots = Contrast(0.0, resolved=False)
     for side in (2, 4, 8):
         coarse, floor, (_, runs, plateau, half_area) = image.squares(side)[0], *_shown_by(image, side)
-        clear = plateau > CLEAR_RATIO * floor
+        # By hand; theory: noise alone reaches 1.3 in a million pixels.
+        clear = plateau > 1.5 * floor
         if not clear.any():
             continue
         wide = clear & (half_area > WIDE_PX2 / 4)  # squares: those of a spot are no plateau
@@ -114,7 +111,7 @@ def measure_contrast(image: SignedImage) -> Contrast:
         if not spots.plateau:
             peak = quantile(plateau, 0.95)
             spots = Contrast(peak, resolved=False, std=peak * np.log(10.0) / np.sqrt(12.0))
-        if float(plateau.max()) > 2.0 * CLEAR_RATIO * floor:
+        if float(plateau.max()) > 3.0 * floor:
             break  # coarser squares only dilute it
     return spots
 

@@ -41,10 +41,6 @@ surfaces of glass reflect makes 0.002, of four or coated mirrors up to 0.2."""
 WAVES = 0.06
 """The same within 32 px: fringes, or a texture. By hand: a texture of 2 % of the light, without a reference,
 makes 0.02 at a contrast of 0.6."""
-MOST_FALL = 1.25
-"""Fall of the brightness across a rim, of the height of the contact, above which the edge is no blurred one.
-Theory: 0.95; by hand: unsharp masks of 0.5, 1 and 2 make 0.97, 1.1 and 1.5, the last with areas wrong by a
-fifth, and contacts of speckles 1.14."""
 
 
 def judge_frame(seen: rules.Judged) -> tuple[str, str, bool]:
@@ -252,9 +248,11 @@ def _fitted(e: rules.Columns) -> Iterator[tuple[str, str]]:
             "standard errors): the edge of the contacts is not the one assumed"
         )
         yield Status.DISAGREES, text
-    high = (e["fall"] / e["brightness"])[np.isfinite(e["fall"])] > MOST_FALL
+    # Theory: 0.95 of the height; by hand: unsharp masks of 0.5, 1 and 2 make 0.97, 1.1 and 1.5, the last with
+    # areas wrong by a fifth, and contacts of speckles 1.14.
+    high = (e["fall"] / e["brightness"])[np.isfinite(e["fall"])] > 1.25
     if len(high) >= FEWEST and np.mean(high) > 0.5:
-        text = f"most rims fall by {MOST_FALL:g} of the contrast and more: a camera that sharpens makes such"
+        text = "most rims fall by 1.25 of the contrast and more: a camera that sharpens makes such"
         yield Status.NONLINEAR, text
     bare = 1.0 - float(np.mean(e["surrounded"]))
     if bare > (0.5 if len(alone) >= FEWEST else 0.99):

@@ -50,8 +50,6 @@ BLOCK_PX = 2
 """Side of the block means on which halos, and the gaps of a crowd, are looked at, a power of 2. Accuracy."""
 WIDE_PX = 3.0
 """Width of a Gaussian from which it is applied to means over 2 x 2 pixels. Accuracy: 1.4 % wider."""
-GAP_SHARE = 0.05
-"""Share of the blocks used there, those with the least light of contacts. By hand."""
 LARGEST_LEFT = 0.5
 """Largest halo, of the light, and remaining illumination, of the contrast, that are removed. By hand: more
 would be the point spread function itself, or contacts."""
@@ -176,7 +174,8 @@ def _gaps(problem: FitProblem, fit: FittedDisks, side: int) -> NDArray[np.float3
     image, model = (block_means(part, side=side) for part in (problem.image, fit.model))
     light = np.abs(model)
     dark = light == 0.0  # in most frames these are enough
-    limit = 1.01 * quantile(light, GAP_SHARE) if np.count_nonzero(dark) < GAP_SHARE * dark.size else 0.0
+    share = 0.05  # of the blocks, by hand
+    limit = 1.01 * quantile(light, share) if np.count_nonzero(dark) < share * dark.size else 0.0
     if limit > 0.2 * float(np.max(fit.disks[:, CONTRAST], initial=1e-6)):  # no gaps. By hand
         return None
     dark |= light <= limit
