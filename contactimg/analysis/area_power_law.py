@@ -18,10 +18,6 @@ from contactimg.tables import AREA
 
 Values = NDArray[np.float64]
 
-ZERO_REACH, ZERO_NODES = 5.0, 101
-"""Zeros that are tried: up to so many standard uncertainties, and how many. Chosen: a tenth of the standard
-uncertainty apart, so that the mean and the spread of smooth functions are exact to 1e-3 of it."""
-
 
 CONTACT_SUMS = ("sampling_std", "n", "radius", "ratio", "n_ratio", "ratio_max")
 AREA_SECTORS, FORCE_SECTORS = ([f"{name}_{k}" for k in range(SECTORS)] for name in ("area", "force"))
@@ -290,7 +286,9 @@ def _zero(load: Values, area: Values, errors: tuple[Values, Values], zero_std: f
     """
     if not zero_std:
         return 0.0, np.zeros(2)
-    zeros = zero_std * np.linspace(-ZERO_REACH, ZERO_REACH, ZERO_NODES)
+    # Chosen: a tenth of the standard uncertainty apart, so that the mean and the spread of smooth functions
+    # are exact to 1e-3 of it.
+    zeros = zero_std * np.linspace(-5.0, 5.0, 101)
     zeros = zeros[zeros < load.min()]  # fits near its end are so bad that they have no weight
     logs, reference = logarithms(load, area, *errors)
     fit = fit_line(logs)
