@@ -1,7 +1,7 @@
 """The exceptions of contactimg, each carrying one sentence a physicist can act on."""
 
 import inspect
-from functools import wraps
+from functools import cache, wraps
 from textwrap import shorten
 from types import UnionType
 from typing import Any, get_args
@@ -39,6 +39,7 @@ MADE_BY = {
 """Class that an argument must have -> where it comes from."""
 
 
+@cache
 def checking_arguments(public: Any, module: str) -> Any:
     """A function of a module as its users call it: an argument of another class is an `InputError`.
 

@@ -403,13 +403,17 @@ TOUCHING_ACCURACY = 1e-3
 
 
 def find_touching_load(
-    scene: Scene, table: pd.DataFrame | None, *, model: Model = "interacting", coupling: Coupling = "auto"
+    scene: Scene,
+    asperities: pd.DataFrame | None,
+    *,
+    model: Model = "interacting",
+    coupling: Coupling = "auto",
 ) -> float:
     """The load at which the base planes of lens and rubber touch first, N.
 
     Parameters
     ----------
-    scene, table
+    scene, asperities
         As for `predict_contacts`; for ``"gw"`` and ``"gt"`` as for `predict_average`.
     model : {"interacting", "gw", "gt"}
     coupling : str
@@ -426,17 +430,17 @@ def find_touching_load(
         If the model ends before the planes touch, with the smallest gap at the last load that it describes.
     """
     reasons: dict[float, str] = {}
-    asperities = pd.DataFrame() if table is None else table
-    if model == "interacting" and asperities.empty:
+    table = pd.DataFrame() if asperities is None else asperities
+    if model == "interacting" and table.empty:
         raise InputError("the interacting model needs a table of asperities")
 
     @cache
     def gap(load: float) -> float:
         try:
             if model == "interacting":
-                found = _solve(scene, asperities, load, coupling)[-1].base_gap.least
+                found = _solve(scene, table, load, coupling)[-1].base_gap.least
             else:
-                row = predict_average(scene, table, load=load, model=model).frames
+                row = predict_average(scene, asperities, load=load, model=model).frames
                 found = float(row["min_gap_m"].iloc[0])
         except (ModelRangeError, ConvergenceError) as error:
             reasons[load] = str(error)

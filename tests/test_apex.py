@@ -58,7 +58,7 @@ def test_apex_and_lens_are_within_their_uncertainties_where_contacts_lower_each_
     points, heights, radii, a = (column[touching] for column in columns)
     pulls = []
     for _ in range(100):
-        found = find_apex(points, heights, radii, a * rng.normal(1, 0.02, a.size))
+        found = find_apex(points, heights, radii, a * rng.normal(1, 0.02, a.size), in_view=everywhere)
         pulls.append([*np.subtract(found.place, apex) / found.std, (found.radius - lens) / found.radius_std])
     # of 100 each, 1 +- 0.07; independent errors of the gaps would give two to five times too little
     assert np.sqrt(np.mean(np.square(pulls)[:, :2])) < 1.3
