@@ -115,12 +115,9 @@ def filter_rows_and_columns(image: NDArray, along: NDArray, across: NDArray) -> 
 
 
 def move_image(
-    image: NDArray,
-    alignment: Alignment,
-    *,
-    interpolation: int = cv2.INTER_LANCZOS4,
+    image: NDArray, alignment: Alignment, *, interpolation: int = cv2.INTER_LANCZOS4,
     outside: int | None = None,
-) -> NDArray:
+) -> NDArray:  # fmt: skip
     """The image rotated, scaled and shifted; beyond it the value ``outside``, or its border repeated.
 
     Places are rounded to 1/32 px: texture with a period of 7 px errs by 0.6 % of its amplitude.

@@ -30,14 +30,9 @@ frames."""
 
 
 def divide_by_reference(
-    frame: NDArray,
-    reference: NDArray,
-    valid: Mask,
-    illumination: Illumination,
-    *,
-    residual: alignment.Alignment,
-    level: float,
-) -> Values:
+    frame: NDArray, reference: NDArray, valid: Mask, illumination: Illumination, *,
+    residual: alignment.Alignment, level: float,
+) -> Values:  # fmt: skip
     """``level (F/(g R) - 1)`` of the frame F, the ratio g of the illuminations, and the filtered reference R.
 
     Parameters

@@ -80,14 +80,9 @@ class Illumination:
 
 
 def fit_illumination(
-    blocks: NDArray,
-    shape: tuple[int, int],
-    *,
-    level: float,
-    scatter: float,
-    least_scatter: float = 0.0,
+    blocks: NDArray, shape: tuple[int, int], *, level: float, scatter: float, least_scatter: float = 0.0,
     members: Flags | None = None,
-) -> Illumination:
+) -> Illumination:  # fmt: skip
     """Fit a polynomial to the blocks that are background: least squares with clipping, iterated.
 
     Parameters

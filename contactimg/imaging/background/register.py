@@ -65,13 +65,9 @@ AGREEMENT_BINS = 0.5  # largest misfit of the shift of a tile to a common rotati
 
 
 def align(
-    frame: NDArray,
-    reference: NDArray,
-    illumination: Illumination,
-    valid: Mask = None,
-    *,
+    frame: NDArray, reference: NDArray, illumination: Illumination, valid: Mask = None, *,
     all_rows: bool = False,
-) -> Alignment:
+) -> Alignment:  # fmt: skip
     """Alignment of two images that lie a few pixels apart at most.
 
     Parameters

@@ -100,13 +100,9 @@ class FrameFit:
 
 
 def measure_by_fit(
-    foreground: Foreground,
-    *,
-    film: FilmSetting | None = None,
-    edits: Sequence[HandEdit] = (),
-    shape: str = "auto",
-    linear: bool = False,
-) -> FrameFit:
+    foreground: Foreground, *, film: FilmSetting | None = None, edits: Sequence[HandEdit] = (),
+    shape: str = "auto", linear: bool = False,
+) -> FrameFit:  # fmt: skip
     """Find the contacts of a frame and fit a blurred disk to each.
 
     Parameters

@@ -99,14 +99,9 @@ class FittedEllipse:
 
 
 def fit_ellipse(
-    window: FitProblem,
-    start: NDArray[np.float64],
-    *,
-    blur: float,
-    prior: tuple[float, float],
-    covariance: NDArray[np.float64],
-    inflation: float = 1.0,
-) -> FittedEllipse:
+    window: FitProblem, start: NDArray[np.float64], *, blur: float, prior: tuple[float, float],
+    covariance: NDArray[np.float64], inflation: float = 1.0,
+) -> FittedEllipse:  # fmt: skip
     """Fit an ellipse to the pixels of a window, outliers linearly (Huber).
 
     Parameters
@@ -207,16 +202,10 @@ NO_ELLIPSES = Ellipses(np.zeros(0, np.intp), [])
 
 
 def find_ellipses(
-    problem: FitProblem,
-    fit: FittedDisks,
-    prior: ContrastPrior,
-    covariance: NDArray[np.float64],
-    *,
-    everywhere: bool = False,
-    among: NDArray[np.bool_] | None = None,
-    rows: NDArray[np.intp] | None = None,
+    problem: FitProblem, fit: FittedDisks, prior: ContrastPrior, covariance: NDArray[np.float64], *,
+    everywhere: bool = False, among: NDArray[np.bool_] | None = None, rows: NDArray[np.intp] | None = None,
     elongation: tuple[float, float] = (LEAST_ELONGATION, np.inf),
-) -> Ellipses:
+) -> Ellipses:  # fmt: skip
     """Ellipses where no disk describes a contact, ``everywhere``, or of some ``rows``.
 
     ``covariance`` is that of (ln contrast, blur); ``among`` are the disks that may be ellipses, those whose

@@ -159,14 +159,9 @@ class OpticsPrior:
 
 
 def settle_optics(
-    problem: FitProblem,
-    fit: FittedDisks,
-    optics_prior: OpticsPrior,
-    *,
-    inflation: NDArray[np.float64],
-    wide_contrast: float,
-    steps: int = limits.ITERATIONS,
-) -> JointFit:
+    problem: FitProblem, fit: FittedDisks, optics_prior: OpticsPrior, *, inflation: NDArray[np.float64],
+    wide_contrast: float, steps: int = limits.ITERATIONS,
+) -> JointFit:  # fmt: skip
     """Find the most probable common contrast and blur of an image, and the disks with them.
 
     Parameters
