@@ -49,8 +49,7 @@ CHOICES = {
 CORRECTIONS = ("position_drift", "dust", "film")
 """What is corrected, or allowed for, unless its cause is known to be absent."""
 LINEARITY = 0.01
-"""Error of a camera's response at mid-level, of the contrast, where nothing is known of it. By hand: usual
-for CCD cameras."""
+"""Error of an unknown camera's response at mid-level, of the contrast. By hand: usual for CCD cameras."""
 SI = ("_m", "_m2", "_N")
 """Endings of what a frame alone does not tell."""
 NUMBERS = [

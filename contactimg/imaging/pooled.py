@@ -63,8 +63,7 @@ of the square over which the brightness of the anchor is averaged. Chosen: much 
 than the cubic that describes the light of a frame."""
 UNSEEN_VIEWS = 0.1
 """Views that a place is worth which none shows, or none without a rim of its own. Chosen: texture of 2 %
-behind a blur of 1.4 px, filled in from around, then counts ten times the noise of a pixel; the prior of a
-radius gives 0.08."""
+behind a blur of 1.4 px, filled in, counts ten times the noise of a pixel; the prior of radii gives 0.08."""
 RIM_POINTS = 24
 """Points of a rim at which the number of views is looked up. Chosen: one each 2 px on the usual contacts."""
 

@@ -20,13 +20,11 @@ NARROW_PX, MIDDLE_PX, WIDE_PX = 0.7, 2.0, 6.0
 """Standard deviations of the Gaussians that separate the bands: less than, as, and more than a usual blur.
 What the first takes away is lost in the blur of the contacts as well."""
 STRIPS, STRIP_ROWS, SPACING_PX = 4, 16, 4
-"""Strips of the image that the gains are measured in, their rows, and the distance at which pixels are
-independent behind `SMOOTHING_PX`, which is also what the borders of a strip spoil. Accuracy: some thousand
-samples."""
+"""Strips in which the gains are measured, their rows, and the distance at which pixels are independent behind
+`SMOOTHING_PX`, which is also what the borders of a strip spoil. Accuracy: some thousand samples."""
 FULL_DIRT_SIGMA = 6.0
-"""Robust standard deviations of a band from which its detail is wholly taken as dirt, as it is partly from
-`CLIP_SIGMA` on; pixels of the frame that differ by so much do not count for the gains. By hand: rendered
-frames."""
+"""Robust standard deviations of a band from which its detail is wholly dirt, and partly from `CLIP_SIGMA`
+on; pixels of the frame that differ by so much do not count for the gains. By hand: rendered frames."""
 
 
 def divide_by_reference(

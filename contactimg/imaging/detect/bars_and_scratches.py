@@ -27,8 +27,7 @@ LINE_WIDTH_PX = 9
 """Width below which a part of a region is thin, at the level of `find_foreign`. By hand: a line of 4 px
 behind a blur of 1.5 px."""
 SMALLEST_LINE = 15
-"""Squares in the diagonal of a region, and in a thin part, from which it may be a line: slivers of rims are
-smaller. By hand."""
+"""Squares in the diagonal of a region, and in a thin part, of lines: slivers of rims have fewer. By hand."""
 MARGIN = round(CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX / SQUARE_PX)
 """Squares around an object that are masked with it: its blurred rim."""
 

@@ -38,8 +38,7 @@ ODD_RATIO = 1.3
 Theory: the edge at the wrong level is then off by a quarter of a blur width."""
 FAINT_RATIO = 0.7  # plateau over the common contrast up to which a region is faint. By hand
 WEIGHT_CAP = 8.0
-"""Area over the median one up to which a region counts in the common contrast. By hand: no single region
-decides."""
+"""Area over the median one up to which a region counts in the contrast. By hand: no single one decides."""
 
 
 Regions = tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]

@@ -24,8 +24,7 @@ LARGEST_HOLE_SHARE = 0.02
 mottling. Theory: 0.05 for the gap between three equal disks that touch."""
 CONVEX_SHARE = 0.955
 """Share of its convex hull from which a region is convex. Theory: 0.94 for two equal disks that overlap by a
-fifth of their radius; by hand: pixels and noise make 0.97. A convex region lacks no more than a triangle,
-0.17."""
+fifth of their radius; by hand: pixels and noise make 0.97. Convex ones lack no more than a triangle, 0.17."""
 LEAST_CONVEX = 0.92
 """Share of its convex hull of a region that no disks describe, from which it is one contact. By hand: pixels
 make 0.94 of a triangle of 30 px."""

@@ -14,8 +14,7 @@ from contactimg.imaging.profile.limits import SQUARE_PX
 
 UNEVENNESS = 0.02
 """Unevenness of the background over the contrast above which the light was not followed, and distance of a
-block from the background up to which it was. By hand: it moves the radius of a contact of two blur widths by
-1 %."""
+block from the background up to which it was. By hand: it moves the radius of two blur widths by 1 %."""
 
 
 @dataclass(frozen=True)

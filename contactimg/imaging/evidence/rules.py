@@ -37,8 +37,7 @@ from contactimg.tables import Flag, Reason
 from contactimg.tables.outlines import Outline
 
 DIRECTIONS, LEAST_SEEN = 32, 4
-"""Directions in which the fall is read, from two blur widths inside to two outside, and least number of them
-that must be seen. By hand."""
+"""Directions in which the fall is read, two blur widths either side, and least number seen. By hand."""
 SHARPEST_BLUR_PX, WIDEST_BLUR_PX = 1.0, 8.0
 """Limits of the blur used here: pixels are not interpolated, and no optics is as blurred as uneven light."""
 Columns = dict[str, NDArray]

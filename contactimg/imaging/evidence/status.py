@@ -20,8 +20,7 @@ from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, FEWEST, RESOLVE
 from contactimg.tables import Flag, Reason, Status
 
 SPOILED_SHARE = 0.2
-"""Share of contacts with a flag, or of the free background on which the light was not followed, that spoils a
-frame. By hand."""
+"""Share of contacts flagged, or of free background not followed, that spoils a frame. By hand."""
 DOUBTED_SHARE = 0.05
 """Share of the candidates that prove to be no contacts, or of the bright pixels that belong to none, above
 which others may be false or missing. By hand."""
@@ -351,17 +350,19 @@ def _remarks(seen: rules.Judged) -> Iterator[str]:
         there = " and ".join(f"{value:.3g}" for _, _, value in known)
         yield f"the frame shows {here}, not the {there} given or shown by other frames, which were not used"
     given, shown = foreground.prior_optics.contrast, foreground.shown
+    wide = seen.contacts["radius_px"] > CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX
+    # no radius depends on the contrast where every contact shows its plateau
+    independent = shown.resolved and wide.all()
     if seen.count and shown.resolved and given > ODD_RATIO * shown.plateau:
         yield (
             f"the radii depend on a contrast of {given * unit:.3g} grey levels, given, of which the frame "
             f"shows {shown.plateau * unit:.3g}"
         )
-    elif seen.count and seen.own_optics.contrast_relative_std > RESOLVED and not _show_plateaus(seen):
+    elif seen.count and seen.own_optics.contrast_relative_std > RESOLVED and not independent:
         source = "given" if np.isfinite(given) else "estimated from their light"
         joint = None if seen.fit is None else seen.fit.joint
         contrast = foreground.contrast.plateau if joint is None else joint.contrast
-        wide = np.max(seen.contacts["radius_px"]) > CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX
-        why = "few to settle" if wide else "small to show"
+        why = "few to settle" if wide.any() else "small to show"
         yield (
             f"the contacts are too {why} their brightness: the radii depend on a contrast of "
             f"{contrast * unit:.3g} grey levels, {source}"
@@ -370,12 +371,6 @@ def _remarks(seen: rules.Judged) -> Iterator[str]:
         yield f"{n} of {seen.count} contacts have a brightness of their own"
     if seen.fit is not None and (n := seen.flagged(Flag.COUNTED)):
         yield f"the areas of {n} of {seen.count} contacts are those of their counted pixels"
-
-
-def _show_plateaus(seen: rules.Judged) -> bool:
-    """Whether every contact shows its plateau, so that no radius depends on what is known of the contrast."""
-    wide = np.min(seen.contacts["radius_px"]) > CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX
-    return bool(wide) and seen.foreground.shown.resolved
 
 
 def _why_no_contact(foreground: Foreground) -> str:

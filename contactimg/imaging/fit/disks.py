@@ -47,8 +47,7 @@ SMALLEST_BLUR_WIDTHS = 0.1  # least radius: keeps a disk from vanishing; accurac
 NARROWEST_BLUR_PX = PIXEL_VARIANCE**0.5  # theory: that of the pixel alone
 WELL_FITTED_CHI_SQUARE = 3.0  # worse fits do not determine the blur or the contrast; by hand
 GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.5, 2.0
-"""Bound of the growth of a disk in one fit, of its radius and in blur widths. By hand: no start is further
-off."""
+"""Bound of the growth of a disk in one fit, of its radius and in blur widths. By hand: no start is worse."""
 BRIGHTEST_RATIO = 5.0
 """Largest contrast of a contact over the expected one. By hand."""
 

@@ -57,8 +57,7 @@ Refine = Callable[[FitProblem, FittedDisks, OpticsPrior], JointFit]
 
 INDISTINCT = ({"softness", "response"}, {"softness", "rim"}, {"softness", "point spread"})
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
-light outside like a soft rim, and soft rims of contacts that are equally large like a point spread function.
-"""
+light outside like a soft rim, and soft rims of equally large contacts like a point spread function."""
 TAKEN_ODDS = 100.0
 """Odds at which an edge that nothing but the rims speaks for is taken. Chosen: one that is not there is drawn
 in one such frame of a hundred; what is not taken remains in the uncertainties."""

@@ -44,8 +44,7 @@ HALO_PARTS = 12
 HALO_WIDTHS_PX = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
 """Standard deviations tried. By hand."""
 SETTLED_FRACTION = 2e-3
-"""Change of the halo, of the light, or remaining illumination, of the contrast, that ends the turns.
-Accuracy."""
+"""Change of halo (of the light) or remaining illumination (of the contrast) that ends the turns. Accuracy."""
 BLOCK_PX = 2
 """Side of the block means on which halos, and the gaps of a crowd, are looked at, a power of 2. Accuracy."""
 WIDE_PX = 3.0

@@ -28,9 +28,8 @@ E1, E2, LIGHT = 3, 4, 5
 WIDEST_ELLIPTICITY = 1.2
 """Largest component of the ellipticity: ratio 11 along it. By hand: keeps a fit from needles."""
 LEAST_ELONGATION = 1.03
-"""Ratio of the axes of the counted pixels from which an ellipse is tried in the place of a disk that fits
-badly, and that of the ellipse from which it is taken. By hand: a neighbour that is not found yet makes 1.02
-of a disk of 20 px."""
+"""Ratio of the axes of the counted pixels from which an ellipse is tried where a disk fits badly, and that of
+the ellipse from which it is taken. By hand: a neighbour not found yet makes 1.02 of a disk of 20 px."""
 EXACT_OPTICS = np.diag([1e-8, 1e-8])
 """Covariance of contrast and blur that are not in question. Accuracy: keeps it regular."""
 

@@ -41,15 +41,13 @@ from contactimg.imaging.profile import limits
 
 CONTROL = FitControl(free_blur=False, robust=False, iterations=limits.ITERATIONS)
 SETTLED_GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.1, 0.3
-"""Largest fitted radius of a disk that is about right over the radius before, and an additional margin. By
-hand."""
+"""Largest fitted radius of a disk that is about right over that before, and an additional margin. By hand."""
 DISK_PRICE = 40.0
 """Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
 EXCESS_LEFT_FRACTION = 0.35
 """Fraction of the excess chi-square that a new cover may leave. By hand."""
 LONG_RATIO = 1.12
-"""Ratio of the axes from which two disks are tried in the place of an ellipse. By hand: two disks that are
-told apart make 1.24."""
+"""Ratio of the axes from which two disks are tried for an ellipse. By hand: two told apart make 1.24."""
 
 Cover = tuple[NDArray[np.float64], float]
 """Fitted disks, and their chi-square."""

@@ -18,12 +18,10 @@ from contactimg.imaging.pixels.masks import Flags, Values
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST_VALUES, MANY, SAMPLE, noise_std, robust_std
 
 LARGEST_LAG = 10
-"""Distance of pixels up to which their covariance is measured, px. Chosen by hand; sensitivity not
-measured."""
+"""Distance of pixels up to which their covariance is measured, px. By hand; sensitivity not measured."""
 
 RADII = np.geomspace(0.3, 45.0, 12)
-"""Tabulated radii, blur widths; the derivative of the widest disk oscillates 30 times over the wave
-numbers."""
+"""Tabulated radii, blur widths; the derivative of the widest oscillates 30 times over the wave numbers."""
 LAGS = np.arange(0.0, 25.0, 0.02)
 """Tabulated distances of two pixels, blur widths."""
 

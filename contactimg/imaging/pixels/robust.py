@@ -9,8 +9,7 @@ MAD_TO_STD = 1.4826
 QUARTILE_TO_STD = 1.0 / 0.3186
 """The same over the lower quartile of the absolute deviations: 1/Phi^-1(5/8)."""
 CLIP_SIGMA = 4.0
-"""Robust standard deviations beyond which a value is none of the others. False-alarm rate 6e-5 (theory:
-normal noise)."""
+"""Robust standard deviations beyond which a value is none of the others. Theory: 6e-5 of normal noise."""
 SIGNIFICANT_SIGMA = 5.0
 """Standard errors beyond which a mean or a covariance is not there by chance. False-alarm rate 6e-7 (theory).
 Also where the mean over a square, or the light of a contact, stands out of the noise."""

@@ -24,8 +24,7 @@ SMALLEST_RADIUS_PX = 8.0
 SHORTEST_ARC = 0.25
 """Least fraction of the circumference that must be visible. Chosen by hand."""
 SECTORS, RING_PX = 72, 0.5
-"""Number of sectors (5 degrees each) and width of the rings over which the image is averaged. Chosen by
-hand."""
+"""Number of sectors (5 degrees each) and width of the rings that the image is averaged over. By hand."""
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ Values = NDArray[np.float64]
 Loss = Literal["linear", "cauchy"]
 
 WIDEST_FILM_PX = 80.0
-"""Width of the film up to which its fringes are sampled, and length on both sides of it for the blur: four of
-the widest. Chosen by hand."""
+"""Width of film whose fringes are sampled, and on both sides for the blur: four of the widest. By hand."""
 WIDEST_BLUR_PX = 20.0
 """Upper limit of the blur, and of the width by which a halo exceeds it, in the fit."""
 ELLIPSE_ARC = 0.75
