@@ -311,8 +311,5 @@ def gather_annuli(
             so_far[name] = so_far[name] + pattern if name in so_far else pattern
     if not sums:
         raise InputError("an ensemble needs one pattern and one load at least")
-    ends = {"inner": edges[:-1], "outer": edges[1:], "sector": 0}
-    return {
-        key: {name: pd.DataFrame(ends).join(table) for name, table in tables.items()}
-        for key, tables in sums.items()
-    }
+    ends = pd.DataFrame({"inner": edges[:-1], "outer": edges[1:], "sector": 0})
+    return {key: {name: ends.join(table) for name, table in tables.items()} for key, tables in sums.items()}

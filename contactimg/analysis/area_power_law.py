@@ -18,13 +18,6 @@ from contactimg.tables import AREA
 
 Values = NDArray[np.float64]
 
-ZERO_REACH, ZERO_NODES = 5.0, 101
-"""Zeros that are tried: up to so many standard uncertainties, and how many. Chosen: a tenth of the standard
-uncertainty apart, so that the mean and the spread of smooth functions are exact to 1e-3 of it."""
-
-SAME_LOAD_TOLERANCE = 0.05
-"""Relative difference of loads up to which places share one sampling error. Chosen: over it that
-error falls by 2 %."""
 
 CONTACT_SUMS = ("sampling_std", "n", "radius", "ratio", "n_ratio", "ratio_max")
 AREA_SECTORS, FORCE_SECTORS = ([f"{name}_{k}" for k in range(SECTORS)] for name in ("area", "force"))
@@ -240,7 +233,8 @@ def fit_area_law(
         raise InputError(f"an exponent of A(P) needs two different loads with contacts at least, got {loads}")
     read, area, area_std = (good[name].to_numpy(float) for name in ("load", "area", "area_std"))
     # of one relative size at each load: else places whose area is larger by chance had the larger weight
-    groups = group_loads(read, tolerance=SAME_LOAD_TOLERANCE)
+    # Chosen: over 5 % of the load the sampling error that places share falls by 2 %.
+    groups = group_loads(read, tolerance=0.05)
     sampled = pd.Series((good["sampling_std"].to_numpy(float) / area) ** 2).groupby(groups).transform("mean")
     sampling = area * np.sqrt(sampled.to_numpy(float))
     errors = np.hypot(load_relative_std * read, load_std), np.hypot(area_std, sampling)
@@ -292,7 +286,9 @@ def _zero(load: Values, area: Values, errors: tuple[Values, Values], zero_std: f
     """
     if not zero_std:
         return 0.0, np.zeros(2)
-    zeros = zero_std * np.linspace(-ZERO_REACH, ZERO_REACH, ZERO_NODES)
+    # Chosen: a tenth of the standard uncertainty apart, so that the mean and the spread of smooth functions
+    # are exact to 1e-3 of it.
+    zeros = zero_std * np.linspace(-5.0, 5.0, 101)
     zeros = zeros[zeros < load.min()]  # fits near its end are so bad that they have no weight
     logs, reference = logarithms(load, area, *errors)
     fit = fit_line(logs)

@@ -23,9 +23,6 @@ SMOOTHNESS = 4
 """Inverse variance of a block's weight in a replicate. Chosen: with 1 (exponential weights) two of eight
 sectors often decide, and logarithms of few contacts make the uncertainty of one place a quarter too large."""
 
-ONE_STD = (0.158655, 0.841345)
-"""Probabilities between which a normal distribution has one standard deviation on either side."""
-
 COVERAGE = 0.95
 NORMAL_95 = float(special.ndtri(0.5 + COVERAGE / 2))
 """Half-width of a normal distribution's 95 % interval in standard deviations, 1.96."""
@@ -155,7 +152,8 @@ def bootstrap_estimates(
 
 def bootstrap_std(replicates: ArrayLike, *, blocks: int) -> Values:
     """The standard deviation that `bootstrap_estimates` states, of replicates of shape (..., n)."""
-    low, high = np.quantile(np.asarray(replicates, float), ONE_STD, axis=-1)
+    # a normal distribution has one standard deviation on either side between these probabilities
+    low, high = np.quantile(np.asarray(replicates, float), (0.158655, 0.841345), axis=-1)
     return np.asarray((high - low) / 2 * np.sqrt((SMOOTHNESS * blocks + 1) / (blocks - 1)))
 
 

@@ -36,9 +36,8 @@ class LoadCell:
     def __post_init__(self) -> None:
         for name, value in (("zero", self.zero_std), ("gain", self.gain_std)):
             if not 0 <= value < np.inf:
-                raise InputError(
-                    f"the uncertainty of a load cell's {name} must not be negative, got {value!r}"
-                )
+                what = f"the uncertainty of a load cell's {name}"
+                raise InputError(f"{what} must not be negative, got {value!r}")
 
     @classmethod
     def stated(cls, load: Load) -> "LoadCell":

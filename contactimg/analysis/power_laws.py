@@ -16,12 +16,6 @@ Values = NDArray[np.float64]
 POINTS_PER_SIDE = 3
 """Fewest points on each side of a break. Theory: two fix a line, one more leaves a degree of freedom."""
 
-RANGE_PER_SIDE = 0.1
-"""Least share of the range of ln x on each side of a break. Chosen by hand; sensitivity not measured."""
-
-BREAKS = 60
-"""Number of breaks tried over the range. Chosen by hand; the best one is refined."""
-
 
 @dataclass(frozen=True)
 class PowerLaw:
@@ -280,7 +274,7 @@ def break_places(x: Values) -> Values:
             f"two power laws need {fewest + 1} points or more at {fewest} or more different x, "
             f"got {x.size} at {places.size}"
         )
-    margin = RANGE_PER_SIDE * (places[-1] - places[0])
+    margin = 0.1 * (places[-1] - places[0])  # by hand; sensitivity not measured
     low = max(places[POINTS_PER_SIDE - 1], places[0] + margin)
     high = min(places[-POINTS_PER_SIDE], places[-1] - margin)
     if low > high:
@@ -288,4 +282,4 @@ def break_places(x: Values) -> Values:
             f"two power laws need {POINTS_PER_SIDE} points in either part of the range; "
             "the points crowd at one end"
         )
-    return np.linspace(low, high, BREAKS)
+    return np.linspace(low, high, 60)  # by hand; the best one is refined

@@ -18,11 +18,6 @@ Values = NDArray[np.float64]
 TAIL = (1 - COVERAGE) / 2
 """Probability on either side of an interval."""
 
-LEAST_EFFECTIVE_COUNT = 0.5
-"""Below this the interval is symmetric. Theory: positive weights leave (sum w)^2/sum w^2 >= 1, so that less
-comes from weights of both signs, for which no gamma distribution stands. Chosen: half of the bound leaves
-room for the estimate of the variance from few places."""
-
 
 def radial_profile(
     contacts: pd.DataFrame,
@@ -108,9 +103,8 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
     """
     edges = {(tuple(place["inner"]), tuple(place["outer"])) for place in places}
     if len(edges) != 1:
-        raise InputError(
-            f"places are averaged over the same annuli, got {len(edges)} different sets of edges"
-        )
+        got = f"{len(edges)} different sets of edges"
+        raise InputError(f"places are averaged over the same annuli, got {got}")
     inner, outer, area, n, n_forces, a, aa, load, squares, _ = sum_moments(places).to_numpy(float).T
     seen, some = (np.where(values > 0, values, np.nan) for values in (area, n))
     # contacts without any force, in the annulus or in all annuli
@@ -198,7 +192,10 @@ def weighted_count_interval(
     ([0.619, 0.0], [8.767, 3.689])
     """
     y, v, w = np.broadcast_arrays(*(np.asarray(part, np.float64) for part in (total, variance, one_more)))
-    few = (y**2 < LEAST_EFFECTIVE_COUNT * v) | (y < 0)
+    # Theory: positive weights leave (sum w)^2/sum w^2 >= 1, so that less comes from weights of both signs,
+    # for which no gamma distribution stands. Chosen: half of the bound leaves room for the estimate of the
+    # variance from few places.
+    few = (y**2 < 0.5 * v) | (y < 0)
     reach = NORMAL_95 * np.sqrt(v)
     positive = np.where(y > 0, y, np.nan)
     scale = np.where(v > 0, v, np.nan) / positive

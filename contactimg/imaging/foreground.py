@@ -17,9 +17,6 @@ from contactimg.imaging.pixels.noise import estimate_noise
 from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.optics import SharedOptics
 
-HOLE_REACH_PX, LEAST_WEIGHT = 2, 0.3
-"""Distance from which a hole is filled, and share of pixels seen there that it takes. By hand: dead
-pixels, not masks."""
 BRIGHT_STEP = 4
 """Step of the rows and columns that are looked at for bright pixels. Accuracy."""
 
@@ -91,10 +88,10 @@ class Foreground:
 
 def _filled(image: NDArray[np.float32], valid: NDArray[np.uint8]) -> NDArray[np.float32]:
     """The image with holes filled from the pixels beside them: a line without data does not cut a contact."""
-    side = (2 * HOLE_REACH_PX + 1,) * 2
-    blur = partial(cv2.blur, ksize=side, borderType=cv2.BORDER_REPLICATE)
+    # By hand, 2 px from a hole and where 0.3 of the pixels are seen: dead pixels, not masks.
+    blur = partial(cv2.blur, ksize=(5, 5), borderType=cv2.BORDER_REPLICATE)
     around, weight = mean_of_seen(blur, image, valid > 0)
-    return np.where(valid > 0, image, np.where(weight > LEAST_WEIGHT, around, np.float32(0.0)))
+    return np.where(valid > 0, image, np.where(weight > 0.3, around, np.float32(0.0)))
 
 
 def find_foreground(

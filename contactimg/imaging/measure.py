@@ -49,12 +49,9 @@ CHOICES = {
 CORRECTIONS = ("position_drift", "dust", "film")
 """What is corrected, or allowed for, unless its cause is known to be absent."""
 LINEARITY = 0.01
-"""Error of a camera's response at mid-level, of the contrast, where nothing is known of it. By hand: usual
-for CCD cameras."""
+"""Error of an unknown camera's response at mid-level, of the contrast. By hand: usual for CCD cameras."""
 SI = ("_m", "_m2", "_N")
 """Endings of what a frame alone does not tell."""
-SHORTEST_OUTLINE = 8
-"""Points of the shortest outline that is drawn. By hand: noise makes shorter."""
 NUMBERS = [
     name for name, (kind, _) in CONTACTS.columns.items() if kind == "float64" and not name.endswith(SI)
 ]
@@ -144,7 +141,8 @@ class ImageMeasurement:
             if min(window.shape, default=0) < 2:
                 continue
             lines = find_contours(np.pad(window, 1), 0.5 * float(np.quantile(window, 0.9)))
-            long = sorted((line for line in lines if len(line) > SHORTEST_OUTLINE), key=len, reverse=True)
+            # Noise makes outlines of fewer points. By hand.
+            long = sorted((line for line in lines if len(line) > 8), key=len, reverse=True)
             if long:
                 found.append((row, [line[:, ::-1] - 1.0 + np.array([left, top]) for line in long]))
         return found
@@ -403,9 +401,8 @@ def _grey_levels(image: ArrayLike) -> NDArray:
     levels = as_pixels(image)
     if levels.dtype.kind not in "buif":
         said = repr(image) if isinstance(image, str) else f"numbers of the type {levels.dtype}"
-        raise FrameError(
-            f"an image must be an array of grey levels, got {said}; contactimg.read_frames reads files"
-        )
+        hint = "contactimg.read_frames reads files"
+        raise FrameError(f"an image must be an array of grey levels, got {said}; {hint}")
     return levels
 
 
@@ -434,17 +431,15 @@ def _check_types(**given: tuple[Any, ...]) -> None:
             raise InputError(f"{name} must be of type {names}, got {value!r}")
 
 
-def _subtract_background(
-    frame_pair: FramePair, polarity: str, **registration: bool
-) -> tuple[DifferenceImage, int]:
+def _subtract_background(pair: FramePair, polarity: str, **registration: bool) -> tuple[DifferenceImage, int]:
     """Difference image and the sign that makes contacts positive."""
-    frame, reference = frame_pair.frame, frame_pair.reference
-    if frame_pair.trivial:
+    frame, reference = pair.frame, pair.reference
+    if pair.trivial:
         plain = np.subtract(frame, frame if reference is None else reference, dtype=np.float32)
         return plain_difference(plain), -1 if polarity == "dark" else 1
     if reference is not None:
-        return remove_background(frame, reference, valid=frame_pair.valid, polarity=polarity, **registration)
-    return estimate_background(frame, valid=frame_pair.valid, polarity=polarity)
+        return remove_background(frame, reference, valid=pair.valid, polarity=polarity, **registration)
+    return estimate_background(frame, valid=pair.valid, polarity=polarity)
 
 
 def _match_levels(image: NDArray, reference: NDArray | None) -> NDArray | None:

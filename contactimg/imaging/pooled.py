@@ -61,13 +61,9 @@ LIGHT_PX = 64
 """Standard deviation of the Gaussian over which slow differences of the light are followed, twice the side
 of the square over which the brightness of the anchor is averaged. Chosen: much wider than a contact, narrower
 than the cubic that describes the light of a frame."""
-OUTLIER_FRACTION = 0.003
-"""Fraction of its squares in which a reference may differ from the others. Chosen: three times what dust and
-chance make; a contact of 30 px on a megapixel makes as many."""
 UNSEEN_VIEWS = 0.1
 """Views that a place is worth which none shows, or none without a rim of its own. Chosen: texture of 2 %
-behind a blur of 1.4 px, filled in from around, then counts ten times the noise of a pixel; the prior of a
-radius gives 0.08."""
+behind a blur of 1.4 px, filled in, counts ten times the noise of a pixel; the prior of radii gives 0.08."""
 RIM_POINTS = 24
 """Points of a rim at which the number of views is looked up. Chosen: one each 2 px on the usual contacts."""
 
@@ -449,7 +445,8 @@ def average_references(images: Sequence[NDArray]) -> tuple[Values, list[int]]:
         if placement is not None:
             views[number] = placement.view(images[number], np.empty((0, 3)))
     agreement = compare_views([view.squares() for view in views.values()], sign=1)
-    differs = (~agreement.used & np.isfinite(agreement.deviation)).mean(axis=(1, 2)) > OUTLIER_FRACTION
+    # Chosen: three times what dust and chance make; a contact of 30 px on a megapixel makes as many.
+    differs = (~agreement.used & np.isfinite(agreement.deviation)).mean(axis=(1, 2)) > 0.003
     pooled, used = PooledBackground.empty(first.shape), set(copies)
     for k, (number, view) in enumerate(views.items()):
         if not differs[k] or differs.all():

@@ -29,12 +29,6 @@ BASE_SHARE = 0.05
 """Share of the pixels that a base must hold. Chosen: among caps that leave less, heights refer to the mean
 surface, and the result says so. The quantile of this share stands for the base of a tile at first."""
 
-ROUGHEST = 200.0
-"""Standard deviation of a base over the noise of its pixels above which it is a rough surface without base.
-Theory: noise that an instrument blurs with 2 px (Gaussian) has 141 times what its fourth differences show."""
-
-FLATTEST = 1e-3
-"""Share of the range of heights below which a base is flat whatever its noise (0 in a computed map)."""
 
 MOST_BINS = 20_000
 """Most bins of the histogram of heights. Chosen: caps of 10,000 times the noise leave the base a bin."""
@@ -66,9 +60,8 @@ class HeightMap:
         object.__setattr__(self, "heights", np.asarray(self.heights, dtype=np.float64))
         shape = self.heights.shape
         if len(shape) != 2 or min(shape) < TILES:
-            raise InputError(
-                f"a height map must be a matrix of at least {TILES} rows and columns, got the shape {shape}"
-            )
+            least = f"at least {TILES} rows and columns"
+            raise InputError(f"a height map must be a matrix of {least}, got the shape {shape}")
         if not np.isfinite(self.heights).any():
             raise InputError("the height map holds no finite height")
         if np.shape(self.pixel_size) != (2,) or not all(0 < size < np.inf for size in self.pixel_size):
@@ -139,7 +132,9 @@ def fit_base(surface: HeightMap, form: Form) -> Base:
     if on_base.sum() >= BASE_SHARE * finite.sum():
         rest = np.where(on_base, heights - terms @ coefficients, np.nan)
         scatter = float(np.nanstd(rest))
-        if scatter <= max(ROUGHEST * noise, FLATTEST * float(np.ptp(heights[finite]))):
+        # Theory: noise that an instrument blurs with 2 px (Gaussian) has 141 times what its fourth
+        # differences show; a computed map has no noise, and a base of a thousandth of its range is flat.
+        if scatter <= max(200.0 * noise, 1e-3 * float(np.ptp(heights[finite]))):
             return Base(terms @ coefficients, _waviness(rest), scatter, seen=True)
     mean = terms @ _least_squares(heights, terms, finite)
     return Base(mean, _waviness(heights - mean), noise, seen=False)

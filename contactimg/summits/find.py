@@ -26,12 +26,6 @@ SMOOTHING_PX = 1.0
 """Standard deviation of the Gaussian before summits are looked for, px. Chosen: it leaves caps of three
 pixels and takes two thirds of white noise away; positions and radii come from the heights as measured."""
 
-NOISE_SIGMAS = 6.0
-"""How far a summit must rise above the valley to its neighbour and above the base, in standard deviations of
-the smoothed noise. Theory: of 10^7 pixels none does by chance."""
-
-TWICE = 0.5
-"""Two fits whose summits are nearer than this share of the radius of their patches are one asperity."""
 
 STEEP = np.tan(np.radians(2.0))
 """Slope of the base above which the map should be levelled first. Theory: taking a plane of slope t off
@@ -48,9 +42,6 @@ next one is about the square of it."""
 MIN_PIXELS = 12
 """Fewest pixels of a fit: three for each of its parameters."""
 
-CLIPPED_RATIO = 3.0
-"""Pixels at the largest height over those at the next lower one from which the heights were cut off. Theory:
-1 for a sphere, in steps of any size."""
 
 LAGS = 4
 """Distance in pixels up to which residuals may be correlated (filters and interpolation of the instrument).
@@ -283,7 +274,8 @@ def _without_clipped(surface: HeightMap) -> tuple[HeightMap, list[str]]:
     largest = np.nanmax(heights, initial=-np.inf)
     top = heights == largest
     next_lower = np.max(heights, initial=-np.inf, where=heights < largest)
-    clipped, fewest = int(np.count_nonzero(top)), CLIPPED_RATIO * np.count_nonzero(heights == next_lower)
+    # Theory: a sphere has as many pixels at its largest height as at the next lower one.
+    clipped, fewest = int(np.count_nonzero(top)), 3.0 * np.count_nonzero(heights == next_lower)
     if not max(MIN_PIXELS, fewest) <= clipped <= heights.size // 2 or not np.isfinite(next_lower):
         return surface, []
     text = (
@@ -309,7 +301,8 @@ def _divide(heights: Values, base: Base, least_height: float) -> tuple[Labels, V
     noise, below = 0.25 * base.noise, -smoothed[smoothed < 0]
     if base.seen and below.size:
         noise = MAD_TO_STD * float(np.median(below))
-    rise = NOISE_SIGMAS * max(noise, 1e-9 * float(np.ptp(smoothed)))
+    # Theory: of 10^7 pixels none rises by 6 standard deviations of the smoothed noise by chance.
+    rise = 6.0 * max(noise, 1e-9 * float(np.ptp(smoothed)))
     flooded = reconstruction(np.maximum(smoothed - rise, 0.0), np.maximum(smoothed, 0.0))
     tops = local_maxima(flooded) & (flooded > max(0.0, least_height - rise))
     markers, _ = ndimage.label(tops, structure=np.ones((3, 3)))
@@ -343,7 +336,8 @@ def _without_twins(fits: list[Fits], depth: float) -> list[Fits]:
     """The fits from the one with the most pixels down, without those whose summit is that of one before."""
     fits = sorted(fits, key=lambda fit: -int(fit[0].pixels.sum()))
     spheres, kept = np.reshape([whole.sphere for whole, _ in fits], (-1, 4)), set[int]()
-    reach = TWICE * np.sqrt(2 * depth * spheres[:, 2] / spheres[:, 3])
+    # Two fits whose summits are nearer than half of the radius of their patches are one asperity.
+    reach = 0.5 * np.sqrt(2 * depth * spheres[:, 2] / spheres[:, 3])
     for k, near in enumerate(KDTree(spheres[:, :2]).query_ball_point(spheres[:, :2], reach)):
         if kept.isdisjoint(near):
             kept.add(k)

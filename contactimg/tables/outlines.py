@@ -114,8 +114,6 @@ def _joined(outer: Line, hole: Line) -> Line:
 
 CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR = "#56b4e9", "#f0e442", "#cc79a7", "#d55e00"
 """Colours of contacts, flagged ones, those drawn by hand and rejected candidates."""
-CUT_COLOUR, TOUCHING_COLOUR = "#e69f00", "#009e73"
-"""Colours of contacts that are not wholly seen, and of those that touch."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +146,8 @@ _DOUBTFUL = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU |
 KINDS_OF_CONTACTS = (
     Kind("by hand", MANUAL_COLOUR, (), Flag.MANUAL),
     Kind("doubtful", FLAGGED_COLOUR, (8, 4), _DOUBTFUL),
-    Kind("cut or not resolved", CUT_COLOUR, (4, 4), Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL),
-    Kind("touching", TOUCHING_COLOUR, (14, 4), Flag.MERGED | Flag.OVERLAP),
+    Kind("cut or not resolved", "#e69f00", (4, 4), Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL),
+    Kind("touching", "#009e73", (14, 4), Flag.MERGED | Flag.OVERLAP),
     Kind("beyond Hertz", CONTACT_COLOUR, (6, 3), Flag.BEYOND_HERTZ),
     Kind("contact", CONTACT_COLOUR, (), Flag(0)),
 )

@@ -87,9 +87,8 @@ class Schema:
         given = table if isinstance(table, pd.DataFrame) else pd.DataFrame(table)
         unknown = [name for name in given.columns if name not in self.columns]
         if unknown:
-            raise InputError(
-                f"{self.name}: unknown column {unknown[0]!r}; the columns are {', '.join(self.columns)}"
-            )
+            known = ", ".join(self.columns)
+            raise InputError(f"{self.name}: unknown column {unknown[0]!r}; the columns are {known}")
         if list(given.columns) == list(self.columns) and list(given.dtypes) == self._dtypes:
             whole = given.reset_index(drop=True)  # several times as fast as to assemble the columns anew
             whole.attrs = {}

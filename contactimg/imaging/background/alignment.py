@@ -9,10 +9,6 @@ from scipy import special
 
 from contactimg.imaging.pixels.masks import Mask
 
-# Uncertainty up to which an alignment is accepted: what it leaves of the texture is the noise times
-# `register.CORRELATED_PX` over the number of pixels, whatever the texture.
-GOOD_STD_PX = 0.05
-
 
 @dataclass(frozen=True)
 class Alignment:
@@ -46,7 +42,8 @@ class Alignment:
     @property
     def good(self) -> bool:
         """Whether the shift is known so well, all over the image, that no other one is looked for."""
-        return self.std_px < GOOD_STD_PX and self.consistent
+        # It leaves of the texture the noise times `register.CORRELATED_PX` over the number of pixels.
+        return self.std_px < 0.05 and self.consistent
 
     @property
     def is_shift(self) -> bool:
@@ -118,12 +115,9 @@ def filter_rows_and_columns(image: NDArray, along: NDArray, across: NDArray) -> 
 
 
 def move_image(
-    image: NDArray,
-    alignment: Alignment,
-    *,
-    interpolation: int = cv2.INTER_LANCZOS4,
+    image: NDArray, alignment: Alignment, *, interpolation: int = cv2.INTER_LANCZOS4,
     outside: int | None = None,
-) -> NDArray:
+) -> NDArray:  # fmt: skip
     """The image rotated, scaled and shifted; beyond it the value ``outside``, or its border repeated.
 
     Places are rounded to 1/32 px: texture with a period of 7 px errs by 0.6 % of its amplitude.

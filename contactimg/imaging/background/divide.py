@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.background.alignment import (
-    SMOOTHING_PX,
-    Alignment,
-    filter_rows_and_columns,
-    shift_kernel,
-)
+from contactimg.imaging.background import alignment
 from contactimg.imaging.background.illumination import DARKEST_FRACTION, Illumination, cubic
 from contactimg.imaging.pixels.blocks import block_means, is_background, strips, to_pixels
 from contactimg.imaging.pixels.masks import Mask, Values, mean_of_seen
@@ -24,29 +19,18 @@ from contactimg.imaging.pixels.robust import CLIP_SIGMA, SOME, median, robust_st
 NARROW_PX, MIDDLE_PX, WIDE_PX = 0.7, 2.0, 6.0
 """Standard deviations of the Gaussians that separate the bands: less than, as, and more than a usual blur.
 What the first takes away is lost in the blur of the contacts as well."""
-BINNING_VARIANCE = 1.0 / 12.0 + 1.0 / 6.0
-"""Variance (binned pixels squared) that binning and linear interpolation add to a Gaussian.
-
-Theory: the variances of a box and of a triangle."""
 STRIPS, STRIP_ROWS, SPACING_PX = 4, 16, 4
-"""Strips of the image that the gains are measured in, their rows, and the distance at which pixels are
-independent behind `SMOOTHING_PX`, which is also what the borders of a strip spoil. Accuracy: some thousand
-samples."""
+"""Strips in which the gains are measured, their rows, and the distance at which pixels are independent behind
+`SMOOTHING_PX`, which is also what the borders of a strip spoil. Accuracy: some thousand samples."""
 FULL_DIRT_SIGMA = 6.0
-"""Robust standard deviations of a band from which its detail is wholly taken as dirt, as it is partly from
-`CLIP_SIGMA` on; pixels of the frame that differ by so much do not count for the gains. By hand: rendered
-frames."""
+"""Robust standard deviations of a band from which its detail is wholly dirt, and partly from `CLIP_SIGMA`
+on; pixels of the frame that differ by so much do not count for the gains. By hand: rendered frames."""
 
 
 def divide_by_reference(
-    frame: NDArray,
-    reference: NDArray,
-    valid: Mask,
-    illumination: Illumination,
-    *,
-    residual: Alignment,
-    level: float,
-) -> Values:
+    frame: NDArray, reference: NDArray, valid: Mask, illumination: Illumination, *,
+    residual: alignment.Alignment, level: float,
+) -> Values:  # fmt: skip
     """``level (F/(g R) - 1)`` of the frame F, the ratio g of the illuminations, and the filtered reference R.
 
     Parameters
@@ -72,7 +56,7 @@ def divide_by_reference(
     source = (reference, _move_and_blur(half, MIDDLE_PX, shift, 2), wide, *_gaussians(shift, NARROW_PX))
     gains, scatters = _measure_gains(frame, source, illumination)
     numbers = np.array([*gains, *scatters, level, DARKEST_FRACTION * level], np.float32)
-    move = [shift_kernel(part).astype(np.float32) for part in shift]
+    move = [alignment.shift_kernel(part).astype(np.float32) for part in shift]
     light = illumination.row_polynomials(np.arange(len(frame)), frame.shape)
     out = np.empty(frame.shape, np.float32)
     _divide(out, frame, source, *move, *light, numbers)
@@ -196,12 +180,13 @@ def _gaussians(shift: tuple[float, float], width: float) -> list[Values]:
 
 def _move_and_blur(binned: Values, blur_px: float, shift: tuple[float, float], side: int) -> Values:
     """Means of ``side`` pixels, moved and blurred to ``blur_px`` as they are interpolated; without NaN."""
-    width = float(np.sqrt((blur_px / side) ** 2 - BINNING_VARIANCE))
+    # Binning and linear interpolation add the variances of a box and of a triangle.
+    width = float(np.sqrt((blur_px / side) ** 2 - (1.0 / 12.0 + 1.0 / 6.0)))
     kernels = _gaussians((shift[0] / side, shift[1] / side), width)
     finite = np.isfinite(binned)
     if finite.all():
-        return filter_rows_and_columns(binned, *kernels)
-    return mean_of_seen(lambda part: filter_rows_and_columns(part, *kernels), binned, finite)[0]
+        return alignment.filter_rows_and_columns(binned, *kernels)
+    return mean_of_seen(lambda part: alignment.filter_rows_and_columns(part, *kernels), binned, finite)[0]
 
 
 def _measure_gains(
@@ -227,8 +212,8 @@ def _measure_gains(
 
     narrow, middle, wide = _bands_at_rows(rows, source)
     target = frame[rows] / illumination.ratio_at_rows(rows, frame.shape) - wide
-    still, parts = _gaussians((0.0, 0.0), SMOOTHING_PX), (narrow - middle, middle - wide)
-    excess, *bands = (sample(filter_rows_and_columns(part, *still)) for part in (target, *parts))
+    still, parts = _gaussians((0.0, 0.0), alignment.SMOOTHING_PX), (narrow - middle, middle - wide)
+    excess, *bands = (sample(alignment.filter_rows_and_columns(part, *still)) for part in (target, *parts))
     detail = np.stack([sample(part) for part in parts])
     excess = excess - np.float32(median(excess))
     scatters = np.array([robust_std(part, centre=0.0) for part in detail])

@@ -34,15 +34,10 @@ from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION
 
 Regions = NDArray[np.int32]
 
-# Blocks in a region that stand out of it as contacts do: contacts on it. By hand: one may be dirt.
-FEWEST_BEYOND = 2
 BRIGHTEST_RATIO = 2.2  # of a contact over another one beside it, more than which a region is none. By hand
 MESH_BLOCKS = 2.0  # standard deviation of the Gaussian that smooths the mesh, blocks: about 4 blocks wide
 # Root mean square of what is left, in scatters of a block, that is worth a correction. By hand.
 LEAST_UNEVEN = 0.5
-# Variance that lines share, over that of the noise, that is worth a correction. Theory: of less, the 2 a
-# lines of a contact of radius a = 10 px add a fifth to the variance of the noise.
-LEAST_FLICKER = 0.01
 
 
 def even_out(difference: DifferenceImage, *, sign: int = 0, relative: bool = True) -> DifferenceImage:
@@ -120,7 +115,8 @@ def _has_contacts(blocks: Values, inside: Flags, contact: float, level: float) -
     hull = [cv2.convexHull(np.concatenate(outlines))]
     for around, least in ((outlines, contact), (hull, max(contact, BRIGHTEST_RATIO * level))):
         whole = cv2.drawContours(np.zeros(inside.shape, np.uint8), around, -1, 1, cv2.FILLED) > 0
-        if np.count_nonzero(blocks[whole & ~inside] > least) >= FEWEST_BEYOND:
+        # Two blocks that stand out as contacts do are contacts on the region. By hand: one may be dirt.
+        if np.count_nonzero(blocks[whole & ~inside] > least) >= 2:
             return True
     return False
 
@@ -220,7 +216,8 @@ def _without_flicker(difference: DifferenceImage, axis: int, level: float) -> Di
     else:
         return difference
     noise = estimate_noise(image, background)
-    least = LEAST_FLICKER * noise**2
+    # Theory: of less, the 2 a lines of a contact of radius a = 10 px add a fifth to that of the noise.
+    least = 0.01 * noise**2
     # flicker of single lines is less by their number in the lines of blocks: pixels show no more than that
     if not hides and by_blocks * len(image) / len(blocks) < least:
         return difference

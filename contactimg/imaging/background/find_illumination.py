@@ -20,17 +20,9 @@ from contactimg.imaging.background.illumination import (
     fit_illumination,
     jittered_grid,
 )
+from contactimg.imaging.pixels import robust
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Flags, Values
-from contactimg.imaging.pixels.robust import (
-    MANY,
-    QUARTILE_TO_STD,
-    ROUGH_RATIO,
-    SOME,
-    finite_values,
-    quantile,
-    robust_std,
-)
 from contactimg.imaging.profile.limits import LEAST_FRACTION, SQUARE_PX
 
 BackgroundLevel = Literal["lowest", "highest", "nearest_one", "most_common"]
@@ -38,17 +30,16 @@ BackgroundLevel = Literal["lowest", "highest", "nearest_one", "most_common"]
 (contacts are dark), the one nearest to 1 (for a ratio to a reference) or the most common."""
 
 Rows = NDArray[np.intp] | slice
+Shape = tuple[int, int]
 ALL_ROWS = slice(None)
 
-# Scatter of the blocks over what noise and texture explain above which they may hold contacts. By hand.
-CROWD_SCATTER = 1.1
-# The same of squares, in a block or all over, from which on rims of contacts make it. By hand.
+# Scatter of squares, in a block or all over, over what noise and texture explain, from which on rims of
+# contacts make it. By hand.
 RIM_SCATTER = 3.0
 # Share of the blocks without a rim in them, below which squares take their place; half as many do without a
 # reference, where flat regions of blocks show the background. By hand: dots of 4 px every 18 px leave 0.29 of
 # the blocks alone, 500 contacts of 1.5-30 px on 1600 x 1200 pixels leave 0.7, real pins in a lattice 0.61.
 QUIET_SHARE = 0.7
-MOST_REGIONS = 8  # flat regions that are followed, the largest; a bound of the work
 # Share of the blocks above which flat ones that are no background are too many for contacts, and of the
 # highest bin of a histogram below which a peak is no level. By hand: contacts up to 24 px make 0.02.
 NOTABLE_SHARE = 0.05
@@ -85,11 +76,12 @@ def find_illumination(
     level, scatter = find_background_level(blocks, background_is=background_is, scatter=scatter)
     coarse = fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=rounding)
     coarse = _on_flat_blocks(coarse, blocks, shape, rounding)
-    even = coarse.scatter <= CROWD_SCATTER * max(expected, rounding)
+    # Blocks that scatter more than noise and texture explain may hold contacts. By hand.
+    even = coarse.scatter <= 1.1 * max(expected, rounding)
     white = expected * BLOCK / SQUARE_PX  # for squares whose scatter whole grey levels hide
     # where the blocks are even, only a lattice can hide the background from them, which some rows show; where
     # they are not, and do not hide it, the illumination is less even than a cubic
-    some = np.flatnonzero(np.arange(shape[0]) // BLOCK % max(shape[0] * shape[1] // MANY, 1) == 0)
+    some = np.flatnonzero(np.arange(shape[0]) // BLOCK % max(shape[0] * shape[1] // robust.MANY, 1) == 0)
     squares, expected = means(SQUARE_PX, some if even else ALL_ROWS)
     if not np.isfinite(squares).any():
         return coarse
@@ -110,12 +102,12 @@ def scatter_of_extreme(squares: NDArray, background_is: BackgroundLevel) -> floa
     """
     means = 0.5 * (squares[:, 1:] + squares[:, :-1])
     covered = {"highest": -means, "nearest_one": np.abs(means - 1.0)}.get(background_is, means)
-    known = finite_values(covered)
+    known = robust.finite_values(covered)
     if not known.size:
         return 0.0
-    like = covered <= np.float32(quantile(known, NOTABLE_SHARE))
+    like = covered <= np.float32(robust.quantile(known, NOTABLE_SHARE))
     differences = np.diff(squares, axis=1)[like]
-    return robust_std(differences, centre=0.0) / np.sqrt(2) if len(differences) else 0.0
+    return robust.robust_std(differences, centre=0.0) / np.sqrt(2) if len(differences) else 0.0
 
 
 def find_rims(squares: NDArray, expected: float) -> tuple[Flags, float]:
@@ -144,7 +136,7 @@ def find_background_level(
     -------
     level, scatter : float
     """
-    values = finite_values(blocks)
+    values = robust.finite_values(blocks)
     if not len(values):
         return 1.0, LEAST_FRACTION
     low, high = float(values.min()), float(values.max())
@@ -171,10 +163,10 @@ def find_background_level(
 def neighbour_scatter(blocks: NDArray) -> float:
     """Scatter of a block from the differences of neighbours, some of which lie across rims."""
     rows = jittered_grid((1, len(blocks)), max(blocks.size // FIT_BLOCKS, 1))[1][0]
-    difference = finite_values(np.diff(blocks[rows], axis=1))
+    difference = robust.finite_values(np.diff(blocks[rows], axis=1))
     if not len(difference):
         return 0.0
-    return QUARTILE_TO_STD * quantile(np.abs(difference), 0.25) / np.sqrt(2)
+    return robust.QUARTILE_TO_STD * robust.quantile(np.abs(difference), 0.25) / np.sqrt(2)
 
 
 def find_flat_blocks(blocks: Values, scatter: float) -> Flags:
@@ -192,13 +184,12 @@ def flat_regions(blocks: Values, scatter: float) -> tuple[NDArray[np.int32], lis
     _, labels, stats, _ = cv2.connectedComponentsWithStats(flat, connectivity=4)
     area = stats[:, cv2.CC_STAT_AREA]
     # a contact that fills so many blocks has a radius of 35 px
-    largest = [int(k) for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= SOME]
+    # The eight largest are followed, which bounds the work.
+    largest = [int(k) for k in np.argsort(-area)[: 8 + 1] if k and area[k] >= robust.SOME]
     return np.asarray(labels, np.int32), largest
 
 
-def fit_region(
-    blocks: Values, members: Flags, shape: tuple[int, int], *, scatter: float, least: float
-) -> Illumination:
+def fit_region(blocks: Values, members: Flags, shape: Shape, *, scatter: float, least: float) -> Illumination:
     """Fit the illumination of a flat region of blocks; its background are all blocks of that level.
 
     ``scatter`` is that of its blocks about their median to start from, ``least`` about the illumination.
@@ -207,9 +198,7 @@ def fit_region(
     return fit_illumination(blocks, shape, level=level, scatter=scatter, least_scatter=least, members=members)
 
 
-def _on_flat_blocks(
-    found: Illumination, blocks: Values, shape: tuple[int, int], least: float
-) -> Illumination:
+def _on_flat_blocks(found: Illumination, blocks: Values, shape: Shape, least: float) -> Illumination:
     """The illumination of flat blocks, if it describes more blocks; else the one found.
 
     What was found must lie within the outline of the new background, as a part of that or as contacts on it,
@@ -222,10 +211,9 @@ def _on_flat_blocks(
         return found
     light = fit_region(blocks, flat, shape, scatter=np.inf, least=least)
     limit = BACKGROUND_CLIP_SIGMA * min(found.scatter, light.scatter)
-    more, usual = (
-        np.mean(np.abs(blocks - one.at_blocks(blocks.shape, shape)) < limit) for one in (light, found)
-    )
-    better = more > usual + NOTABLE_SHARE and light.scatter < ROUGH_RATIO * found.scatter
+    rests = (blocks - one.at_blocks(blocks.shape, shape) for one in (light, found))
+    more, usual = (np.mean(np.abs(rest) < limit) for rest in rests)
+    better = more > usual + NOTABLE_SHARE and light.scatter < robust.ROUGH_RATIO * found.scatter
     return light if better and encloses(light.background, found.background) else found
 
 

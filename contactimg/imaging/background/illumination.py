@@ -18,7 +18,7 @@ from contactimg.imaging.pixels.masks import Flags, Mask, Values
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, CLIP_SIGMA, MAD_TO_STD, median, robust_std
 from contactimg.imaging.profile.limits import FEW, LEAST_FRACTION, ROUNDS
 
-Places = NDArray[np.int64] | slice
+Rows = NDArray[np.int64]
 
 POLYNOMIAL_ORDER = 3  # total degree: vignetting is a quadratic, uneven lamps need a cubic
 # Powers of u and v in each term of the polynomial.
@@ -30,8 +30,6 @@ BACKGROUND_CLIP_SIGMA = 3.5
 # scatter.
 FIT_BLOCKS = 3000
 DARKEST_FRACTION = 0.1  # of the level of a background: where it is darker, it is not divided by. By hand
-# Weight of a region at the border. By hand: four dark corners of 500 px^2 against 25 contacts of 3 px.
-AT_BORDER = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +50,14 @@ class Illumination:
     background: Flags
     scatter: float
 
-    def row_polynomials(self, rows: NDArray[np.int64], shape: tuple[int, int]) -> tuple[Values, Values]:
+    def row_polynomials(self, rows: Rows, shape: tuple[int, int]) -> tuple[Values, Values]:
         """Coefficients of the cubic in ``u`` for some rows, and ``u`` of each column."""
         along = _powers(2.0 * rows / shape[0] - 1.0) @ self.coefficients
         across = 2.0 * np.arange(shape[1]) / shape[1] - 1.0
         return along.astype(np.float32), across.astype(np.float32)
 
     def ratio_at_rows(
-        self, rows: NDArray[np.int64], shape: tuple[int, int], columns: Places = slice(None)
+        self, rows: Rows, shape: tuple[int, int], columns: Rows | slice = slice(None)
     ) -> Values:
         """A ratio, far enough from 0 to divide by it, at all pixels of some rows (and columns)."""
         along, across = self.row_polynomials(rows, shape)
@@ -82,14 +80,9 @@ class Illumination:
 
 
 def fit_illumination(
-    blocks: NDArray,
-    shape: tuple[int, int],
-    *,
-    level: float,
-    scatter: float,
-    least_scatter: float = 0.0,
+    blocks: NDArray, shape: tuple[int, int], *, level: float, scatter: float, least_scatter: float = 0.0,
     members: Flags | None = None,
-) -> Illumination:
+) -> Illumination:  # fmt: skip
     """Fit a polynomial to the blocks that are background: least squares with clipping, iterated.
 
     Parameters
@@ -314,7 +307,8 @@ def find_sign(blocks: Values, background: Flags) -> int:
         far = light > limit
         count, regions = cv2.connectedComponents(far.astype(np.uint8))
         weight = np.ones(count)
+        # By hand: four dark corners of 500 px^2 against 25 contacts of 3 px.
         for side in (regions[0], regions[-1], regions[:, 0], regions[:, -1]):
-            weight[side] = AT_BORDER
+            weight[side] = 0.3
         shown.append(weight @ np.sqrt(np.bincount(regions[far], light[far], minlength=count)))
     return -1 if shown[1] > shown[0] else 1

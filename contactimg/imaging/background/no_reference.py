@@ -49,15 +49,10 @@ from contactimg.imaging.pixels.noise import estimate_noise
 from contactimg.imaging.pixels.robust import finite_values, median, robust_std
 from contactimg.imaging.profile.limits import LEAST_FRACTION, SQUARE_PX
 
-# Share of the blocks without a rim in them below which the others say nothing of the scatter. By hand: disks
-# of 4 px every 20 px leave 0.5, real pins in a lattice 0.6.
-FEW_QUIET = 0.55
 FLAT_SHARE = 0.2  # share of the blocks: so large a flat region is the background. By hand
 # Squares in one side of the tiles over which the light between small contacts is followed beyond the
 # polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them.
 TILE_SQUARES = 32
-# Of the longer side of the image: the envelope goes below narrower contacts. By hand.
-WINDOW_FRACTION = 1.0 / 6.0
 
 
 def estimate_background(
@@ -128,7 +123,8 @@ def _flat_background(frame: Values, valid: Mask, rounding: float, sign: int) -> 
     blocks = block_means(frame, valid)
     finite = np.isfinite(blocks)
     # among many contacts most blocks differ from their neighbours, and only those without rims are flat
-    flat = np.where(rims & (quiet < FEW_QUIET), np.float32(np.nan), blocks)
+    # By hand: disks of 4 px every 20 px leave 0.5 of them without a rim, real pins in a lattice 0.6.
+    flat = np.where(rims & (quiet < 0.55), np.float32(np.nan), blocks)
     # the light may differ more from row to row than along a row, and rounded means by two steps
     scatter = max(scatter_of_blocks(flat, rounding), scatter_of_blocks(flat.T, rounding), 2.0 * rounding)
     labels, regions = flat_regions(flat, scatter)
@@ -196,7 +192,8 @@ def _envelope(blocks: Values) -> Values:
     """Lower envelope of blocks, an opening by a disk; blocks without data (NaN) as high as the median."""
     finite = np.isfinite(blocks)
     filled = np.where(finite, blocks, np.median(blocks[finite]) if finite.any() else 0.0).astype(np.float32)
-    side = max(int(max(blocks.shape) * WINDOW_FRACTION) | 1, 3)
+    # By hand: the envelope goes below contacts narrower than a sixth of the image.
+    side = max(int(max(blocks.shape) * (1.0 / 6.0)) | 1, 3)
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     smooth = cv2.medianBlur(filled, 3)
     opened = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE)

@@ -43,7 +43,6 @@ STRIP_ROWS, STRIP_SPACING = 32, 400
 MARGIN_PX = 6  # pixels not used at the edges of a strip, of the image and of holes: the filters reach so far
 # Side of the tiles of the image whose shifts show a rotation, or width of those of a strip. By hand.
 TILE_PX = 256
-LARGEST_STD_PX = 0.25  # an alignment that is more uncertain is taken as unknown: there is no texture. By hand
 # Step after which the next one does not matter, being ten times smaller; and least shift of the corners that
 # counts as a rotation. Accuracy.
 NEGLIGIBLE_PX = 0.02
@@ -53,11 +52,9 @@ AS_GOOD_FRACTION = 0.7
 # Side of a binned pixel, in which all lengths named ``_BINS`` are; the Gauss-Newton iteration is not followed
 # beyond one.
 BIN_PX = 4
-LARGEST_SHIFT_FRACTION = 0.25  # of the size of the image: larger shifts are not searched
 # Half the side of the window whose mean the detail is relative to, wider than texture and dirt; and how far
 # the shift of a tile may lie from that of the whole image. By hand.
 WINDOW_BINS = 10
-WHOLE_WINDOW = 0.75  # share of it that is seen, of that of the widest, at least. By hand
 # What stands out and is wider is a contact and left out, what is narrower may be dirt; and about the half
 # width of what belongs to a peak. By hand.
 CONTACT_BINS = 5
@@ -68,13 +65,9 @@ AGREEMENT_BINS = 0.5  # largest misfit of the shift of a tile to a common rotati
 
 
 def align(
-    frame: NDArray,
-    reference: NDArray,
-    illumination: Illumination,
-    valid: Mask = None,
-    *,
+    frame: NDArray, reference: NDArray, illumination: Illumination, valid: Mask = None, *,
     all_rows: bool = False,
-) -> Alignment:
+) -> Alignment:  # fmt: skip
     """Alignment of two images that lie a few pixels apart at most.
 
     Parameters
@@ -108,7 +101,7 @@ def align(
         mask &= np.asarray(cv2.erode(valid[rows], around), np.uint8)
     seen = _smooth(frame[rows] / illumination.ratio_at_rows(rows, frame.shape))
     found = _gauss_newton(seen, _smooth(reference[rows]), mask, rows, frame.shape)
-    return found if found.std_px < LARGEST_STD_PX else UNKNOWN
+    return found if found.std_px < 0.25 else UNKNOWN  # else there is no texture. By hand
 
 
 def _smooth(image: NDArray) -> Values:
@@ -282,7 +275,8 @@ def search_alignment(
     around, _ = mean_of_seen(lambda part: cv2.blur(part, window), before, usable)
     # near the border and holes the mean lies to one side of a place, and a slope of the light is no texture
     seen = cv2.blur(usable.astype(np.float32), window, borderType=cv2.BORDER_CONSTANT)
-    usable &= seen > WHOLE_WINDOW * (quantile(seen[usable], 0.9) if usable.any() else 1.0)
+    # By hand, of what is seen of the widest window.
+    usable &= seen > 0.75 * (quantile(seen[usable], 0.9) if usable.any() else 1.0)
     if np.count_nonzero(usable) < FEWEST_VALUES:
         return None, False
     around = np.where(usable, around, np.float32(1.0))
@@ -302,7 +296,8 @@ def search_alignment(
     excess = np.where(contacts, np.float32(0.0), np.clip(excess, -CLIP_SIGMA * scatter, CLIP_SIGMA * scatter))
     peak: complex | None = complex(near.x_px, near.y_px) / BIN_PX
     if not near.known:
-        reach = [max(int(count * LARGEST_SHIFT_FRACTION), 2) for count in excess.shape]
+        # Larger shifts, of the size of the image, are not searched.
+        reach = [max(int(count * 0.25), 2) for count in excess.shape]
         peak = _find_peak(np.pad(detail, [(bins, bins) for bins in reach]), excess)
     if peak is None:
         return None, textured
@@ -317,9 +312,8 @@ def _texture(detail: NDArray, usable: Flags, scatter: float) -> tuple[bool, bool
     one, near, beyond = (part[known] for part in (detail[:, :-far], detail[:, 1 : 1 - far], detail[:, far:]))
     if not len(one):
         return False, False
-    grains = (np.abs(one) > SIGNIFICANT_SIGMA * scatter) & (
-        one * near > (SIGNIFICANT_SIGMA / 2 * scatter) ** 2
-    )
+    least = SIGNIFICANT_SIGMA * scatter
+    grains = (np.abs(one) > least) & (one * near > (SIGNIFICANT_SIGMA / 2 * scatter) ** 2)
     product = one * (near - beyond)  # what far ones share as well is a slope of the light
     covariance = float(product.mean()) * np.sqrt(len(product)) / max(float(product.std()), 1e-30)
     return int(np.count_nonzero(grains)) >= FEWEST_PLACES, covariance > SIGNIFICANT_SIGMA

@@ -38,12 +38,6 @@ from contactimg.imaging.pixels.masks import Mask, Values, exclude
 from contactimg.imaging.pixels.robust import finite_values, median, quantile
 from contactimg.imaging.profile.limits import ROUNDS
 
-# Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
-SMOOTH_RATIO = 0.1  # noise of a reference over the scatter of the frame below which it was smoothed. By hand
-SUBPIXEL_PX = 0.75  # a larger shift is first taken out in whole pixels
-# Share of the blocks, or squares, that are background below which the light may be another one. By hand:
-# light that changed strongly leaves 0.1 to 0.3, a crowd that covers half of the image more.
-LEAST_BACKGROUND = 1.0 / 3.0
 BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}
 """Level of the background among those of a frame, by the polarity of the contacts."""
 SIGNS = {"bright": 1, "dark": -1, "auto": 0}
@@ -103,7 +97,9 @@ def remove_background(
     blocks = best.blocks
     scatter = max(scatter_of_blocks(part, plain.rounding) for part in (blocks, blocks.T))
     limit = BACKGROUND_CLIP_SIGMA * scatter
-    changed = np.mean(light.background) < LEAST_BACKGROUND or np.mean(sign * blocks < -limit) > NOTABLE_SHARE
+    # By hand: light that changed strongly leaves 0.1 to 0.3 of the blocks for the background, a crowd that
+    # covers half of the image more.
+    changed = np.mean(light.background) < 1.0 / 3.0 or np.mean(sign * blocks < -limit) > NOTABLE_SHARE
     if not (changed and np.isfinite(blocks).any()):
         return _without_clipped(best, frame), sign
     found = np.abs(blocks) < limit
@@ -225,14 +221,13 @@ class _PlacedReference:
                 seen = None if valid is None else valid[rows]
                 above, below = (block_means(image[rows], seen, side=side) for image in (images.frame, moved))
             noise = np.sqrt(2.0) * neighbour_scatter(below)
-            if side != BLOCK and noise < SMOOTH_RATIO * neighbour_scatter(above):
+            # By hand: a reference with so little noise was smoothed.
+            if side != BLOCK and noise < 0.1 * neighbour_scatter(above):
                 noise = neighbour_scatter(above)  # contacts leave most squares alone
             return above / np.maximum(below, DARKEST_FRACTION * level), float(noise) / level
 
-        rounding = images.rounding / level
-        illumination = find_illumination(
-            ratio, images.frame.shape, background_is=images.background_is, rounding=rounding
-        )
+        rounding, which = images.rounding / level, images.background_is
+        illumination = find_illumination(ratio, images.frame.shape, background_is=which, rounding=rounding)
         if valid is not None:  # blocks with holes are noisier than whole ones
             side = side_of(illumination.background.shape, images.frame.shape)
             whole = block_means(valid.astype(np.float32), side=side) == 1.0
@@ -270,10 +265,8 @@ def _register(placed: _PlacedReference, *, whole: bool) -> tuple[_PlacedReferenc
             return *_approach(placed, residual, all_rows=all_rows), False
         if not (residual.known or crowded):  # nor do all rows tell it where there is nothing to find
             break
-    frame = placed.images.frame
-    shift, textured = search_alignment(
-        frame, placed.reference, placed.illumination, placed.valid, near=residual
-    )
+    pair = placed.images.frame, placed.reference
+    shift, textured = search_alignment(*pair, placed.illumination, placed.valid, near=residual)
     if shift is not None and not (residual.known and shift.is_shift):
         candidate = placed.moved_by(shift)
         left = candidate.align(all_rows=True)
@@ -289,7 +282,8 @@ def _approach(
 ) -> tuple[_PlacedReference, Alignment]:
     """Move the reference until less than a pixel is left, as long as the uncertainty falls."""
     for _ in range(ROUNDS):
-        if not residual.known or (residual.is_shift and residual.largest_px < SUBPIXEL_PX):
+        # A larger shift is first taken out in whole pixels.
+        if not residual.known or (residual.is_shift and residual.largest_px < 0.75):
             break
         candidate = placed.moved_by(residual)
         left = candidate.align(all_rows=all_rows)

@@ -34,7 +34,7 @@ from contactimg.imaging.evidence.rules import PLACE, Columns, Judged
 from contactimg.imaging.fit.unseen_contrast import LARGEST_CONTRAST_RATIO, PLATEAU_STD_FRACTION
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.frame_pair import SPAN_LEVELS
-from contactimg.imaging.pixels.masks import touches
+from contactimg.imaging.pixels.masks import Flags, touches
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.limits import FEWEST, SHOWN_BLUR_WIDTHS, SMALL_AREA_PX2
@@ -43,13 +43,6 @@ from contactimg.tables import Flag, Reason
 
 DEFAULT_FRACTION = 0.5
 """Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""
-OTSU_RANGE = (0.05, 0.95)
-"""Range of the automatic threshold: outside it noise makes contacts or takes them away."""
-SPECK_MARGIN_PX = 3
-"""Distance from a speck at which the level around it is read. By hand."""
-LONGEST_PART = 1.4
-"""Ratio of the axes of a part of a split component above which no disks describe the component. By hand: of
-a hundred parts of contacts that touch, one to four are longer."""
 
 
 def measure_by_count(
@@ -78,13 +71,14 @@ def measure_by_count(
         nothing["flags"] = np.empty(0, np.int64)
         prior = foreground.prior_optics
         return Judged(foreground, nothing, nothing, prior, prior, unmatched=edits)
-    contacts, rejected = count_contacts(
-        image, fraction=fraction, plateau=contrast.plateau, noise=foreground.noise
-    )
+    plateau, noise = contrast.plateau, foreground.noise
+    contacts, rejected = count_contacts(image, fraction=fraction, plateau=plateau, noise=noise)
     blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
     x, y, radius, flags = (contacts[name] for name in (*PLACE, "flags"))
-    long = contacts["semi_major_px"] > LONGEST_PART * contacts["semi_minor_px"]
+    # Longer parts of a split component are no disks. By hand: of a hundred parts of contacts that touch, one
+    # to four are longer.
+    long = contacts["semi_major_px"] > 1.4 * contacts["semi_minor_px"]
     long &= flags & int(Flag.MERGED) > 0
     places = np.column_stack([x, y, radius])
     cut = touches(pair.valid, 0, places, radius + 2.0 * DEFAULT_BLUR_PX)  # a hole so near spoils the rim
@@ -216,9 +210,7 @@ def count_contacts(
     return contacts | dict(axes) | rest, rejected
 
 
-def _flags(
-    components: NDArray[np.void], split: NDArray[np.bool_], shape: tuple[int, ...]
-) -> NDArray[np.int64]:
+def _flags(components: NDArray[np.void], split: Flags, shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Flags of components, those that touch the border of an image of that shape included."""
     return (
         int(Flag.EDGE) * np.any(sides_cut(components, shape), axis=0)
@@ -235,8 +227,8 @@ def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> N
     out = np.zeros(len(components))
     specks = np.flatnonzero(components["area"] <= SPECK_PX2)
     part, (rows, columns) = components[specks], image.shape
-    x = np.stack([part["left"] - SPECK_MARGIN_PX, part["peak_x"], part["right"] + SPECK_MARGIN_PX])
-    y = np.stack([part["top"] - SPECK_MARGIN_PX, part["peak_y"], part["bottom"] + SPECK_MARGIN_PX])
+    x = np.stack([part["left"] - 3, part["peak_x"], part["right"] + 3])  # 3 px from the speck, by hand
+    y = np.stack([part["top"] - 3, part["peak_y"], part["bottom"] + 3])
     grid = image[np.clip(y, 0, rows - 1)[:, None], np.clip(x, 0, columns - 1)[None]].reshape(9, -1)
     out[specks] = np.median(np.delete(grid, 4, axis=0), axis=0)
     return out
@@ -258,7 +250,8 @@ def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: 
     if auto:
         scaled = np.clip(image * (SPAN_LEVELS / contrast.plateau), 0, 255).astype(np.uint8)
         level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-        return float(np.clip((level + 0.5) / SPAN_LEVELS, *OTSU_RANGE))
+        # outside this range noise makes contacts or takes them away
+        return float(np.clip((level + 0.5) / SPAN_LEVELS, 0.05, 0.95))
     if not (isinstance(threshold, Real) and 0 < threshold < 1):
         raise InputError(f'threshold must be a fraction between 0 and 1 or "auto", got {threshold!r}')
     return float(threshold)

@@ -26,16 +26,6 @@ from contactimg.imaging.profile.threshold_radius import disk_radius
 
 Values = NDArray[np.float64]
 
-UNEVEN_HEIGHT = 0.05
-"""Fall of the height towards the rims, of the contrast, above which contacts are not uniform. By hand: half
-height then moves by a twentieth of the blur."""
-INNER_RING, RIM_MARGIN = 0.5, 2.5
-"""Ring inside the rims in which their height is read: from this share of the radius to so many blur widths
-from the rim. Theory: 1 % of the edge is missing there."""
-LEAST_SLOPE_RATIO = 0.1
-"""Least slope at a crossing over that of a straight rim: keeps uncertainties finite where a contact hardly
-reaches the threshold. Chosen."""
-
 
 @dataclass(frozen=True)
 class Crossing:
@@ -104,7 +94,8 @@ def rim_errors(
     s = crossing.blur_px
     straight = np.exp(-0.5 * ndtri(f) ** 2) / (np.sqrt(2.0 * np.pi) * s)
     slope = true / s**2 * np.exp(-0.5 * ((true - radius_px) / s) ** 2) * ive(1, true * radius_px / s**2)
-    slope = contrast * np.maximum(slope, LEAST_SLOPE_RATIO * straight)
+    # Chosen: uncertainties stay finite where a contact hardly reaches the threshold.
+    slope = contrast * np.maximum(slope, 0.1 * straight)
     # the relative scatter of the contrasts of wide contacts, from their mean heights
     wide, scatter = (radius_px > REACH_BLUR_WIDTHS * s) & np.isfinite(height), 0.0
     if np.count_nonzero(wide) >= FEWEST:
@@ -167,18 +158,20 @@ def height_at_rims(image: NDArray[np.float32], contacts: dict[str, NDArray], cro
     falls = np.empty(len(wide))
     for k, row in enumerate(wide):
         a = float(radius[row])
-        step = (a - RIM_MARGIN * s - INNER_RING * a) / 3.0
-        inner = INNER_RING * a - 3.0 * step
+        low, high = 0.5 * a, a - 2.5 * s  # ring that is read. Theory: 1 % of the edge is missing at its end
+        step = (high - low) / 3.0
+        inner = low - 3.0 * step
         place = np.array([[contacts["x_px"][row], contacts["y_px"][row], inner]])
         rise = float(measure_rise(image, place, step)[0])
-        squares = ((INNER_RING * a) ** 2 + (a - RIM_MARGIN * s) ** 2) / 2.0, (inner - 0.5 * step) ** 2 / 2.0
+        squares = (low**2 + high**2) / 2.0, (inner - 0.5 * step) ** 2 / 2.0
         falls[k] = rise * (a**2 - squares[0]) / (squares[0] - squares[1]) / crossing.contrast
     known = np.isfinite(falls)
     if np.count_nonzero(known) < FEWEST:
         return 1.0
     fall = float(np.median(falls[known]))
     chance = AGREEMENT_SIGMA * robust_std(falls[known]) / np.sqrt(np.count_nonzero(known))
-    return float(np.clip(1.0 - fall, 0.6, 1.4)) if abs(fall) > UNEVEN_HEIGHT + chance else 1.0
+    # By hand: a fall by 0.05 of the contrast moves half height by a twentieth of the blur.
+    return float(np.clip(1.0 - fall, 0.6, 1.4)) if abs(fall) > 0.05 + chance else 1.0
 
 
 def blur_of_heights(radius_px: Values, height: Values, fraction: float) -> float:

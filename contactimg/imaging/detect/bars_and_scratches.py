@@ -19,34 +19,15 @@ from contactimg.imaging.detect.inscribed_disks import fill, find_holes
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
 from contactimg.imaging.pixels.blocks import SignedImage, to_pixels
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Mask, Values
 from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, SQUARE_PX
 from contactimg.tables import Reason
 
-LENGTH_HALF_WIDTHS, LENGTH_MARGIN_PX = 6.0, 3.0
-"""A long region is longer than ``6 (half width + 3 px)``: longer than a few small contacts that touch. By
-hand."""
-BAR_DISTANCE_RATIO = 0.42
-"""Mean over largest distance from the rim above which a region is a bar. Theory: 1/3 for disks and squares,
-1/2 for bars."""
-THIN_HALF_WIDTH_PX = 1.6
-"""Half width below which distances in whole pixels are too coarse for that ratio. Chosen by hand."""
-LEVEL_FRACTION = 0.3
-"""Level, as a fraction of the contrast, above which objects are looked for. By hand: a blurred hair does not
-reach half of the contrast along its whole length."""
-SPRAWL = 4.0
-"""Squared diagonal of the bounding box over the area above which a region is no disk and no pair of disks.
-Theory: 2.5 for a disk, 3.2 for two that touch."""
 LINE_WIDTH_PX = 9
-"""Width below which a part of a region is thin, at `LEVEL_FRACTION`. By hand: a line of 4 px behind a blur of
-1.5 px."""
+"""Width below which a part of a region is thin, at the level of `find_foreign`. By hand: a line of 4 px
+behind a blur of 1.5 px."""
 SMALLEST_LINE = 15
-"""Squares in the diagonal of a region, and in a thin part, from which it may be a line: slivers of rims are
-smaller. By hand."""
-LINE_LENGTH = 11.0
-"""Length of a thin part over its half width from which it is a line; half of it is enough for a part of one
-where there are lines. By hand: the rims of contacts with holes make 8, those of pairs and crowds 5, rings of
-15 px make 12. Theory: 11 for seven contacts in a row."""
+"""Squares in the diagonal of a region, and in a thin part, of lines: slivers of rims have fewer. By hand."""
 MARGIN = round(CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX / SQUARE_PX)
 """Squares around an object that are masked with it: its blurred rim."""
 
@@ -85,26 +66,25 @@ def find_foreign(seen: SignedImage, plateau: float) -> Foreign:
     (['long: neither a disk nor a group of disks'], [99.5], 0)
     """
     image, (squares, _) = seen.image, seen.squares(SQUARE_PX)
-    level = max(LEVEL_FRACTION * plateau, FALSE_ALARM_SIGMA * seen.noise / SQUARE_PX)
+    # By hand: a blurred hair does not reach half of the contrast along its whole length.
+    level = max(0.3 * plateau, FALSE_ALARM_SIGMA * seen.noise / SQUARE_PX)
     components = label_components(squares, level)
     width = components["right"] - components["left"] + 1.0
     diagonal = width**2 + (components["bottom"] - components["top"] + 1.0) ** 2  # squared
-    sprawling = components[diagonal > np.maximum(SPRAWL * components["area"], SMALLEST_LINE**2)]
+    # Theory: the squared diagonal is 2.5 of the area for a disk, 3.2 for two that touch.
+    sprawling = components[diagonal > np.maximum(4.0 * components["area"], SMALLEST_LINE**2)]
     total, windows = float(components["area"].sum()), [window_of(one, 2 * MARGIN)[0] for one in sprawling]
     # clusters of contacts sprawl as well: most frames need no more than a look at each of them
     if sum(squares[box].size for box in windows) < squares.size:
-        parts = (
-            image[tuple(slice(SQUARE_PX * at.start, SQUARE_PX * at.stop) for at in box)] for box in windows
-        )
-        looks = (_find(part, squares[box], level, total) for part, box in zip(parts, windows, strict=True))
+        pixels = (tuple(slice(SQUARE_PX * at.start, SQUARE_PX * at.stop) for at in box) for box in windows)
+        places = zip(pixels, windows, strict=True)
+        looks = (_find(image[pixel], squares[box], level, total) for pixel, box in places)
         if not any(found is not None for found in looks):
             return NONE
     return _find(image, squares, level, total) or NONE
 
 
-def _find(
-    image: NDArray[np.float32], squares: NDArray[np.float32], level: float, total: float
-) -> "Foreign | None":
+def _find(image: Values, squares: Values, level: float, total: float) -> "Foreign | None":
     """The objects of an image, or of a window of it; None if there is none.
 
     ``total`` is the area of all that stands out, in squares.
@@ -119,8 +99,9 @@ def _find(
     mask = to_pixels(_widened(bar, MARGIN), image.shape, side=SQUARE_PX)
     lines = _lines(np.where(mask > 0, np.float32(0.0), image), (squares > level) & ~bar, level)
     slender = np.where(lines.area > SQUARE_PX**2 * SMALLEST_LINE, lines.length / lines.half_width, 0.0)
-    # contacts cut a line into pieces
-    line = np.flatnonzero(slender > LINE_LENGTH * (0.5 if (slender > LINE_LENGTH).any() else 1.0))
+    # Theory: seven contacts in a row make 11. By hand: the rims of contacts with holes make 8, those of pairs
+    # and crowds 5, rings of 15 px 12. Contacts cut a line into pieces: where there is one, half is enough.
+    line = np.flatnonzero(slender > (5.5 if (slender > 11.0).any() else 11.0))
     smooth = np.asarray(cv2.blur(image, (3, 3)), np.float32) if len(line) else image
     line = line[[_stays_thin(smooth, lines.labels == k) for k in line]]
     if not len(long) + len(line):
@@ -240,8 +221,10 @@ def label_regions(mask: NDArray[np.bool_]) -> LabelledRegions:
     # distances end at the first pixel outside, on average half a pixel beyond the rim
     half = np.maximum(widest - 0.5, 0.5)
     extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    bar = (mean - 0.5 > BAR_DISTANCE_RATIO * half) | (half < THIN_HALF_WIDTH_PX)
-    long = bar & (extent > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX))
+    # Theory: the mean distance from the rim is 1/3 of the largest for disks and squares, 1/2 for bars.
+    # By hand: for regions narrower than 1.6 px, distances in whole pixels are too coarse for the ratio.
+    bar = (mean - 0.5 > 0.42 * half) | (half < 1.6)
+    long = bar & (extent > 6.0 * (half + 3.0))  # px: longer than a few small contacts that touch. By hand
     x, y = np.asarray(centroids, float)[1:].T
     labels = np.asarray(labels, np.int32) - np.int32(1)
     return LabelledRegions(labels, area[1:], long[1:], half[1:], (0.5 * area / half)[1:], x, y)

@@ -22,18 +22,10 @@ from contactimg.imaging.detect.inscribed_disks import (
     is_round,
 )
 from contactimg.imaging.pixels.blocks import SignedImage
+from contactimg.imaging.pixels.masks import Values
 from contactimg.imaging.pixels.robust import LIGHT_SIGMA, SIGNIFICANT_SIGMA, quantile
 from contactimg.imaging.profile.limits import FEW, NOISY_RATIO, SMALL_AREA_PX2
 
-CLEAR_RATIO = 1.5
-"""Plateau, over the level from which it stands out of the noise, above which it is no peak of noise; above
-twice as much coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by
-hand."""
-LOWER_RATIO, LOWER_MARGIN_PX = 0.6, 4
-"""Level, over half of the common contrast, at which a region is outlined again before it is split, and how
-far it may then reach beyond its first outline. By hand."""
-CORE_FRACTION = 0.75
-"""Pixels above this fraction of the peak of a region make its plateau. By hand."""
 WIDE_PX2 = 30.0
 """Area above half height of a region that shows its plateau: a radius of two blur widths of 1.5 px. Theory:
 1 - exp(-2) = 86 % of it at the centre."""
@@ -44,25 +36,9 @@ DARK_FRACTION = 0.2
 ODD_RATIO = 1.3
 """Plateau over the common contrast, or its inverse, from which a region is outlined at its own half.
 Theory: the edge at the wrong level is then off by a quarter of a blur width."""
-WIDER_RATIO = 1.15
-"""Radius of a faint region over that of a contact of the common contrast behind the blur, as high as the
-region, from which it has a brightness of its own. By hand: pixels and noise make 1.1."""
-HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
-"""Radius at half height of a Gaussian over its standard deviation (theory)."""
-FAINT_SMOOTHING_SQUARES = 0.5
-"""Standard deviation of the filter behind which faint regions are outlined, over the side of the squares that
-show them. By hand."""
-MOST_RUNS = 1500
-"""Runs of pixels that are looked at for it. Accuracy: they know a median to 1 % of the scatter."""
-WHITE_RATIO = 0.6
-"""Noise of squares over that of squares of half their side, above which coarser ones show texture rather than
-noise. Theory: 0.5 for white noise, 1 for texture wider than they are; by hand, near the former."""
-FAINT_RATIO, RAGGED_SHARE = 0.7, 0.6
-"""Plateau over the common contrast up to which a region is faint, and share of its area that its pieces at
-the common level cover at most. By hand: at half of the contrast noise decides pixel by pixel."""
+FAINT_RATIO = 0.7  # plateau over the common contrast up to which a region is faint. By hand
 WEIGHT_CAP = 8.0
-"""Area over the median one up to which a region counts in the common contrast. By hand: no single region
-decides."""
+"""Area over the median one up to which a region counts in the contrast. By hand: no single one decides."""
 
 
 Regions = tuple[NDArray[np.void], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
@@ -118,7 +94,8 @@ def measure_contrast(image: SignedImage) -> Contrast:
     spots = Contrast(0.0, resolved=False)
     for side in (2, 4, 8):
         coarse, floor, (_, runs, plateau, half_area) = image.squares(side)[0], *_shown_by(image, side)
-        clear = plateau > CLEAR_RATIO * floor
+        # By hand; theory: noise alone reaches 1.3 in a million pixels.
+        clear = plateau > 1.5 * floor
         if not clear.any():
             continue
         wide = clear & (half_area > WIDE_PX2 / 4)  # squares: those of a spot are no plateau
@@ -133,7 +110,7 @@ def measure_contrast(image: SignedImage) -> Contrast:
         if not spots.plateau:
             peak = quantile(plateau, 0.95)
             spots = Contrast(peak, resolved=False, std=peak * np.log(10.0) / np.sqrt(12.0))
-        if float(plateau.max()) > 2.0 * CLEAR_RATIO * floor:
+        if float(plateau.max()) > 3.0 * floor:
             break  # coarser squares only dilute it
     return spots
 
@@ -163,9 +140,7 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
     image, noise = seen.image, seen.noise
     smooth, smooth_noise = image, noise
     if contrast < NOISY_RATIO * noise:
-        smooth = np.asarray(
-            cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE), np.float32
-        )
+        smooth = cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE).astype(np.float32)
         smooth_noise = noise / (2.0 * np.sqrt(np.pi) * blur)
     level = max(0.5 * contrast, SIGNIFICANT_SIGMA * smooth_noise)
     regions, runs, plateau, half_area = _with_plateaus(smooth, level)
@@ -186,8 +161,9 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
         # the disk that the blur reduces to this fraction of its height
         share = np.minimum(height / contrast, 0.99)
         small = float(blur * np.sqrt(-2.0 * np.log1p(-share))) if contrast > height else 0.0
-        spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + width**2)
-        if len(disks) == 1 and disks[0, 2] < WIDER_RATIO * spot:
+        spot = np.sqrt(2.0 * np.log(2.0)) * np.sqrt(blur**2 + 0.25 * small**2 + width**2)
+        # A wider one has a brightness of its own. By hand: pixels and noise make 1.1.
+        if len(disks) == 1 and disks[0, 2] < 1.15 * spot:
             disks[0, 2] = small
             found.append((contrast, disks, False))
         else:
@@ -199,12 +175,11 @@ def find_candidates(seen: SignedImage, contrast: float, *, blur: float) -> Candi
     return Candidates(disks[order], heights[order], wholes[order])
 
 
-def _whole_at_lower_level(
-    region: np.void, image: NDArray[np.float32], level: float
-) -> NDArray[np.float64] | None:
+def _whole_at_lower_level(region: np.void, image: Values, level: float) -> NDArray[np.float64] | None:
     """The disk of a region that is one ellipse at a lower level, which mottling does not cut up, or None."""
-    box, corner = window_of(region, LOWER_MARGIN_PX)
-    above = (image[box] > LOWER_RATIO * level).astype(np.uint8)
+    # By hand: 0.6 of the first level, and up to 4 px beyond the first outline.
+    box, corner = window_of(region, 4)
+    above = (image[box] > 0.6 * level).astype(np.uint8)
     labels = cv2.connectedComponents(above, connectivity=8)[1]
     peak = labels[int(region["peak_y"]) - box[0].start, int(region["peak_x"]) - box[1].start]
     own = np.asarray(labels == peak).astype(np.uint8)
@@ -222,7 +197,8 @@ def _core_level(
     No region counts more than `WEIGHT_CAP` usual ones. Where there are too few such pixels: ``middle``.
     """
     used = np.where(np.abs(plateau / middle - 1.0) < ODD_RATIO - 1.0, plateau, np.inf)
-    values, owner = _core_pixels(image, runs[:: max(len(runs) // MOST_RUNS, 1)], used)
+    # Accuracy: 1500 runs of pixels know a median to 1 % of the scatter.
+    values, owner = _core_pixels(image, runs[:: max(len(runs) // 1500, 1)], used)
     if len(values) < FEW:
         return middle
     count = np.bincount(owner)
@@ -271,11 +247,11 @@ def _with_plateaus(image: NDArray[np.float32], level: float) -> Regions:
 
 @njit(cache=True)
 def _measure_plateaus(image, runs, peak, plateau, half_area):
-    """Mean of the pixels near the peak of each region (`CORE_FRACTION`), and its area above half of it."""
+    """Mean of the pixels near the peak of each region, above 3/4 of it, and its area above half of it."""
     count = np.zeros(len(peak))
     for i in range(len(runs)):
         y, first, last, k = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3]
-        number, total = _sum_above(image[y, first : last + 1], np.float32(CORE_FRACTION * peak[k]))
+        number, total = _sum_above(image[y, first : last + 1], np.float32(0.75 * peak[k]))
         count[k] += number
         plateau[k] += total
     for k in range(len(peak)):
@@ -341,7 +317,8 @@ def _faint_regions(
     # coarser squares where noise hides faint regions, as long as it falls: with white noise by half
     while side < 8 and not SIGNIFICANT_SIGMA * noise < FAINT_RATIO * level:
         wider_noise = seen.squares(2 * side)[1]
-        if wider_noise > WHITE_RATIO * noise:
+        # Theory: 0.5 for white noise, 1 for texture wider than the squares; by hand, near the former.
+        if wider_noise > 0.6 * noise:
             break
         side, noise = 2 * side, wider_noise
     if not SIGNIFICANT_SIGMA * noise < level:
@@ -353,10 +330,12 @@ def _faint_regions(
     outlined = (where >= 0) & (regions["area"] > SMALL_AREA_PX2)
     covered = np.bincount(where[outlined], regions["area"][outlined], minlength=len(support))
     at_level = plateau < FAINT_RATIO * 2.0 * level
-    taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * half_area))
+    # By hand: at half of the contrast noise decides pixel by pixel, and leaves pieces of a region.
+    taken = (covered > 0) & ~(at_level & (covered < 0.6 * half_area))
     light = support["flux"] > LIGHT_SIGMA * noise * np.sqrt(support["area"])
     shown = light & ~taken & (half_area > WIDE_PX2)
-    found, width = list[Outlined](), FAINT_SMOOTHING_SQUARES * side
+    # Regions are outlined behind a filter of half the side of the squares that show them. By hand.
+    found, width = list[Outlined](), 0.5 * side
     for k in np.flatnonzero(shown):
         box, corner = window_of(support[k], 1)
         part = seen.image[tuple(slice(side * at.start, side * at.stop) for at in box)]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.pixels.masks import Values
 from contactimg.imaging.profile.limits import LONGEST_RADII
 
 REACH_PX = 2.0
@@ -88,9 +89,7 @@ class EditedDisks:
         self.origin = [self.origin[row] for row in kept] + [edit] * len(new)
 
 
-def edit_disks(
-    places: NDArray[np.float64], edits: Sequence[HandEdit], image: NDArray[np.float32]
-) -> EditedDisks:
+def edit_disks(places: NDArray[np.float64], edits: Sequence[HandEdit], image: Values) -> EditedDisks:
     """Apply corrections one after the other.
 
     Parameters

@@ -19,27 +19,17 @@ SMALLEST_INSCRIBED = 2.0
 contact is mostly rim. By hand."""
 SMALLEST_PAIR_PX2 = 2.0 * np.pi * SMALLEST_INSCRIBED**2
 """Area of two such disks, below which a region has no shape (theory)."""
-ROUND_MOMENT_EXCESS = 0.01
-"""A region is round if its second moment exceeds that of a disk by less than this plus ``1/area`` (the part
-of the pixels themselves). By hand; theory: 0.03 for a disk beside one of a fifth of its radius."""
 LARGEST_HOLE_SHARE = 0.02
 """Area of a hole over that of the largest disk inscribed beside it up to which it is filled. By hand:
 mottling. Theory: 0.05 for the gap between three equal disks that touch."""
-ONE_SHAPE_LACK = 0.03
-"""Share of its area that a region lacks against the ellipse of its second moments, below which it is one
-contact. Theory: 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of its radius, 0 for any
-ellipse."""
 CONVEX_SHARE = 0.955
 """Share of its convex hull from which a region is convex. Theory: 0.94 for two equal disks that overlap by a
-fifth of their radius; by hand: pixels and noise make 0.97. A convex region lacks no more than a triangle,
-0.17."""
+fifth of their radius; by hand: pixels and noise make 0.97. Convex ones lack no more than a triangle, 0.17."""
 LEAST_CONVEX = 0.92
 """Share of its convex hull of a region that no disks describe, from which it is one contact. By hand: pixels
 make 0.94 of a triangle of 30 px."""
 LARGEST_WHOLE_HOLES = 0.5
 """Holes over the area of a region that may be one contact. By hand."""
-PENETRATION = 0.7
-"""Fraction of its radius inside a larger disk above which a disk is part of the larger one's rim. By hand."""
 
 
 def is_round(regions: NDArray[np.void], shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -50,7 +40,8 @@ def is_round(regions: NDArray[np.void], shape: tuple[int, ...]) -> NDArray[np.bo
     """
     area = np.maximum(regions["area"], 1)
     excess = 2.0 * np.pi * regions["moment"] / area**2.0 - 1.0
-    round_ones = excess < ROUND_MOMENT_EXCESS + 1.0 / area
+    # By hand; theory: 0.03 for a disk beside one of a fifth of its radius, 1/area for the pixels.
+    round_ones = excess < 0.01 + 1.0 / area
     # around the centre of an inscribed disk there is a whole square of pixels
     small = area < (2.0 * SMALLEST_INSCRIBED - 1.0) ** 2
     return ~np.any(sides_cut(regions, shape), axis=0) & (round_ones | small)
@@ -103,11 +94,11 @@ def as_one_contact(
     area = moments["m00"]
     if area < SMALLEST_PAIR_PX2:  # pixels make smaller regions look like anything
         return None
-    spread = (moments["mu20"] / area + 1 / 12) * (moments["mu02"] / area + 1 / 12) - (
-        moments["mu11"] / area
-    ) ** 2
+    xx, yy, xy = (moments[name] / area for name in ("mu20", "mu02", "mu11"))
+    spread = (xx + 1 / 12) * (yy + 1 / 12) - xy**2
     lack = 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9)))
-    if lack > ONE_SHAPE_LACK and share_of_hull(mask, float(bare.sum())) < convex:
+    # Theory: 0 for any ellipse, 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of it.
+    if lack > 0.03 and share_of_hull(mask, float(bare.sum())) < convex:
         return None
     return np.array([[moments["m10"] / area, moments["m01"] / area, np.sqrt(area / np.pi)]])
 
@@ -166,7 +157,8 @@ def _select(summits):
     for x, y, r in summits:
         for k in range(count):
             dx, dy = x - kept[k, 0], y - kept[k, 1]
-            limit = kept[k, 2] + (1.0 - PENETRATION) * r
+            # By hand: a disk that lies to 0.7 of its radius in a larger one is part of that one's rim.
+            limit = kept[k, 2] + (1.0 - 0.7) * r
             if dx * dx + dy * dy < limit * limit:
                 break
         else:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.pixels.blocks import sample_background
+from contactimg.imaging.pixels.masks import Values
 from contactimg.imaging.pixels.robust import SOME, median, reach_std
 
 FALSE_ALARM_SIGMA = 6.0
@@ -26,9 +27,7 @@ def least_peak(smooth: NDArray[np.float32], background: NDArray[np.bool_], round
     return middle + FALSE_ALARM_SIGMA * max(reach_std(sample, middle), rounding)
 
 
-def filter_residual(
-    image: NDArray[np.float32], model: NDArray[np.float32], width: float
-) -> NDArray[np.float32]:
+def filter_residual(image: Values, model: Values, width: float) -> Values:
     """The residual of a model, after a Gaussian filter of a width (px): that of the blur."""
     taps = 2 * int(np.ceil(2.5 * width)) + 1
     residual = image - model

@@ -8,18 +8,8 @@ from contactimg.imaging.detect.components import label_components
 from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.imaging.profile.limits import FEW
 
-MOST_SLOPES = 8000
-"""Pixels at half height that are read: their median is good to 1.4 % of the scatter."""
 DEFAULT_BLUR_PX = 1.5
 """Blur where the rims do not show it, px: typical of the paper's frames."""
-FLAT_RATIO = 0.4
-"""Slope over the ninth decile below which a pixel at half height belongs to no rim. By hand."""
-HALF_HEIGHT_BAND = (0.4, 0.6)
-"""Fractions of the plateau between which a pixel counts as at half height; the slope varies by 3 % (theory:
-``exp(-z^2/2)`` with ``Phi(z) = 0.6``)."""
-SMOOTHING_VARIANCE_PX2 = 1.0
-"""Added to the squared blur by the 3 x 3 mean (2/3) and the central differences (1/3) with which slopes are
-read."""
 LEAST_VARIANCE_PX2 = 0.35
 """Least squared blur (0.59 px), pixel included. Chosen by hand."""
 STRIP = 64
@@ -33,14 +23,17 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
     -----
     At half height a straight edge has the gradient ``plateau/(s sqrt(2 pi))``. Good to 10 %.
     """
-    low, high = (np.float32(fraction * plateau) for fraction in HALF_HEIGHT_BAND)
-    slopes = _slopes(image, low, high, MOST_SLOPES)
+    # Theory: the slope varies by 3 % there, exp(-z^2/2) with Phi(z) = 0.6.
+    low, high = np.float32(0.4 * plateau), np.float32(0.6 * plateau)
+    # The median of so many pixels at half height is good to 1.4 % of the scatter.
+    slopes = _slopes(image, low, high, 8000)
     if len(slopes) < FEW:
         return DEFAULT_BLUR_PX
-    # plateaus of fainter contacts have the level of half height as well, but no slope
-    steep = slopes[slopes > FLAT_RATIO * quantile(slopes, 0.9)]
+    # plateaus of fainter contacts have the level of half height as well, but no slope. By hand
+    steep = slopes[slopes > 0.4 * quantile(slopes, 0.9)]
     width = plateau / max(median(steep), 1e-6 * plateau) / np.sqrt(2 * np.pi)
-    return float(np.sqrt(max(width**2 - SMOOTHING_VARIANCE_PX2, LEAST_VARIANCE_PX2)))
+    # Slopes are read with the 3 x 3 mean, of variance 2/3 px^2, and central differences, of 1/3.
+    return float(np.sqrt(max(width**2 - 1.0, LEAST_VARIANCE_PX2)))
 
 
 def widest_spot_blur(image: NDArray[np.float32], plateau: float) -> float:

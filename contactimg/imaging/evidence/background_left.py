@@ -14,14 +14,7 @@ from contactimg.imaging.profile.limits import SQUARE_PX
 
 UNEVENNESS = 0.02
 """Unevenness of the background over the contrast above which the light was not followed, and distance of a
-block from the background up to which it was. By hand: it moves the radius of a contact of two blur widths by
-1 %."""
-PATCH_PX = 32
-"""Side of the patches over which unevenness is measured; blocks of 8 px give it where there are enough."""
-LEAST_FREE_BLOCKS = 0.1
-"""Share of the blocks that must be free of contacts all over. Chosen: dots of 4 px every 18 px leave 0.03."""
-FEWEST_PATCHES = 6
-"""Patches that give the unevenness: to 30 % (theory: 1/sqrt(2 n))."""
+block from the background up to which it was. By hand: it moves the radius of two blur widths by 1 %."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +78,8 @@ def inspect_background(
         # the centre of a block is half a block from its first pixel, half a diagonal from its corners
         reach = places + np.array([0.5, 0.5, side / np.sqrt(2.0)])
         clear_disks(free, reach / side - np.array([0.5, 0.5, 0.0]))
-        if np.count_nonzero(free) >= LEAST_FREE_BLOCKS * seen:
+        # Chosen: dots of 4 px every 18 px leave 0.03 of the blocks free.
+        if np.count_nonzero(free) >= 0.1 * seen:
             break
     left = means[free > 0]
     if not left.size or not contrast > 0:
@@ -99,7 +93,8 @@ def inspect_background(
     steps = np.diff(image[:: max(image.size // SAMPLE, 1)], axis=1)
     single = robust_std(steps) / np.sqrt(2.0) if steps.size else 0.0
     return BackgroundLeft(
-        uneven=_unevenness(means, free, noise, PATCH_PX // side) / contrast,
+        # Over patches of 32 px.
+        uneven=_unevenness(means, free, noise, 32 // side) / contrast,
         waves=np.sqrt(max(noise**2 - (single / side) ** 2, 0.0)) / contrast,
         dark_share=float(np.mean(dark)),
         free_share=left.size / seen,
@@ -115,7 +110,8 @@ def _unevenness(means: NDArray[np.float32], free: NDArray[np.uint8], noise: floa
     filled = np.where(free > 0, means, np.float32(0.0))[:rows, :columns]
     total = filled.reshape(shape).sum(axis=(1, 3), dtype=float)
     used = weight >= coarse
-    if np.count_nonzero(used) < FEWEST_PATCHES:
+    # Six patches give the unevenness to 30 %: 1/sqrt(2 n).
+    if np.count_nonzero(used) < 6:
         return 0.0
     patches = total[used] / weight[used]
     expected = noise**2 * float(np.mean(1.0 / weight[used]))

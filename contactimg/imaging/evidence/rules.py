@@ -14,22 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import ellipe
 
 from contactimg.compiled import njit
-from contactimg.imaging.detect.components import (
-    component_of_pixels,
-    half_axes,
-    label_runs,
-    mask_of_component,
-    window_of,
-)
+from contactimg.imaging.detect import components, inscribed_disks
 from contactimg.imaging.detect.hand_edits import HandEdit
-from contactimg.imaging.detect.inscribed_disks import (
-    CONVEX_SHARE,
-    LARGEST_HOLE_SHARE,
-    LEAST_CONVEX,
-    fill,
-    find_holes,
-    share_of_hull,
-)
 from contactimg.imaging.evidence.reference_dust import find_dust
 from contactimg.imaging.fit.contact_pixels import look_at_pixels
 from contactimg.imaging.fit.disks import WELL_FITTED_CHI_SQUARE, erase_disks
@@ -51,10 +37,7 @@ from contactimg.tables import Flag, Reason
 from contactimg.tables.outlines import Outline
 
 DIRECTIONS, LEAST_SEEN = 32, 4
-"""Directions in which the fall is read, from two blur widths inside to two outside, and least number of them
-that must be seen. By hand."""
-PERCENTILE = 70.0
-"""Percentile of these falls that is taken. By hand: up to 30 % of the rim may touch neighbours."""
+"""Directions in which the fall is read, two blur widths either side, and least number seen. By hand."""
 SHARPEST_BLUR_PX, WIDEST_BLUR_PX = 1.0, 8.0
 """Limits of the blur used here: pixels are not interpolated, and no optics is as blurred as uneven light."""
 Columns = dict[str, NDArray]
@@ -69,26 +52,9 @@ SPECK_BLUR_WIDTHS = 0.75
 hand: pieces of rings and reflections are narrower, contacts of half the brightness of the others wider."""
 LEAST_VISIBLE = 0.1
 """Share of a disk inside the image below which it is not measured. By hand."""
-LEAST_RISE = 0.25
-"""Rise of the mean inside over the surroundings, of the contrast fitted, of a contact that is seen. By
-hand."""
 RIM_FALL = 0.5
 """Least fall across the rim of a wide contact, of its contrast. Theory: 0.95 of a blurred edge; by hand:
 a point spread function with heavy tails leaves 0.66, a fibre out of focus 0.35 to 0.45."""
-LONGEST = 3.5
-"""Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
-hand."""
-MOST_APART = 0.12
-"""Pixels either of a region or of the disks fitted to it, over its area, from which it is no union of disks.
-By hand: mottled contacts that touch make up to 0.12, a packing of beads 0.09, islands of a random surface
-0.1 to 0.5."""
-INLET_RATIO = 0.2
-"""Half of the width of inlets that are closed, over the radius of the region. By hand: mottling and noise
-leave none wider, and two disks that touch gain 0.02 of their convex hull."""
-UNSEEN_FILM_BLUR_WIDTHS = 0.25 / np.sqrt(3.0)
-"""Standard uncertainty of the place of an edge beside which an air film may shine, over the blur. Theory: of
-a shift anywhere between 0 and 0.25; by hand: of 0.17 no rim tells anything, twice as much is seen as soft
-edges."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +117,10 @@ RULES: list[Rule] = [
     (Reason.NOISE, lambda e: e["light"] < np.where(e["misfit"], SIGNIFICANT_SIGMA, AGREEMENT_SIGMA)),
     (Reason.REFERENCE_DUST, lambda e: e["dust"]),
     (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
-    (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
-    (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
+    # By hand: the mean inside over the surroundings, of the contrast fitted.
+    (Reason.INVISIBLE, lambda e: e["rise"] < 0.25),
+    # By hand: ratio of the axes of the counted pixels.
+    (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > 3.5) & (e["border"] == 0)),
     (Reason.CHAIN, lambda e: e["chained"]),
 ]
 """Reasons of rejection, in order."""
@@ -183,11 +151,13 @@ def judge_contacts(
 
     ``linearity`` is the error of the camera's response at mid-level, of the contrast, that no fit can see: it
     moves every edge by ``linearity s sqrt(2 pi)``. Where nothing is known of an air film either, one that is
-    too narrow to be seen may move it by `UNSEEN_FILM_BLUR_WIDTHS`.
+    too narrow to be seen may move it by a quarter of the blur.
     """
     problem, joint, binning = result.problem, result.joint, result.problem.binning
     e = _evidence(foreground, result, free=shape == "free")
-    shift = np.hypot(linearity * np.sqrt(2.0 * np.pi), UNSEEN_FILM_BLUR_WIDTHS if film_unknown else 0.0)
+    # By hand: of a shift by 0.17 of the blur no rim tells anything, twice as much is seen as soft edges.
+    unseen_film = 0.25 / np.sqrt(3.0) if film_unknown else 0.0
+    shift = np.hypot(linearity * np.sqrt(2.0 * np.pi), unseen_film)
     table = _columns(result, e, float(shift) * result.fit.blur)
     e["total_std"] = table["radius_std_px"] / binning
     places = np.column_stack([table[name] for name in PLACE])
@@ -257,10 +227,10 @@ def _join_parts(
     """
     joint = result.joint
     half = 0.5 * result.core_share * (result.problem.contrast if joint is None else joint.contrast)
-    regions, runs = label_runs(foreground.image, half)
+    regions, runs = components.label_runs(foreground.image, half)
     x, y = np.nan_to_num(result.problem.in_frame(result.fit.disks[:, [X, Y]])).T
     a = result.fit.disks[:, RADIUS] * result.problem.binning
-    own = component_of_pixels(runs, np.rint(x).astype(int), np.rint(y).astype(int))
+    own = components.component_of_pixels(runs, np.rint(x).astype(int), np.rint(y).astype(int))
     inside, noise = own >= 0, reason == Reason.NOISE
     alike, every = (np.bincount(own[inside & rows], minlength=len(regions)) for rows in (noise, inside))
     light = regions["flux"] / np.sqrt(np.maximum(regions["area"], 1.0))
@@ -275,23 +245,26 @@ def _join_parts(
         poor, undescribed = (area @ e[name][rows] > 0.5 * area.sum() for name in ("poor", "undescribed"))
         if not poor:
             continue
-        box, _ = window_of(region)
+        box, _ = components.window_of(region)
         j, i = np.ogrid[box]
-        mask = mask_of_component(runs, k, (box[0].start, box[1].start), (len(j), i.size))
+        mask = components.mask_of_component(runs, k, (box[0].start, box[1].start), (len(j), i.size))
         drawn = np.any([np.hypot(i - x[row], j - y[row]) < a[row] for row in rows], axis=0)
         # speckles are no outline, the gaps of a packing are
-        filled = fill(mask, find_holes(mask), LARGEST_HOLE_SHARE * float(area.max()))
+        largest_hole = inscribed_disks.LARGEST_HOLE_SHARE * float(area.max())
+        filled = inscribed_disks.fill(mask, inscribed_disks.find_holes(mask), largest_hole)
         apart = np.count_nonzero(drawn != (filled > 0)) / float(region["area"])
         # noise and mottling make inlets in an outline, which two contacts that touch do not leave
-        reach = round(INLET_RATIO * float(np.sqrt(region["area"] / np.pi)))
+        # By hand: wider than a fifth of the radius are none, and two disks that touch gain 0.02 of their
+        # convex hull.
+        reach = round(0.2 * float(np.sqrt(region["area"] / np.pi)))
         ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-        smooth = np.asarray(
-            cv2.morphologyEx(np.pad(filled, 2 * reach + 1), cv2.MORPH_CLOSE, ellipse), np.uint8
-        )
-        convex = share_of_hull(smooth, float(np.count_nonzero(smooth)))
-        least = LEAST_CONVEX if undescribed or len(rows) > 2 else CONVEX_SHARE
-        if convex > least or (undescribed and apart > MOST_APART):
-            largest = rows[np.argmax(area)]
+        smooth = cv2.morphologyEx(np.pad(filled, 2 * reach + 1), cv2.MORPH_CLOSE, ellipse).astype(np.uint8)
+        convex = inscribed_disks.share_of_hull(smooth, float(np.count_nonzero(smooth)))
+        least = inscribed_disks.LEAST_CONVEX if undescribed or len(rows) > 2 else inscribed_disks.CONVEX_SHARE
+        # By hand: mottled contacts that touch make up to 0.12, a packing of beads 0.09, islands of a random
+        # surface 0.1 to 0.5.
+        if convex > least or (undescribed and apart > 0.12):
+            largest = int(rows[np.argmax(area)])
             _count_region(table, largest, rows, region, float(filled.sum()))
             kept[(own == k) & (found != largest)] = False
             reason[rows] = ""
@@ -299,12 +272,10 @@ def _join_parts(
     return found, found[kept & (reason[found] == "")]
 
 
-def _count_region(
-    table: Columns, row: np.intp, parts: NDArray[np.intp], region: np.void, area: float
-) -> None:
+def _count_region(table: Columns, row: int, parts: NDArray[np.intp], region: np.void, area: float) -> None:
     """Put a region of an area in the place of a contact, with the uncertainties and flags of its parts."""
     radius, std = np.sqrt(area / np.pi), float(np.linalg.norm(table["area_std_px2"][parts]))
-    major, minor, angle = half_axes(region)
+    major, minor, angle = components.half_axes(region)
     ratio = np.sqrt(major / minor)
     flags = np.bitwise_or.reduce(table["flags"][parts]) | int(Flag.POOR_FIT | Flag.COUNTED)
     values = {
@@ -480,9 +451,8 @@ def visible_areas(contacts: Columns, shape: tuple[int, ...]) -> NDArray[np.float
     for k in np.flatnonzero(np.minimum.reduce([x - low[0], y - low[1], high[0] - x, high[1] - y]) < major):
         polygon = Outline(0, x[k], y[k], major[k], minor[k], angle[k]).polygon
         # what lies outside falls onto the border, where it has no area
-        whole, inside = (
-            u[:-1] @ v[1:] - u[1:] @ v[:-1] for u, v in (polygon.T, np.clip(polygon, low, high).T)
-        )
+        outlines = polygon.T, np.clip(polygon, low, high).T
+        whole, inside = (u[:-1] @ v[1:] - u[1:] @ v[:-1] for u, v in outlines)
         visible[k] *= inside / whole
     fitted = contacts["shape"] != "free"
     visible[fitted] -= areas_beyond_chords(np.column_stack([x, y, radius])[fitted])
@@ -501,8 +471,8 @@ def measure_fall(
 ) -> NDArray[np.float64]:
     """Fall of the brightness across the rim of each disk, in the units of the image.
 
-    The `PERCENTILE` of its falls in `DIRECTIONS`, to the nearest of those that are seen. Infinite for narrow
-    disks and those of which too little is seen.
+    The 70th percentile of its falls in `DIRECTIONS`, to the nearest of those that are seen. Infinite for
+    narrow disks and those of which too little is seen.
 
     Parameters
     ----------
@@ -528,7 +498,8 @@ def measure_fall(
     pixels = np.asarray(image, np.float32)
     falls, count = _falls_across(pixels, for_kernel(valid), disks[wide], NEAR_BLUR_WIDTHS * blur, half)
     falls, enough = np.sort(falls), count >= LEAST_SEEN
-    chosen = np.rint(PERCENTILE / 100.0 * (count[enough] - 1)).astype(int)
+    # By hand: up to 30 % of the rim may touch neighbours.
+    chosen = np.rint(0.7 * (count[enough] - 1)).astype(int)
     out[wide[enough]] = falls[enough, chosen]
     return out
 

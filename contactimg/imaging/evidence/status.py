@@ -8,16 +8,8 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.detect.candidates import ODD_RATIO, dark_spots, measure_contrast
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
+from contactimg.imaging.evidence import rules
 from contactimg.imaging.evidence.background_left import UNEVENNESS, inspect_background
-from contactimg.imaging.evidence.rules import (
-    FALSE_CANDIDATES,
-    PLACE,
-    SPECK_BLUR_WIDTHS,
-    WIDEST_BLUR_PX,
-    Columns,
-    Judged,
-    excess_of_counts,
-)
 from contactimg.imaging.fit.learned_edge import describe_edge
 from contactimg.imaging.fit.method import FrameFit
 from contactimg.imaging.foreground import Foreground
@@ -28,8 +20,7 @@ from contactimg.imaging.profile.limits import CLEAR_BLUR_WIDTHS, FEWEST, RESOLVE
 from contactimg.tables import Flag, Reason, Status
 
 SPOILED_SHARE = 0.2
-"""Share of contacts with a flag, or of the free background on which the light was not followed, that spoils a
-frame. By hand."""
+"""Share of contacts flagged, or of free background not followed, that spoils a frame. By hand."""
 DOUBTED_SHARE = 0.05
 """Share of the candidates that prove to be no contacts, or of the bright pixels that belong to none, above
 which others may be false or missing. By hand."""
@@ -39,9 +30,6 @@ HIDDEN_SHARE = 0.02
 """Share of the frame under hairs and scratches, or not covered or not lit by the reference, above which
 contacts may be missing. By hand: one of twenty contacts of a usual frame. Contacts must leave as much of it
 free for a statement on the background."""
-DARK_SHARE = 0.004
-"""Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it
-make 0.013."""
 FEWEST_DOUBTED, DOUBTED_AREA = 2, 0.02
 """Spots that are faint, of the other sign, or at the full scale of the sensor and no disks, from which they
 are doubted; and area of the latter two over that of the contacts above which they are. By hand: dust that has
@@ -52,19 +40,9 @@ surfaces of glass reflect makes 0.002, of four or coated mirrors up to 0.2."""
 WAVES = 0.06
 """The same within 32 px: fringes, or a texture. By hand: a texture of 2 % of the light, without a reference,
 makes 0.02 at a contrast of 0.6."""
-FEWEST_LEVELS = 4.0
-"""Steps of the grey levels between background and contacts below which an edge is that of whole pixels. By
-hand."""
-MOST_FALL = 1.25
-"""Fall of the brightness across a rim, of the height of the contact, above which the edge is no blurred one.
-Theory: 0.95; by hand: unsharp masks of 0.5, 1 and 2 make 0.97, 1.1 and 1.5, the last with areas wrong by a
-fifth, and contacts of speckles 1.14."""
-COMMON_AREA = 0.01
-"""Share of the area by which the counted pixels of all contacts together differ from what the model expects,
-above which the edge is not the one assumed. By hand."""
 
 
-def judge_frame(seen: Judged) -> tuple[str, str, bool]:
+def judge_frame(seen: rules.Judged) -> tuple[str, str, bool]:
     """Status, message and measurability of a frame.
 
     Returns
@@ -99,7 +77,7 @@ def _left_out(foreground: Foreground) -> float:
     return hidden + float(np.mean(foreground.bright)) * foreground.shown.resolved
 
 
-def _light(seen: Judged) -> Iterator[tuple[str, str]]:
+def _light(seen: rules.Judged) -> Iterator[tuple[str, str]]:
     """Defects of light, reference and background, gravest first."""
     foreground, difference = seen.foreground, seen.foreground.difference
     rows, columns = foreground.image.shape
@@ -140,12 +118,12 @@ def _light(seen: Judged) -> Iterator[tuple[str, str]]:
     yield from _grey_levels(foreground)
 
 
-def _background(seen: Judged) -> Iterator[tuple[str, str]]:
+def _background(seen: rules.Judged) -> Iterator[tuple[str, str]]:
     """Defects of the background that is left outside the contacts and what the blur spreads of them."""
     foreground, fit = seen.foreground, seen.fit
     blur = DEFAULT_BLUR_PX if fit is None else fit.fit.blur * fit.problem.binning
     by_hand = seen.rejected["reason"] == Reason.BY_HAND  # no background either
-    places = [np.append(seen.contacts[name], seen.rejected[name][by_hand]) for name in PLACE]
+    places = [np.append(seen.contacts[name], seen.rejected[name][by_hand]) for name in rules.PLACE]
     left = inspect_background(
         foreground.image, foreground.frame_pair.valid, foreground.difference.illumination.background,
         np.column_stack(places),
@@ -155,7 +133,8 @@ def _background(seen: Judged) -> Iterator[tuple[str, str]]:
         text = f"the light of contacts leaves {100 * left.free_share:.2g} % of the frame for the background"
         yield Status.LITTLE_BACKGROUND, text
     elif left.free_share >= HIDDEN_SHARE:
-        if foreground.difference.ratio and left.dark_share > DARK_SHARE:
+        # By hand: fifteen contacts in the reference make 0.013.
+        if foreground.difference.ratio and left.dark_share > 0.004:
             text = (
                 f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, "
                 "by a fifth of the contrast and more: does the reference show contacts, or another place?"
@@ -182,7 +161,8 @@ def _grey_levels(foreground: Foreground) -> Iterator[tuple[str, str]]:
             f"{rounding * pair.unit:.2g} grey levels, and small contacts may be lost"
         )
         yield Status.UNRESOLVED, text
-    if 0 < contrast < FEWEST_LEVELS * pair.step:
+    # By hand: with fewer, an edge is that of whole pixels.
+    if 0 < contrast < 4.0 * pair.step:
         steps = max(contrast / pair.step, 1.0)
         text = (
             f"background and contacts are {steps:.2g} steps of the grey levels apart: "
@@ -191,11 +171,11 @@ def _grey_levels(foreground: Foreground) -> Iterator[tuple[str, str]]:
         yield Status.UNRESOLVED, text
 
 
-def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
+def _contacts(seen: rules.Judged) -> Iterator[tuple[str, str]]:
     """Defects of the contacts, gravest first."""
     if seen.fit is not None:
         blur, given = seen.optics.blur_px, seen.foreground.prior_optics.blur_px
-        if blur > WIDEST_BLUR_PX and seen.count < FEWEST and not np.isfinite(given):
+        if blur > rules.WIDEST_BLUR_PX and seen.count < FEWEST and not np.isfinite(given):
             text = f"what stands out is blurred over {blur:.2g} px, as light is, and no image of contacts"
             yield Status.LIGHT_NOT_FOLLOWED, text
         yield from _edges(seen.fit, seen.contacts["radius_px"])
@@ -232,18 +212,17 @@ def _contacts(seen: Judged) -> Iterator[tuple[str, str]]:
     if seen.count and seen.evidence:
         yield from _fitted(seen.evidence)
     faint = seen.having(Flag.TOO_SMALL | Flag.LOW_SIGNAL)
-    specks = seen.contacts["radius_px"] < SPECK_BLUR_WIDTHS * seen.optics.blur_px
+    specks = seen.contacts["radius_px"] < rules.SPECK_BLUR_WIDTHS * seen.optics.blur_px
     specks = faint & (specks | seen.having(Flag.POOR_FIT))
     n, few = np.count_nonzero(faint), np.count_nonzero(specks)
-    if (n >= FEWEST and n > SPOILED_SHARE * seen.count) or (
-        few >= FEWEST_DOUBTED and few > DOUBTED_SHARE * seen.count
-    ):
+    doubted = few >= FEWEST_DOUBTED and few > DOUBTED_SHARE * seen.count
+    if doubted or (n >= FEWEST and n > SPOILED_SHARE * seen.count):
         text = f"{n} of {seen.count} contacts are no wider than the blur and hardly stand out of the noise"
         yield Status.FALSE_CANDIDATES, text
 
 
 def _spoiled(
-    seen: Judged, flag: Flag, *, fewest: int = FEWEST, many: float = SPOILED_SHARE, much: float = 0.5
+    seen: rules.Judged, flag: Flag, *, fewest: int = FEWEST, many: float = SPOILED_SHARE, much: float = 0.5
 ) -> str:
     """Say how many contacts have a flag, if they are so many, or so large, that they spoil the frame."""
     n, area = seen.flagged(flag), seen.contacts["visible_area_px2"]
@@ -252,36 +231,38 @@ def _spoiled(
     return f"{n} of {seen.count} contacts, {100 * share:.3g} % of the area," if spoiled else ""
 
 
-def _fitted(e: Columns) -> Iterator[tuple[str, str]]:
+def _fitted(e: rules.Columns) -> Iterator[tuple[str, str]]:
     """Defects that the evidence of all contacts together shows, gravest first."""
     alone = e["touching"] == 0
     disks = np.count_nonzero(~alone & ~e["ellipse"])
     if disks >= 2 and np.count_nonzero(e["ellipse"] & alone) > 0.5 * alone.sum():
         text = f"most contacts are ellipses, and {disks} disks touch: two of them may be one ellipse"
         yield Status.UNRESOLVED, text
-    used, apart, std = excess_of_counts(e)
+    used, apart, std = rules.excess_of_counts(e)
     share, z = apart / max(float(e["expected"][used].sum()), 1.0), apart / max(std, 1e-9)
-    if np.count_nonzero(used) >= FEWEST and abs(z) >= SIGNIFICANT_SIGMA and abs(share) >= COMMON_AREA:
+    # By hand: a hundredth of the area shows another edge than the one assumed.
+    if np.count_nonzero(used) >= FEWEST and abs(z) >= SIGNIFICANT_SIGMA and abs(share) >= 0.01:
         text = (
             f"the pixels above half height make areas {100 * share:+.2g} % of those of the fit ({z:+.2g} "
             "standard errors): the edge of the contacts is not the one assumed"
         )
         yield Status.DISAGREES, text
-    high = (e["fall"] / e["brightness"])[np.isfinite(e["fall"])] > MOST_FALL
+    # Theory: 0.95 of the height; by hand: unsharp masks of 0.5, 1 and 2 make 0.97, 1.1 and 1.5, the last with
+    # areas wrong by a fifth, and contacts of speckles 1.14.
+    high = (e["fall"] / e["brightness"])[np.isfinite(e["fall"])] > 1.25
     if len(high) >= FEWEST and np.mean(high) > 0.5:
-        text = f"most rims fall by {MOST_FALL:g} of the contrast and more: a camera that sharpens makes such"
+        text = "most rims fall by 1.25 of the contrast and more: a camera that sharpens makes such"
         yield Status.NONLINEAR, text
     bare = 1.0 - float(np.mean(e["surrounded"]))
     if bare > (0.5 if len(alone) >= FEWEST else 0.99):
-        text = f"no background is seen around {100 * bare:.0f} % of the contacts"
-        yield Status.LITTLE_BACKGROUND, text
+        yield Status.LITTLE_BACKGROUND, f"no background is seen around {100 * bare:.0f} % of the contacts"
 
 
-def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
+def _false_candidates(seen: rules.Judged) -> Iterator[tuple[str, str]]:
     """Candidates that were taken for contacts and are none, or were not taken and may be."""
     foreground, reasons = seen.foreground, Counter(seen.rejected["reason"])
     dust = reasons[Reason.REFERENCE_DUST]
-    false = sum(reasons[reason] for reason in FALSE_CANDIDATES)
+    false = sum(reasons[reason] for reason in rules.FALSE_CANDIDATES)
     if dust > 0.5 * (dust + seen.count) and dust >= FEWEST:
         text = (
             f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of "
@@ -296,14 +277,12 @@ def _false_candidates(seen: Judged) -> Iterator[tuple[str, str]]:
         yield Status.FALSE_CANDIDATES, text
     mask = foreground.foreign.mask
     if mask is not None and (hidden := float(np.mean(mask))) > HIDDEN_SHARE:
-        text = (
-            f"hairs, scratches or bars hide {100 * hidden:.2g} % of the frame: what they cross was left out"
-        )
+        percent = f"{100 * hidden:.2g} %"
+        text = f"hairs, scratches or bars hide {percent} of the frame: what they cross was left out"
         yield Status.UNRESOLVED, text
     if seen.unexplained > DOUBTED_SHARE:
-        text = (
-            f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
-        )
+        percent = f"{100 * seen.unexplained:.3g} %"
+        text = f"{percent} of the pixels that stand out belong to no contact that was found"
         yield Status.UNRESOLVED, text
     if seen.evidence and seen.count:
         brightness = seen.evidence["brightness"]  # a second image draws the common contrast down
@@ -353,15 +332,14 @@ def _edges(fit: FrameFit, radius: NDArray[np.float64]) -> Iterator[tuple[str, st
             yield Status.SOFT if n > DOUBTED_SHARE * count else "", f"{text} contacts"
 
 
-def _remarks(seen: Judged) -> Iterator[str]:
+def _remarks(seen: rules.Judged) -> Iterator[str]:
     """The remarks that are worth knowing without being a defect."""
     foreground = seen.foreground
     unit, valid = foreground.frame_pair.unit, foreground.frame_pair.valid
     yield seen.remark
     if valid is not None and (hidden := 1.0 - float(np.mean(valid))) > HIDDEN_SHARE:
-        yield (
-            f"{100 * hidden:.2g} % of the frame were left out: no light, a margin, a foreign object or a mask"
-        )
+        percent = f"{100 * hidden:.2g} %"
+        yield f"{percent} of the frame were left out: no light, a margin, a foreign object or a mask"
     refused = foreground.refused
     compared = [
         ("a contrast of {:.3g} grey levels", seen.optics.contrast * unit, refused.contrast * unit),
@@ -372,17 +350,19 @@ def _remarks(seen: Judged) -> Iterator[str]:
         there = " and ".join(f"{value:.3g}" for _, _, value in known)
         yield f"the frame shows {here}, not the {there} given or shown by other frames, which were not used"
     given, shown = foreground.prior_optics.contrast, foreground.shown
+    wide = seen.contacts["radius_px"] > CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX
+    # no radius depends on the contrast where every contact shows its plateau
+    independent = shown.resolved and wide.all()
     if seen.count and shown.resolved and given > ODD_RATIO * shown.plateau:
         yield (
             f"the radii depend on a contrast of {given * unit:.3g} grey levels, given, of which the frame "
             f"shows {shown.plateau * unit:.3g}"
         )
-    elif seen.count and seen.own_optics.contrast_relative_std > RESOLVED and not _show_plateaus(seen):
+    elif seen.count and seen.own_optics.contrast_relative_std > RESOLVED and not independent:
         source = "given" if np.isfinite(given) else "estimated from their light"
         joint = None if seen.fit is None else seen.fit.joint
         contrast = foreground.contrast.plateau if joint is None else joint.contrast
-        wide = np.max(seen.contacts["radius_px"]) > CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX
-        why = "few to settle" if wide else "small to show"
+        why = "few to settle" if wide.any() else "small to show"
         yield (
             f"the contacts are too {why} their brightness: the radii depend on a contrast of "
             f"{contrast * unit:.3g} grey levels, {source}"
@@ -391,12 +371,6 @@ def _remarks(seen: Judged) -> Iterator[str]:
         yield f"{n} of {seen.count} contacts have a brightness of their own"
     if seen.fit is not None and (n := seen.flagged(Flag.COUNTED)):
         yield f"the areas of {n} of {seen.count} contacts are those of their counted pixels"
-
-
-def _show_plateaus(seen: Judged) -> bool:
-    """Whether every contact shows its plateau, so that no radius depends on what is known of the contrast."""
-    wide = np.min(seen.contacts["radius_px"]) > CLEAR_BLUR_WIDTHS * DEFAULT_BLUR_PX
-    return bool(wide) and seen.foreground.shown.resolved
 
 
 def _why_no_contact(foreground: Foreground) -> str:

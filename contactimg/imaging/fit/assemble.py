@@ -43,22 +43,10 @@ from contactimg.imaging.fit.split_and_join import (
 from contactimg.imaging.kernels.pairs import are_entangled, find_pairs
 from contactimg.imaging.pixels.blocks import SignedImage, block_means
 from contactimg.imaging.pixels.robust import ROUGH_RATIO
-from contactimg.imaging.profile.limits import (
-    EDGE_BLUR_WIDTHS,
-    IMPERFECT_RIM,
-    POOR_CHI_SQUARE,
-    REACH_BLUR_WIDTHS,
-)
+from contactimg.imaging.profile import limits
 
-MOST_DISKS_PER_PX2 = 1.0 / 40.0
-"""Disks over pixels at most: three times as many as contacts of two pixels in radius in a close packing."""
-MOST_DISKS = 100_000
-"""Disks of a frame at most; five times the largest crowd that was measured."""
 GROWTH_RATIO = 1.3
 """Largest fitted radius over that of the candidate, besides one blur width. By hand."""
-OVER_SURROUNDINGS = 0.8
-"""Least height of a peak over the mean residual around it, of its least height over zero. By hand: light that
-no polynomial describes leaves ridges, on which 0.5 takes specks for contacts; 1 loses faint contacts."""
 
 
 def assemble_disks(
@@ -80,7 +68,9 @@ def assemble_disks(
     """
     contrast = problem.contrast
     found = find_candidates(seen, contrast, blur=blur)
-    most = min(int(MOST_DISKS_PER_PX2 * problem.image.size) + 1, MOST_DISKS)
+    # Three times as many as contacts of two pixels in radius in a close packing, and five times the largest
+    # crowd that was measured.
+    most = min(int((1.0 / 40.0) * problem.image.size) + 1, 100_000)
     tiles = found.places[:most, :2] // 64
     near = np.lexsort((tiles[:, X], tiles[:, Y]))  # neighbours one after the other share what is in the cache
     disks, whole = found.places[near], found.whole[near]
@@ -91,7 +81,7 @@ def assemble_disks(
         work.find_ellipses(whole, (LONG_RATIO, np.inf))
     work.drop_insignificant()
     # no more are added where they share so many pixels with their neighbours
-    pairs = find_pairs(work.fit.disks, 0.5 * EDGE_BLUR_WIDTHS * work.fit.blur)
+    pairs = find_pairs(work.fit.disks, 0.5 * limits.EDGE_BLUR_WIDTHS * work.fit.blur)
     entangled = are_entangled(work.fit.disks, pairs, work.fit.blur, problem.image.size)
     work.limited = entangled or len(found.places) > most
     if work.limited:
@@ -100,7 +90,7 @@ def assemble_disks(
         work.add_wide_residuals()
     work.add_peaks(most)
     if shapes == "auto":
-        poor = work.fit.chi_square > POOR_CHI_SQUARE * max(work.fit.usual_chi_square, 1.0)
+        poor = work.fit.chi_square > limits.POOR_CHI_SQUARE * max(work.fit.usual_chi_square, 1.0)
         # neighbours that were not found made disks look slightly longer; pieces of a scratch are far longer
         work.find_ellipses(poor, (LEAST_ELONGATION, LONG_RATIO))
     if not work.limited and work.improve_covers():
@@ -156,7 +146,7 @@ class Assembly:
     def add_wide_residuals(self) -> None:
         """Add candidates from what the disks leave of the image: contacts that others hid or outshone."""
         problem, fit = self.problem, self.fit
-        least = IMPERFECT_RIM * problem.contrast
+        least = limits.IMPERFECT_RIM * problem.contrast
         # half of a square lies in any wide disk, and little of it in others
         light, model = (block_means(part, side=4) for part in (problem.image, fit.model))
         if float(np.max((light - model)[model < 0.5 * problem.contrast], initial=0.0)) < 0.5 * least:
@@ -187,10 +177,13 @@ class Assembly:
         else:
             of_lowest = _disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)
             self.smallest = float(of_lowest[0, RADIUS])
-        at_rim = _near_rims(peaks, fit.disks, REACH_BLUR_WIDTHS * fit.blur)
-        peaks = peaks[peaks[:, 2] > np.maximum(lowest, np.where(at_rim, IMPERFECT_RIM * contrast, 0.0))]
+        at_rim = _near_rims(peaks, fit.disks, limits.REACH_BLUR_WIDTHS * fit.blur)
+        lowest_here = np.maximum(lowest, np.where(at_rim, limits.IMPERFECT_RIM * contrast, 0.0))
+        peaks = peaks[peaks[:, 2] > lowest_here]
         mean, scatter = _residuals_around(problem.image, fit.model, peaks, fit.blur).T
-        stands_out = peaks[:, 2] - mean > OVER_SURROUNDINGS * lowest
+        # By hand: light that no polynomial describes leaves ridges, on which 0.5 takes specks for contacts; 1
+        # loses faint contacts.
+        stands_out = peaks[:, 2] - mean > 0.8 * lowest
         # behind the filter white noise is smaller by this; rests of compression are less so
         behind = 2.0 / (2.0 * np.sqrt(np.pi) * fit.blur)
         rough = scatter > ROUGH_RATIO * problem.pixel_noise
@@ -207,7 +200,7 @@ class Assembly:
         if dropped.any():
             disks = self.fit.disks
             self.dropped = np.vstack([self.dropped, disks[dropped, :3]])
-            active = _neighbours(disks, dropped, EDGE_BLUR_WIDTHS * self.fit.blur)[~dropped]
+            active = _neighbours(disks, dropped, limits.EDGE_BLUR_WIDTHS * self.fit.blur)[~dropped]
             self._exchange(Replacement(dropped, disks[:0]), np.empty(0), 4, active)
 
     def find_ellipses(self, tried: NDArray[np.bool_], elongation: tuple[float, float]) -> None:
@@ -271,7 +264,7 @@ class Assembly:
         """
         old = self.fit
         if active is None:
-            active = _neighbours(disks, rows < 0, EDGE_BLUR_WIDTHS * old.blur)
+            active = _neighbours(disks, rows < 0, limits.EDGE_BLUR_WIDTHS * old.blur)
         # those farther off neither change the fit nor are changed by it
         part = _neighbours(disks, active, 2.0 * reach_of(self.problem.profile) * old.blur)
         control = FitControl(free_blur=False, robust=False, iterations=iterations)

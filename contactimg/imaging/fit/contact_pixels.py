@@ -73,12 +73,9 @@ class ContactPixels:
 
 
 def look_at_pixels(
-    problem: FitProblem,
-    fit: FittedDisks,
-    *,
-    half: NDArray[np.float64] | None = None,
+    problem: FitProblem, fit: FittedDisks, *, half: NDArray[np.float64] | None = None,
     rows: NDArray[np.intp] | None = None,
-) -> ContactPixels:
+) -> ContactPixels:  # fmt: skip
     """Look at the pixels about the disks of a fit.
 
     Parameters

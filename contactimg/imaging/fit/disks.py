@@ -37,33 +37,19 @@ from contactimg.imaging.pixels.robust import MAD_TO_STD, QUARTILE_TO_STD, SIGNIF
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE, EdgeTable, disk_table
 from contactimg.imaging.profile.limits import FAINT_FRACTION, FEW, SUSPICIOUS_CHI_SQUARE, USUAL_CHI_SQUARE
 
-FAINTEST_BESIDE = 0.4
-"""Contrast over the expected one below which a disk beside another is part of it. By hand."""
-SPECK_RADIUS_PX = 0.5
-"""Radius below which a disk that touches another is dropped as part of its rim. By hand."""
 SHARPEST_BLUR_PX = 0.75
 """Blur, pixel included, below which a misfit at the rims is that of coarse pixels, not of the edge. By hand:
 the edge then rises within 1.5 px."""
-RIM_BAND = (0.2, 0.8)
-"""Fractions of the contrast between which a pixel is at the rim. By hand."""
-RIM_SAMPLE_PIXELS = 250_000
-"""Pixels of an image that are looked at. Accuracy: a thousand at rims give their scatter to 4 %."""
 QUANTILES_TO_STD = {0.25: QUARTILE_TO_STD, 0.5: MAD_TO_STD}
 """Standard deviation of normal deviates over quantiles of their size: ``1/Phi^-1(1/2 + share/2)``."""
-COUPLED_BLUR_WIDTHS = 2.75  # half the gap of disks that change each other. Theory: by 1e-4 where it is wider
 PAIR_MARGIN_PX = 2.0  # move of a rim (or 10 % of the blur) after which pairs are searched again; speed only
-BLUR_TOLERANCE = 2e-3  # relative step of the blur at which it is held fixed; accuracy
-ROUGH_BLUR_TOLERANCE = 1e-2  # the same of a rough fit that only provides a start; accuracy
 SMALLEST_BLUR_WIDTHS = 0.1  # least radius: keeps a disk from vanishing; accuracy
 NARROWEST_BLUR_PX = PIXEL_VARIANCE**0.5  # theory: that of the pixel alone
 WELL_FITTED_CHI_SQUARE = 3.0  # worse fits do not determine the blur or the contrast; by hand
 GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.5, 2.0
-"""Bound of the growth of a disk in one fit, of its radius and in blur widths. By hand: no start is further
-off."""
+"""Bound of the growth of a disk in one fit, of its radius and in blur widths. By hand: no start is worse."""
 BRIGHTEST_RATIO = 5.0
 """Largest contrast of a contact over the expected one. By hand."""
-RADIUS_TOLERANCE_SIGMA = 0.1
-"""Error of a radius at which a disk has settled. Accuracy."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +72,7 @@ class FitControl:
     free_blur: bool = True
     robust: bool = True
     iterations: int = 12
-    tolerance: float = RADIUS_TOLERANCE_SIGMA
+    tolerance: float = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +296,8 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
         still = drawn & ~moving & (change == 0.0)
         draw_disks(model, disks, s, drawn, still, near_pairs, table, shared=shared)
         s = max(s + change, NARROWEST_BLUR_PX)
-        blur_tolerance = BLUR_TOLERANCE if control.robust else ROUGH_BLUR_TOLERANCE
+        # Accuracy; a rough fit only provides a start.
+        blur_tolerance = 2e-3 if control.robust else 1e-2
         steady = abs(change) < blur_tolerance * s and (control.robust or iteration >= 1)
         free_blur = free_blur and not steady
         before = disks.copy()
@@ -335,7 +322,8 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
 
 def reach_of(table: EdgeTable) -> float:
     """Distance from a rim, in blur widths, within which it changes what others show."""
-    return COUPLED_BLUR_WIDTHS if table.outer <= INNER_BLUR_WIDTHS else table.outer
+    # Theory: beyond 2.75 on either side, disks change each other by less than 1e-4.
+    return 2.75 if table.outer <= INNER_BLUR_WIDTHS else table.outer
 
 
 def _largest_move(disks: NDArray[np.float64], before: NDArray[np.float64]) -> float:
@@ -416,9 +404,10 @@ def allow_for_coarse_rims(problem: FitProblem, fit: FittedDisks, *, share: float
         most += PIXEL_VARIANCE / max(2.0 * np.sqrt(np.pi) * fit.blur, 1.0) * slope**2
     if not most:
         return replace(problem, noise=plain)
-    every = max(int(np.sqrt(problem.image.size / RIM_SAMPLE_PIXELS)), 1)
+    # Accuracy: of so many pixels a thousand lie at rims and give their scatter to 4 %.
+    every = max(int(np.sqrt(problem.image.size / 250_000)), 1)
     height, image = fit.model[::every] / problem.contrast, problem.image[::every]
-    rim = (height > RIM_BAND[0]) & (height < RIM_BAND[1])
+    rim = (height > 0.2) & (height < 0.8)  # by hand
     if problem.valid is not None:
         rim &= problem.valid[::every] > 0
     if np.count_nonzero(rim) < FEW:
@@ -442,10 +431,11 @@ def find_insignificant(fit: FittedDisks, problem: FitProblem, *, final: bool) ->
     expected, _ = problem.prior.of_disks(fit.disks, fit.blur)
     beside = count_touching(fit.disks, 2.0 * fit.blur) > 0
     # one that was taken for a brighter one than it is may still be as bright as the others
-    faint = (fit.disks[:, CONTRAST] < FAINTEST_BESIDE * np.minimum(expected, problem.contrast)) & beside
+    # By hand: a disk beside another is part of it below 0.4 of the contrast expected, or half a pixel.
+    faint = (fit.disks[:, CONTRAST] < 0.4 * np.minimum(expected, problem.contrast)) & beside
     if not final:
         faint &= fit.chi_square < SUSPICIOUS_CHI_SQUARE
-    dropped = np.asarray(weak | faint | ((radius < SPECK_RADIUS_PX) & beside))
+    dropped = np.asarray(weak | faint | ((radius < 0.5) & beside))
     # a disk that lies in a larger one is needed where the larger one is dropped
     dropped[~dropped] = overlapping(fit.disks[~dropped], DEEPEST)
     return dropped

@@ -41,9 +41,6 @@ DECIDED_DOUBT = 1.0 / TAKEN_ODDS
 """Probability of the other case below which the rims have decided: it adds a tenth of the difference."""
 CONTRAST_FACTOR = 2.0
 """A film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
-MODEL_ERROR = 3e-4
-"""Error of the height of an edge, of the contrast, that all rims share. By hand: pixels that are not points
-make 1e-4 at a blur of 1.4 px, and no lens has a Gaussian point spread function."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +148,8 @@ def weigh_film(
     shift = np.clip(response[:, 1, chosen] @ follow, -0.5 * radius, 0.5 * radius)
     light, std = float(rims.edge.shape[LIGHT]), float(np.sqrt(covariance[-1, -1]))
     pixels = 2.0 * np.pi * float(rims.disks[:, RADIUS].sum()) * 2.0 * EDGE_BLUR_WIDTHS * rims.edge.blur
-    common_sigma = MODEL_ERROR * rims.contrast / search.problem.pixel_noise * np.sqrt(pixels)
+    # By hand, of the height of an edge: pixels that are not points make 1e-4 of it, and no lens is Gaussian.
+    common_sigma = 3e-4 * rims.contrast / search.problem.pixel_noise * np.sqrt(pixels)
     std = float(np.hypot(std * np.hypot(1.0, common_sigma), min(abs(light), abs(1.0 - light))))
     change = float(np.sum((radius + shift) ** 2) / np.sum(radius**2)) - 1.0
     return WeighedFilm(_judge(setting, search.ratio, light, std, len(rims.disks), change), radius, shift)

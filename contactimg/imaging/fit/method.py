@@ -42,18 +42,6 @@ from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting, film_table
 from contactimg.imaging.profile.limits import FEW, FEWEST, ITERATIONS, LEAST_NOISE_FRACTION, ROUGH_STD
 from contactimg.imaging.profile.optics import Halo, KnownEdge
 
-BINNED_BLUR_PX = 1.6
-"""Smallest blur in binned pixels: frames with one twice as wide are binned. Accuracy: that of the profile
-table."""
-LEAST_LEVEL_FRACTION = 0.1
-"""Smallest background level assumed when a contact's gain is computed, of the contrast. By hand."""
-FEW_STEPS = 3
-"""Newton steps of contrast and blur where not all candidates are fitted. By hand, for time."""
-ELLIPSES_THAT_MATTER = 0.1
-"""Share of ellipses among the contacts above which contrast and blur are settled on them again. By hand."""
-ELLIPSE_ROUNDS = 2
-"""Rounds of ellipses and shared optics: each leaves about a tenth of the error of the first. By hand."""
-
 
 @dataclass(frozen=True, eq=False)
 class FrameFit:
@@ -112,13 +100,9 @@ class FrameFit:
 
 
 def measure_by_fit(
-    foreground: Foreground,
-    *,
-    film: FilmSetting | None = None,
-    edits: Sequence[HandEdit] = (),
-    shape: str = "auto",
-    linear: bool = False,
-) -> FrameFit:
+    foreground: Foreground, *, film: FilmSetting | None = None, edits: Sequence[HandEdit] = (),
+    shape: str = "auto", linear: bool = False,
+) -> FrameFit:  # fmt: skip
     """Find the contacts of a frame and fit a blurred disk to each.
 
     Parameters
@@ -145,9 +129,8 @@ def measure_by_fit(
     contradicts = False
     if given.is_uncertain and joint is not None and not film_taken:
         contradicts = frame.prior.is_contradicted_by(joint)
-    return replace(
-        best, fit=_shown(best.fit, best.problem), known_edge=given.known_edge, contradicts_prior=contradicts
-    )
+    fit = _shown(best.fit, best.problem)
+    return replace(best, fit=fit, known_edge=given.known_edge, contradicts_prior=contradicts)
 
 
 class _Frame:
@@ -168,12 +151,13 @@ class _Frame:
         full = contrast > (1.0 - ROUGH_STD) * foreground.largest_contrast
         if free and full and not foreground.contrast.resolved:
             blur = min(blur, widest_spot_blur(image, contrast))  # no blur has made these spots fainter
-        binning = int(np.clip(blur // BINNED_BLUR_PX, 1, min(image.shape)))
+        # Accuracy of the profile table: at least 1.6 binned pixels.
+        binning = int(np.clip(blur // 1.6, 1, min(image.shape)))
         problem = FitProblem.of(foreground, binning=binning)
         noise = foreground.noise if binning == 1 else estimate_noise(problem.image, problem.background)
         noise = max(noise, LEAST_NOISE_FRACTION * contrast)
         self.blur = float(blur / binning if free else np.hypot(given / binning, PIXEL_VARIANCE**0.5))
-        self.level = max(foreground.difference.level, LEAST_LEVEL_FRACTION * contrast)
+        self.level = max(foreground.difference.level, 0.1 * contrast)  # by hand
         # shot noise, and texture that a contact makes brighter, go with the light
         self.problem = replace(problem, noise=Noise(noise**2, contrast / self.level))
         self.prior = OpticsPrior.of(foreground.prior_optics, self.problem, blur=self.blur)
@@ -202,7 +186,7 @@ class _Frame:
         problem, fit = remove_background(problem, fit, free_blur=free)
         if self.edits and edited is None:
             fit, edited = fit_edited(problem, fit, self.edits)
-        steps = FEW_STEPS if found.limited else ITERATIONS
+        steps = 3 if found.limited else ITERATIONS  # by hand, for time
         joint = self.refine(problem, fit, prior, free_blur=free, steps=steps)
         if joint.fit.blur < SHARPEST_BLUR_PX < fit.blur:  # seen only now that the contrast has settled
             for _ in range(2):
@@ -225,9 +209,8 @@ class _Frame:
         """
         radius, image, noise = fit.disks[:, RADIUS], problem.image, problem.noise
         gain, known_spread = 1.0 + noise.slope, self.foreground.prior_optics.spread
-        correlation = correlation or measure_correlation(
-            image, fit.model, problem.background, noise=problem.pixel_noise
-        )
+        images, pixel_noise = (image, fit.model, problem.background), problem.pixel_noise
+        correlation = correlation or measure_correlation(*images, noise=pixel_noise)
         shared = correlation.inflation(radius, fit.blur, noise=noise, gain=gain, rim=False)
         prior = contrast_prior(fit, problem, inflation=shared)
         seen = np.count_nonzero(wide_disks(fit)) >= FEWEST
@@ -259,7 +242,7 @@ class _Frame:
     def with_ellipses(self, plain: FrameFit, *, everywhere: bool) -> FrameFit:
         """The fit with ellipses where no disk describes a contact."""
         best = plain
-        for _ in range(ELLIPSE_ROUNDS):
+        for _ in range(2):  # each leaves about a tenth of the error of the first. By hand
             if best.joint is None or self.problem.image.shape != best.problem.image.shape:
                 break
             if not (everywhere or len(best.ellipses.rows) or len(poor_disks(best.fit))):
@@ -274,7 +257,7 @@ class _Frame:
             problem, disks = made_round(original, shown, found)
             joint = self.refine(problem, replace(shown, disks=disks), self.prior)
             best = replace(best, problem=problem, fit=joint.fit, joint=joint, ellipses=found)
-            if len(rows) < ELLIPSES_THAT_MATTER * len(disks):
+            if len(rows) < 0.1 * len(disks):  # few do not matter. By hand
                 break
         return best
 

@@ -17,8 +17,6 @@ from contactimg.imaging.profile.limits import ROUGH_STD, SAME_PLACE_RADII
 X, Y, RADIUS, CONTRAST = range(4)
 """Columns of the parameters of a disk: x, y, radius (px), contrast (grey levels)."""
 
-ODD_STD_FRACTION = 0.3
-"""Width of the prior of a contact that shows a contrast of its own, over that. By hand: its pixels decide."""
 WIDE_RADIUS_BLUR_WIDTHS = 2.5
 """Wider contacts show their contrast. Theory: 1 - exp(-2.5^2/2) = 96 % of it at the centre."""
 
@@ -78,7 +76,7 @@ class ContrastPrior:
         rows = self.is_odd(disks)
         own = rows >= 0
         mean[own] = self.odd[rows[own], CONTRAST]
-        std[own] = ODD_STD_FRACTION * mean[own]
+        std[own] = 0.3 * mean[own]  # wide, for its pixels decide. By hand
         return mean, std
 
 

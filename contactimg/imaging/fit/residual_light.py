@@ -39,32 +39,19 @@ from contactimg.imaging.pixels.robust import (
 from contactimg.imaging.profile.limits import FEWEST, LEAST_FRACTION, POOR_CHI_SQUARE, ROUNDS
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 
-CORE_END_FRACTION = 5e-4
-"""Level below which only the halo is left. Accuracy."""
-HALO_FALSE_ALARM = 3e-6
-"""Probability of a halo in a frame without. False-alarm rate."""
 HALO_PARTS = 12
 """Parts of the image whose scatter gives the uncertainty, ... By hand."""
 HALO_WIDTHS_PX = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
 """Standard deviations tried. By hand."""
-LEAST_HALO_FRACTION = 0.01
-"""Halo below which none is assumed, of the light. Accuracy."""
 SETTLED_FRACTION = 2e-3
-"""Change of the halo, of the light, or remaining illumination, of the contrast, that ends the turns.
-Accuracy."""
+"""Change of halo (of the light) or remaining illumination (of the contrast) that ends the turns. Accuracy."""
 BLOCK_PX = 2
 """Side of the block means on which halos, and the gaps of a crowd, are looked at, a power of 2. Accuracy."""
 WIDE_PX = 3.0
 """Width of a Gaussian from which it is applied to means over 2 x 2 pixels. Accuracy: 1.4 % wider."""
-GAP_SHARE = 0.05
-"""Share of the blocks used there, those with the least light of contacts. By hand."""
 LARGEST_LEFT = 0.5
 """Largest halo, of the light, and remaining illumination, of the contrast, that are removed. By hand: more
 would be the point spread function itself, or contacts."""
-LARGEST_GAP_FRACTION = 0.2
-"""Light of contacts above which no block is used. By hand."""
-LONGEST_SECANT_RATIO = 4.0
-"""Longest secant step over the remaining illumination. By hand."""
 
 
 def remove_halo(
@@ -164,7 +151,7 @@ def remove_background(
         rest = float(illumination.coefficients[0, 0])
         # the fit takes part of the remainder for contrast and blur: a secant step accounts for that
         secant = removed / (last - rest) if removed and last != rest else 1.0
-        factor = float(np.clip(secant, 1.0, LONGEST_SECANT_RATIO))
+        factor = float(np.clip(secant, 1.0, 4.0))  # longest step by hand
         removed, last = factor * rest, rest
         if removed > LARGEST_LEFT * problem.contrast:
             break
@@ -186,8 +173,9 @@ def _gaps(problem: FitProblem, fit: FittedDisks, side: int) -> NDArray[np.float3
     image, model = (block_means(part, side=side) for part in (problem.image, fit.model))
     light = np.abs(model)
     dark = light == 0.0  # in most frames these are enough
-    limit = 1.01 * quantile(light, GAP_SHARE) if np.count_nonzero(dark) < GAP_SHARE * dark.size else 0.0
-    if limit > LARGEST_GAP_FRACTION * float(np.max(fit.disks[:, CONTRAST], initial=1e-6)):
+    share = 0.05  # of the blocks, by hand
+    limit = 1.01 * quantile(light, share) if np.count_nonzero(dark) < share * dark.size else 0.0
+    if limit > 0.2 * float(np.max(fit.disks[:, CONTRAST], initial=1e-6)):  # no gaps. By hand
         return None
     dark |= light <= limit
     if problem.valid is not None:
@@ -224,17 +212,17 @@ def _best_halo(
     """The halo, of those of some widths, that explains most of the block means of a side."""
     image, core = (block_means(part, side=side) for part in images)
     some = (slice(None, None, max(int(np.sqrt(core.size / MANY)), 1)),) * 2
-    dark = np.abs(core[some]) < CORE_END_FRACTION * contrast
+    dark = np.abs(core[some]) < 5e-4 * contrast  # only the halo is left. Accuracy
     if np.count_nonzero(dark) < 20 * HALO_PARTS:
         return None
     data, halos = image[some][dark], [_blurred(core, width / side)[some][dark] for width in widths]
     fits = [_fit_slope(data, halo) for halo in halos]
     best = int(np.argmin([residual for _, residual in fits]))
     fraction = fits[best][0]
-    if fraction < LEAST_HALO_FRACTION:
+    if fraction < 0.01:  # of the light. Accuracy
         return None
     scatter = _slope_std(data, halos[best], fraction, parts)
-    if fraction < -special.stdtrit(parts - 1, HALO_FALSE_ALARM) * scatter:
+    if fraction < -special.stdtrit(parts - 1, 3e-6) * scatter:  # false alarms per frame
         return None
     return Halo(min(fraction, LARGEST_LEFT), widths[best])
 

@@ -19,15 +19,8 @@ from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, X, Y
 from contactimg.imaging.kernels.ellipse_equations import sample_ellipse, sum_over_ellipse
 from contactimg.imaging.kernels.pairs import count_touching
-from contactimg.imaging.pixels.masks import for_kernel
-from contactimg.imaging.profile.limits import (
-    ITERATIONS,
-    LEAST_FRACTION,
-    POOR_CHI_SQUARE,
-    REACH_BLUR_WIDTHS,
-    SETTLED_SIGMA,
-    TWO_SIGNIFICANT,
-)
+from contactimg.imaging.pixels.masks import Values, for_kernel
+from contactimg.imaging.profile import limits
 
 E1, E2, LIGHT = 3, 4, 5
 """Columns of the ellipticity and the contrast among the parameters of an ellipse, after x, y and radius."""
@@ -35,15 +28,8 @@ E1, E2, LIGHT = 3, 4, 5
 WIDEST_ELLIPTICITY = 1.2
 """Largest component of the ellipticity: ratio 11 along it. By hand: keeps a fit from needles."""
 LEAST_ELONGATION = 1.03
-"""Ratio of the axes of the counted pixels from which an ellipse is tried in the place of a disk that fits
-badly, and that of the ellipse from which it is taken. By hand: a neighbour that is not found yet makes 1.02
-of a disk of 20 px."""
-BETTER_RATIO = 0.7
-"""Chi-square of an ellipse over that of the disk that it must go below, unless it fits well. By hand."""
-MOST_ELLIPSES = 400
-"""Ellipses tried in a frame: the bound of the work; the widest first."""
-LARGEST_RADIUS_PX = 250.0
-"""Radius up to which an ellipse is fitted: the bound of the work on one contact."""
+"""Ratio of the axes of the counted pixels from which an ellipse is tried where a disk fits badly, and that of
+the ellipse from which it is taken. By hand: a neighbour not found yet makes 1.02 of a disk of 20 px."""
 EXACT_OPTICS = np.diag([1e-8, 1e-8])
 """Covariance of contrast and blur that are not in question. Accuracy: keeps it regular."""
 
@@ -112,14 +98,9 @@ class FittedEllipse:
 
 
 def fit_ellipse(
-    window: FitProblem,
-    start: NDArray[np.float64],
-    *,
-    blur: float,
-    prior: tuple[float, float],
-    covariance: NDArray[np.float64],
-    inflation: float = 1.0,
-) -> FittedEllipse:
+    window: FitProblem, start: NDArray[np.float64], *, blur: float, prior: tuple[float, float],
+    covariance: NDArray[np.float64], inflation: float = 1.0,
+) -> FittedEllipse:  # fmt: skip
     """Fit an ellipse to the pixels of a window, outliers linearly (Huber).
 
     Parameters
@@ -137,21 +118,20 @@ def fit_ellipse(
     inflation : float
         Factor of the variances for noise that pixels share.
     """
-    contrast, spread = prior[0], max(prior[1], LEAST_FRACTION * prior[0])
+    contrast, spread = prior[0], max(prior[1], limits.LEAST_FRACTION * prior[0])
     noise, valid = window.noise, for_kernel(window.valid)
     a, size = start[RADIUS], max(start[RADIUS], blur)
     limit = np.array([size, size, a + blur, 2 * WIDEST_ELLIPTICITY, 2 * WIDEST_ELLIPTICITY, 3.0 * contrast])
     low = np.array([-np.inf, -np.inf, min(0.5 * a, 0.1 * blur), *[-WIDEST_ELLIPTICITY] * 2, 0.3 * contrast])
     high = np.array([np.inf, np.inf, np.inf, *[WIDEST_ELLIPTICITY] * 2, 3.0 * contrast])
     p, best, least, damping = start, start, np.inf, 1e-3
-    for _ in range(ITERATIONS):
+    for _ in range(limits.ITERATIONS):
         products, right = np.empty((7, 7)), np.empty(6)
-        sums = sum_over_ellipse(
-            window.image, valid, p, blur, noise.variance, noise.slope / contrast, products, right
-        )
+        variance = noise.variance, noise.slope / contrast
+        sums = sum_over_ellipse(window.image, valid, p, blur, *variance, products, right)
         loss = sums[0] + ((p[LIGHT] - contrast) / spread) ** 2
         if not loss >= least:  # the first, or a better one; NaN ends as parameters that are not finite
-            small, best, least, damping = least - loss < SETTLED_SIGMA**2, p, loss, 0.1 * damping
+            small, best, least, damping = least - loss < limits.SETTLED_SIGMA**2, p, loss, 0.1 * damping
             normal, by_blur, gradient, fitted = products[:6, :6], products[:6, 6], right, sums[1:]
             normal[LIGHT, LIGHT] += spread**-2.0
             gradient[LIGHT] += (contrast - p[LIGHT]) / spread**2
@@ -161,7 +141,7 @@ def fit_ellipse(
             damping = max(10.0 * damping, 1e-3)
         step = np.linalg.solve(normal + np.diag(damping * np.diag(normal) + 1e-12), gradient)
         p = np.clip(best + np.clip(step, -limit, limit), low, high)
-        if damping < 0.1 and step @ gradient < SETTLED_SIGMA**2:
+        if damping < 0.1 and step @ gradient < limits.SETTLED_SIGMA**2:
             break
     # a regularisation treats all parameters alike
     sizes = np.array([blur, blur, blur, 0.1, 0.1, contrast])
@@ -174,9 +154,7 @@ def fit_ellipse(
     return FittedEllipse(best + offset, scale * inverse, shifts, chi_square)
 
 
-def render_ellipse(
-    parameters: NDArray[np.float64], blur: float, shape: tuple[int, int]
-) -> NDArray[np.float32]:
+def render_ellipse(parameters: NDArray[np.float64], blur: float, shape: tuple[int, int]) -> Values:
     """Image of one blurred ellipse.
 
     Parameters
@@ -223,16 +201,10 @@ NO_ELLIPSES = Ellipses(np.zeros(0, np.intp), [])
 
 
 def find_ellipses(
-    problem: FitProblem,
-    fit: FittedDisks,
-    prior: ContrastPrior,
-    covariance: NDArray[np.float64],
-    *,
-    everywhere: bool = False,
-    among: NDArray[np.bool_] | None = None,
-    rows: NDArray[np.intp] | None = None,
+    problem: FitProblem, fit: FittedDisks, prior: ContrastPrior, covariance: NDArray[np.float64], *,
+    everywhere: bool = False, among: NDArray[np.bool_] | None = None, rows: NDArray[np.intp] | None = None,
     elongation: tuple[float, float] = (LEAST_ELONGATION, np.inf),
-) -> Ellipses:
+) -> Ellipses:  # fmt: skip
     """Ellipses where no disk describes a contact, ``everywhere``, or of some ``rows``.
 
     ``covariance`` is that of (ln contrast, blur); ``among`` are the disks that may be ellipses, those whose
@@ -240,31 +212,34 @@ def find_ellipses(
     """
     chosen = rows
     if chosen is None:
-        chosen = poor_disks(fit, 0.0 if everywhere else POOR_CHI_SQUARE)
+        chosen = poor_disks(fit, 0.0 if everywhere else limits.POOR_CHI_SQUARE)
         chosen = chosen if among is None else chosen[among[chosen]]
         if not everywhere and len(chosen):
             looked = look_at_pixels(problem, fit, rows=chosen)
             low, high = elongation
             chosen = chosen[(looked.elongation > low) & (looked.elongation < high) & (looked.border == 0.0)]
-    chosen = chosen[np.argsort(-fit.disks[chosen, RADIUS], kind="stable")][:MOST_ELLIPSES]
+    # The widest 400 bound the work.
+    chosen = chosen[np.argsort(-fit.disks[chosen, RADIUS], kind="stable")][:400]
     kept, fitted = [], []
     for row in chosen:
         ellipse = _fit_one(problem, fit, prior, covariance, int(row))
         if ellipse is None:
             continue
         least, disk = float(ellipse.chi_square[0]), float(fit.chi_square[row])
-        better = least < min(max(BETTER_RATIO * disk, POOR_CHI_SQUARE), disk)
+        # By hand: well below the disk, unless the ellipse fits well.
+        better = least < min(max(0.7 * disk, limits.POOR_CHI_SQUARE), disk)
         better &= np.exp(2.0 * ellipse.ellipticity) > LEAST_ELONGATION
-        if everywhere or rows is not None or (better and ellipse.significance > TWO_SIGNIFICANT):
+        if everywhere or rows is not None or (better and ellipse.significance > limits.TWO_SIGNIFICANT):
             kept.append(int(row))
             fitted.append(ellipse)
     return Ellipses(np.array(kept, np.intp), fitted, fit.blur)
 
 
-def poor_disks(fit: FittedDisks, chi_square: float = POOR_CHI_SQUARE) -> NDArray[np.intp]:
+def poor_disks(fit: FittedDisks, chi_square: float = limits.POOR_CHI_SQUARE) -> NDArray[np.intp]:
     """Disks that touch no other, wide enough to show a shape, which fit worse than that."""
     radius = fit.disks[:, RADIUS]
-    wide = (radius > fit.blur) & (radius < LARGEST_RADIUS_PX) & (fit.chi_square > chi_square)
+    # Up to 250 px: the bound of the work on one contact.
+    wide = (radius > fit.blur) & (radius < 250.0) & (fit.chi_square > chi_square)
     return np.flatnonzero(wide & (count_touching(fit.disks, fit.blur) == 0))
 
 
@@ -273,7 +248,7 @@ def _fit_one(
 ) -> FittedEllipse | None:
     """An ellipse in the place of one disk, all others subtracted."""
     x, y, a, c = fit.disks[row]
-    reach = 1.5 * a + REACH_BLUR_WIDTHS * fit.blur
+    reach = 1.5 * a + limits.REACH_BLUR_WIDTHS * fit.blur
     rows, columns = problem.image.shape
     left, top = max(int(x - reach), 0), max(int(y - reach), 0)
     box = slice(top, min(int(y + reach) + 2, rows)), slice(left, min(int(x + reach) + 2, columns))
@@ -310,15 +285,14 @@ def made_round(
     image, disks = problem.image.copy(), fit.disks.copy()
     for row, ellipse in zip(ellipses.rows, ellipses.fitted, strict=True):
         x, y, a, _, _, c = ellipse.parameters
-        reach = 1.2 * float(ellipse.half_axes[0]) + REACH_BLUR_WIDTHS * fit.blur
+        reach = 1.2 * float(ellipse.half_axes[0]) + limits.REACH_BLUR_WIDTHS * fit.blur
         left, top = max(int(x - reach), 0), max(int(y - reach), 0)
         part = image[top : max(int(y + reach) + 2, 0), left : max(int(x + reach) + 2, 0)]
         if not part.size:
             continue
         corner = np.array([left, top, 0.0, 0.0, 0.0, 0.0])
         disk = render_disks(np.array([[x - left, y - top, a, c]]), ellipses.blur, part.shape)
-        part += np.float32(sign) * (
-            disk - render_ellipse(ellipse.parameters - corner, ellipses.blur, part.shape)
-        )
+        shown = render_ellipse(ellipse.parameters - corner, ellipses.blur, part.shape)
+        part += np.float32(sign) * (disk - shown)
         disks[row, [X, Y, RADIUS, CONTRAST]] = x, y, a, c
     return replace(problem, image=image), disks

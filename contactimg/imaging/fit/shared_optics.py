@@ -23,6 +23,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.fit import unseen_contrast
 from contactimg.imaging.fit.disks import (
     NARROWEST_BLUR_PX,
     FitControl,
@@ -33,46 +34,18 @@ from contactimg.imaging.fit.disks import (
 )
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.shared_scores import SharedScores
-from contactimg.imaging.fit.unseen_contrast import (
-    KURTOSIS_STD,
-    LARGEST_CONTRAST_RATIO,
-    PLATEAU_STD_FRACTION,
-    profile_contrast,
-)
 from contactimg.imaging.pixels.noise import NoiseCorrelation
 from contactimg.imaging.pixels.robust import AGREEMENT_SIGMA, MAD_TO_STD, SIGNIFICANT_SIGMA
+from contactimg.imaging.profile import limits
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.limits import (
-    FEWEST,
-    ITERATIONS,
-    LONGEST_STEP,
-    NEAR_BLUR_WIDTHS,
-    NEGLIGIBLE_FRACTION,
-    POOR_CHI_SQUARE,
-    RESOLVED,
-    ROUGH_STD,
-    ROUNDS,
-    SETTLED_SIGMA,
-    SHOWN_BLUR_WIDTHS,
-    TWO_SIGNIFICANT,
-    USUAL_CHI_SQUARE,
-)
 from contactimg.imaging.profile.optics import SharedOptics
 
-LINEAR_STEP = 0.003
-"""Relative step below which disks are extrapolated linearly. Accuracy: the error is its square."""
-BLUR_GUESS_FRACTION = 0.5
-"""Relative standard deviation of a guessed blur. By hand: right to a factor 2."""
 SPREAD_FRACTION = 0.03
 """Spread of the contrasts where too few contacts are wide, and least departure of an odd contrast. By hand:
 less moves the radius of a small contact by 1.5 %."""
-LEAST_PRIOR_STD = np.array([0.05, 0.4])
-"""Uncertainty of ln C, and of the blur relative to it, from which prior knowledge is a guess that small
-contacts need not be drawn to. By hand: a guess has 0.5 of the blur, a pooled series 0.1 and less."""
 LEAST_BLUR_PX = 0.1
 """Blur at which its uncertainty is taken where it is narrower. Accuracy: keeps that finite, as edges as sharp
 as the pixels have a blur of 0."""
-LEAST_WIDTH_RATIO = 0.05  # of the variances of disk and blur; keeps the uncertainty finite
 CONTROL = FitControl(free_blur=False, iterations=6, tolerance=0.003)
 
 
@@ -151,18 +124,19 @@ class OpticsPrior:
         levels go, and ``blur`` is a guess.
         """
         contrast, binning = start.contrast, start.binning
-        ratio = float(np.log(np.clip(start.largest_contrast / contrast, 1.0, LARGEST_CONTRAST_RATIO)))
-        ratio = max(ratio, PLATEAU_STD_FRACTION)
+        largest = min(max(start.largest_contrast / contrast, 1.0), unseen_contrast.LARGEST_CONTRAST_RATIO)
+        ratio = max(float(np.log(largest)), unseen_contrast.PLATEAU_STD_FRACTION)
         given = np.isfinite([optics.contrast, optics.blur_px])
         mean = np.array([np.log(contrast) + 0.5 * ratio, blur])
-        std = np.array([ratio / np.sqrt(12.0), BLUR_GUESS_FRACTION * blur])
+        # By hand: the guess of the blur is right to a factor of 2.
+        std = np.array([ratio / np.sqrt(12.0), 0.5 * blur])
         if given[0]:
             mean[0] = np.log(optics.contrast)
-            std[0] = max(optics.contrast_relative_std, NEGLIGIBLE_FRACTION)
+            std[0] = max(optics.contrast_relative_std, limits.NEGLIGIBLE_FRACTION)
         if given[1]:
             mean[1] = np.hypot(optics.blur_px / binning, np.sqrt(PIXEL_VARIANCE))
             slope = max(optics.blur_px / binning, LEAST_BLUR_PX) / (binning * mean[1])
-            std[1] = max(optics.blur_std_px * slope, NEGLIGIBLE_FRACTION * mean[1])
+            std[1] = max(optics.blur_std_px * slope, limits.NEGLIGIBLE_FRACTION * mean[1])
         correlation = np.eye(2)
         if given.all():
             correlation[0, 1] = correlation[1, 0] = optics.correlation
@@ -176,23 +150,18 @@ class OpticsPrior:
         """Whether the frame alone shows its contrast, and another contrast or blur."""
         away, own = joint.alone - self.mean, joint.own_covariance
         excess = away @ np.linalg.solve(own + np.linalg.inv(self.information), away)
-        return bool(own[0, 0] < RESOLVED**2 and excess > TWO_SIGNIFICANT)
+        return bool(own[0, 0] < limits.RESOLVED**2 and excess > limits.TWO_SIGNIFICANT)
 
     def with_exact_blur(self, blur: float) -> "OpticsPrior":
         """The prior with a blur that is held fixed."""
-        information = np.diag([self.information[0, 0], 1.0 / (NEGLIGIBLE_FRACTION * blur) ** 2])
+        information = np.diag([self.information[0, 0], 1.0 / (limits.NEGLIGIBLE_FRACTION * blur) ** 2])
         return OpticsPrior(np.array([self.mean[0], blur]), information)
 
 
 def settle_optics(
-    problem: FitProblem,
-    fit: FittedDisks,
-    optics_prior: OpticsPrior,
-    *,
-    inflation: NDArray[np.float64],
-    wide_contrast: float,
-    steps: int = ITERATIONS,
-) -> JointFit:
+    problem: FitProblem, fit: FittedDisks, optics_prior: OpticsPrior, *, inflation: NDArray[np.float64],
+    wide_contrast: float, steps: int = limits.ITERATIONS,
+) -> JointFit:  # fmt: skip
     """Find the most probable common contrast and blur of an image, and the disks with them.
 
     Parameters
@@ -217,16 +186,16 @@ def settle_optics(
         `contactimg.imaging.fit.unseen_contrast`.
     """
     newton = partial(_newton, optics_prior=optics_prior, inflation=inflation, wide_contrast=wide_contrast)
-    joint, few, lost = None, steps < ITERATIONS, False
+    joint, few, lost = None, steps < limits.ITERATIONS, False
     if few or not _is_unseen(problem, fit, optics_prior):
         joint = newton(problem, fit, steps=steps)
-        worse = np.median(joint.fit.chi_square) > POOR_CHI_SQUARE * np.median(fit.chi_square)
-        lost = bool(worse) and _is_unseen(problem, fit, optics_prior, SHOWN_BLUR_WIDTHS)
+        worse = np.median(joint.fit.chi_square) > limits.POOR_CHI_SQUARE * np.median(fit.chi_square)
+        lost = bool(worse) and _is_unseen(problem, fit, optics_prior, limits.SHOWN_BLUR_WIDTHS)
         if not lost:
             problem, fit = replace(problem, prior=joint.prior), joint.fit
     if joint is None or (not few and (lost or _is_unseen(problem, fit, optics_prior))):
         typical = float(np.median(inflation))
-        problem, fit, covariance, shift = profile_contrast(problem, fit, inflation=typical)
+        problem, fit, covariance, shift = unseen_contrast.profile_contrast(problem, fit, inflation=typical)
         prior, shifts = problem.prior, np.column_stack([shift, np.zeros(len(shift))])
         alone = np.array([np.log(prior.mean), fit.blur])
         return JointFit(fit, prior.mean, prior.std, covariance, covariance, shifts, prior, alone)
@@ -238,7 +207,7 @@ def settle_optics(
 
 def _newton(
     problem: FitProblem, fit: FittedDisks, *, optics_prior: OpticsPrior, inflation: NDArray[np.float64],
-    wide_contrast: float, steps: int = ITERATIONS,
+    wide_contrast: float, steps: int = limits.ITERATIONS,
 ) -> JointFit:  # fmt: skip
     """Newton steps of contrast and blur with fits of the disks in between, see `settle_optics`."""
     most = problem.largest_contrast
@@ -259,14 +228,16 @@ def _newton(
         if not remaining or not _is_worth_a_fit(step, fit, scores, covariance):
             break
         step *= 0.5 if step @ last_step < 0 else 1.0
-        longest = LONGEST_STEP * np.array([1.0, fit.blur])
+        longest = limits.LONGEST_STEP * np.array([1.0, fit.blur])
         last_step = step = np.clip(step, -longest, longest)
         contrast, blur = contrast * float(np.exp(step[0])), fit.blur + float(step[1])
         prior = prior.at(contrast)
-        if abs(step[0]) < LINEAR_STEP and abs(step[1]) < LINEAR_STEP * blur:
+        small = 0.003  # accuracy: a linear step errs by its square
+        if abs(step[0]) < small and abs(step[1]) < small * blur:
             change = scores.response @ step
             # a disk of which the pixels say next to nothing would go anywhere
-            far = np.any(np.abs(change[:, RADIUS:]) > ROUGH_STD * np.abs(fit.disks[:, RADIUS:]), axis=1)
+            size = np.abs(fit.disks[:, RADIUS:])
+            far = np.any(np.abs(change[:, RADIUS:]) > limits.ROUGH_STD * size, axis=1)
             fit = replace(fit, disks=fit.disks + np.where(far[:, None], 0.0, change), blur=blur)
             break
         stepped = replace(problem, noise=replace(problem.noise, slope=noise_slope * contrast), prior=prior)
@@ -289,11 +260,13 @@ def _newton(
 
 
 def _is_unseen(
-    problem: FitProblem, fit: FittedDisks, prior: OpticsPrior, widest: float = NEAR_BLUR_WIDTHS
+    problem: FitProblem, fit: FittedDisks, prior: OpticsPrior, widest: float = limits.NEAR_BLUR_WIDTHS
 ) -> bool:
     """Whether no contact is wider than that in blur widths, and nothing else tells contrast and blur."""
     std = np.sqrt(np.diag(np.linalg.inv(prior.information))) / np.array([1.0, prior.mean[1]])
-    free = bool((std >= LEAST_PRIOR_STD).all()) and bool(len(problem.profile.powers))
+    # Of ln C and the blur, from which the prior is a guess that small contacts need not be drawn to. By hand:
+    # a guess has 0.5 of the blur, a pooled series 0.1 and less.
+    free = bool((std >= np.array([0.05, 0.4])).all()) and bool(len(problem.profile.powers))
     lit = len(fit.disks) > 0 and float(np.median(fit.disks[:, CONTRAST])) > 0.0
     return free and lit and _widest(fit) <= widest * fit.blur
 
@@ -302,7 +275,7 @@ def _widest(fit: FittedDisks) -> float:
     """Radius that a few contacts reach, or those that make half of the area: specks hide no wide contact."""
     radius = np.sort(fit.disks[:, RADIUS])[::-1]
     half = int(np.searchsorted(np.cumsum(radius**2), 0.5 * np.sum(radius**2)))
-    return float(radius[min(FEWEST - 1, half)])
+    return float(radius[min(limits.FEWEST - 1, half)])
 
 
 def _of_kurtosis(fit: FittedDisks) -> NDArray[np.float64]:
@@ -314,9 +287,9 @@ def _of_kurtosis(fit: FittedDisks) -> NDArray[np.float64]:
     ``ln a`` by ``k (1+q)^2/(4 q^2)``, to first order in q.
     """
     widest, blur = _widest(fit), fit.blur
-    q = max((widest / blur) ** 2 / 4.0, LEAST_WIDTH_RATIO)
-    mode = KURTOSIS_STD * (1.0 + 1.0 / q) ** 2 / 4.0 * np.array([2.0, q * blur])
-    return np.outer(mode, mode) * (widest <= NEAR_BLUR_WIDTHS * blur)
+    q = max((widest / blur) ** 2 / 4.0, 0.05)  # keeps the uncertainty finite
+    mode = unseen_contrast.KURTOSIS_STD * (1.0 + 1.0 / q) ** 2 / 4.0 * np.array([2.0, q * blur])
+    return np.outer(mode, mode) * (widest <= limits.NEAR_BLUR_WIDTHS * blur)
 
 
 def _is_worth_a_fit(step: NDArray, fit: FittedDisks, scores: SharedScores, covariance: NDArray) -> bool:
@@ -324,7 +297,7 @@ def _is_worth_a_fit(step: NDArray, fit: FittedDisks, scores: SharedScores, covar
     weights = 3.0 * fit.disks[:, RADIUS] ** 2
     slope = weights @ scores.response[:, RADIUS]
     variance = slope @ covariance @ slope + np.sum((weights * fit.std[:, RADIUS]) ** 2)
-    return bool((slope @ step) ** 2 > SETTLED_SIGMA**2 * variance)
+    return bool((slope @ step) ** 2 > limits.SETTLED_SIGMA**2 * variance)
 
 
 def disk_scores(fit: FittedDisks, prior: ContrastPrior, least_factor: float = 1.0) -> SharedScores:
@@ -355,7 +328,7 @@ def _with_plateau(scores: SharedScores, plateau_offset: float) -> tuple[NDArray,
     edges: it then enters as a datum, ``plateau_offset`` being the logarithm of its ratio to the contrast.
     """
     score, information, factor, _ = scores.total(np.array([0, 1]))
-    weight = max(1.0 - USUAL_CHI_SQUARE / factor, 0.0) / PLATEAU_STD_FRACTION**2
+    weight = max(1.0 - limits.USUAL_CHI_SQUARE / factor, 0.0) / unseen_contrast.PLATEAU_STD_FRACTION**2
     datum = weight * np.array([1.0, 0.0]) if np.isfinite(plateau_offset) else np.zeros(2)
     return score / factor + datum * np.nan_to_num(plateau_offset), information / factor + np.diag(datum)
 
@@ -390,15 +363,15 @@ def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[
     wide, default = wide_disks(fit), problem.contrast
     values, stds = fit.disks[wide, CONTRAST], fit.std[wide, CONTRAST] * np.sqrt(inflation[wide])
     # a few faint ones that happen to fit well do not stand for contacts of another shape
-    if len(values) < FEWEST or float(np.median(values)) < 0.5 * default:
+    if len(values) < limits.FEWEST or float(np.median(values)) < 0.5 * default:
         spread = SPREAD_FRACTION * default
         return ContrastPrior(default, spread, spread, problem.prior.odd)
     middle = float(np.median(values))
     excess = (MAD_TO_STD * float(np.median(np.abs(values - middle)))) ** 2
-    for _ in range(ROUNDS):
+    for _ in range(limits.ROUNDS):
         limit = np.maximum(SIGNIFICANT_SIGMA * np.sqrt(excess + stds**2), SPREAD_FRACTION * middle)
         usual = np.abs(values - middle) < limit
-        if np.count_nonzero(usual) < FEWEST:
+        if np.count_nonzero(usual) < limits.FEWEST:
             usual = np.ones(len(values), np.bool_)
             break
         expected = float(np.mean(stds[usual] ** 2))
@@ -407,6 +380,6 @@ def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[
         excess *= excess > AGREEMENT_SIGMA * expected * np.sqrt(2.0 / np.count_nonzero(usual))
         middle = float(np.average(values[usual], weights=1.0 / (stds[usual] ** 2 + excess)))
     weights = 1.0 / (stds[usual] ** 2 + excess)
-    std = float(np.sqrt(excess + 1.0 / weights.sum() + (NEGLIGIBLE_FRACTION * middle) ** 2))
+    std = float(np.sqrt(excess + 1.0 / weights.sum() + (limits.NEGLIGIBLE_FRACTION * middle) ** 2))
     small = float(np.hypot(std, np.sqrt(np.mean(np.where(usual, 0.0, values - middle) ** 2))))
     return ContrastPrior(middle, std, small, fit.disks[np.flatnonzero(wide)[~usual]])

@@ -39,10 +39,6 @@ from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, FAINT_FRACTION, 
 Values = NDArray[np.float64]
 
 SMALLEST_BLUR_WIDTHS = 0.5  # radius of contacts that are looked at; smaller ones show no edge
-MOST_CONTACTS = 250  # that are looked at, evenly chosen among the radii; for time
-LEAST_CLIP_FRACTION = 0.5
-"""Residuals are clipped at this fraction of the contrast, or at 5 sigma of a pixel. By hand: it cuts foreign
-objects, not an edge of another shape."""
 OWN = 3  # contrast and radius of a contact, and the background about it
 EVERY = np.arange(SHARED + LIGHT)
 """What contacts without a film may share."""
@@ -147,7 +143,8 @@ def isolated_disks(problem: FitProblem, disks: Values, *, blur: float) -> NDArra
     x, y, margin = disks[:, X], disks[:, Y], disks[:, RADIUS] + reach
     alone &= (x > margin) & (y > margin) & (x < columns - 1 - margin) & (y < rows - 1 - margin)
     chosen = np.flatnonzero(alone & (disks[:, RADIUS] > SMALLEST_BLUR_WIDTHS * blur))
-    chosen = evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], MOST_CONTACTS)
+    # 250 at most, for time.
+    chosen = evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], 250)
     # a plateau that is cut off by the sensor looks like another edge
     return chosen[~touches(problem.saturated, 1, disks, disks[:, RADIUS])[chosen]]
 
@@ -162,7 +159,8 @@ def rim_residuals(problem: FitProblem, disks: Values, edge: Edge) -> Values:
     """Residuals of isolated disks at the nodes about their rims; NaN for disks with many masked pixels."""
     nodes = Nodes.about(disks, problem.image.shape, edge.blur)
     fine = Nodes.about(disks, problem.image.shape, edge.blur, per_blur=FINE_STEPS_PER_BLUR)
-    clip = max(SIGNIFICANT_SIGMA * problem.pixel_noise, LEAST_CLIP_FRACTION * problem.contrast)
+    # By hand: half of the contrast cuts foreign objects, not an edge of another shape.
+    clip = max(SIGNIFICANT_SIGMA * problem.pixel_noise, 0.5 * problem.contrast)
     return np.asarray(
         sum_residuals(
             problem.image, for_kernel(problem.valid), disks, nodes.inner, edge.profile(fine),
@@ -187,9 +185,8 @@ def rim_scores(
     weight[nodes.distance > nodes.radius + INNER_BLUR_WIDTHS * edge.blur] = 0.0
     # own contrast, background and radius, then the blur and the parameters of the edge
     slopes = disks[:, CONTRAST, None, None] * edge.derivatives(nodes, profile, chosen[1:])
-    columns = np.concatenate(
-        [profile[:, None], slopes[:, :1], np.ones_like(slopes[:, :1]), slopes[:, 1:]], axis=1
-    )
+    own = profile[:, None], slopes[:, :1], np.ones_like(slopes[:, :1])
+    columns = np.concatenate([*own, slopes[:, 1:]], axis=1)
     products = columns @ np.swapaxes(columns * (weight * nodes.areas)[:, None], 1, 2)
     gradient, excess = (columns @ (weight * rest)[:, :, None])[:, :, 0], disks[:, CONTRAST] - contrast
     normal, by_edge, size = products[:, :OWN, :OWN], chosen[1:], SHARED + len(PARAMETERS)

@@ -23,6 +23,7 @@ from contactimg.imaging.detect.inscribed_disks import (
     inscribed_in,
 )
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, filter_residual
+from contactimg.imaging.fit import shapes
 from contactimg.imaging.fit.contact_pixels import look_at_pixels
 from contactimg.imaging.fit.disks import (
     WELL_FITTED_CHI_SQUARE,
@@ -33,54 +34,20 @@ from contactimg.imaging.fit.disks import (
     render_disks,
 )
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, X, Y
-from contactimg.imaging.fit.shapes import (
-    EXACT_OPTICS,
-    LEAST_ELONGATION,
-    Ellipses,
-    FittedEllipse,
-    find_ellipses,
-    fit_ellipse,
-    render_ellipse,
-)
 from contactimg.imaging.kernels.pairs import count_touching, label_groups
 from contactimg.imaging.pixels.masks import nearest_pixels
 from contactimg.imaging.pixels.robust import CLIP_SIGMA
-from contactimg.imaging.profile.limits import (
-    FAINT_FRACTION,
-    FIT_BLUR_WIDTHS,
-    IMPERFECT_RIM,
-    ITERATIONS,
-    LEAST_NOISE_FRACTION,
-    NEAR_BLUR_WIDTHS,
-    POOR_CHI_SQUARE,
-    ROUNDS,
-    SUSPICIOUS_CHI_SQUARE,
-    USUAL_CHI_SQUARE,
-)
+from contactimg.imaging.profile import limits
 
-CONTROL = FitControl(free_blur=False, robust=False, iterations=ITERATIONS)
+CONTROL = FitControl(free_blur=False, robust=False, iterations=limits.ITERATIONS)
 SETTLED_GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.1, 0.3
-"""Largest fitted radius of a disk that is about right over the radius before, and an additional margin. By
-hand."""
-COARSE_BLUR_WIDTHS = 2.0
-"""Standard deviation of the additional blur of a coarser look at a group. By hand."""
+"""Largest fitted radius of a disk that is about right over that before, and an additional margin. By hand."""
 DISK_PRICE = 40.0
 """Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
 EXCESS_LEFT_FRACTION = 0.35
 """Fraction of the excess chi-square that a new cover may leave. By hand."""
-JOINED_ELLIPTICITY, MOST_JOINED = 0.3, 4
-"""Ellipticity from which the fit of one ellipse to touching disks starts, and disks that it may replace. By
-hand: three disks in a row are an ellipse of 3 : 1."""
-LARGEST_GROUP = 20
-"""Disks of the largest group for which covers are tried. By hand, for time."""
 LONG_RATIO = 1.12
-"""Ratio of the axes from which two disks are tried in the place of an ellipse. By hand: two disks that are
-told apart make 1.24."""
-MOST_WINDOW_SHARE = 1.5
-"""Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By
-hand: a crowd of which half is covered takes 0.7."""
-PIXELS_OF_A_GROUP = 3000.0
-"""Pixels that take as long as the fits of the smallest group; for time."""
+"""Ratio of the axes from which two disks are tried for an ellipse. By hand: two told apart make 1.24."""
 
 Cover = tuple[NDArray[np.float64], float]
 """Fitted disks, and their chi-square."""
@@ -115,7 +82,7 @@ class GroupWindow:
     ) -> "GroupWindow | None":
         """The window about some disks of a fit, and so far around; None if nothing lies in the image."""
         disks = fit.disks[members]
-        reach = disks[:, RADIUS] + FIT_BLUR_WIDTHS * fit.blur + margin
+        reach = disks[:, RADIUS] + limits.FIT_BLUR_WIDTHS * fit.blur + margin
         low = np.maximum(np.floor((disks[:, :2].T - reach).min(axis=1)), 0).astype(int)
         high = np.maximum(np.ceil((disks[:, :2].T + reach).max(axis=1)).astype(int) + 1, 0)
         box = (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0])))
@@ -174,7 +141,7 @@ class GroupWindow:
     def pixels_of(self, *disks: NDArray) -> NDArray[np.bool_]:
         """The pixels on and about some disks."""
         depth = [np.hypot(*self.from_centre(disk)) - disk[RADIUS] for disk in disks]
-        return np.asarray(np.min(depth, axis=0) < NEAR_BLUR_WIDTHS * self.blur)
+        return np.asarray(np.min(depth, axis=0) < limits.NEAR_BLUR_WIDTHS * self.blur)
 
     def from_centre(self, disk: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Columns and rows counted from the centre of a disk, to be broadcast."""
@@ -200,7 +167,7 @@ class Replacement:
     whole: NDArray[np.bool_] | bool = False
 
 
-def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
+def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: shapes.Ellipses) -> Replacement:
     """Better covers of the groups that fit badly.
 
     Parameters
@@ -218,18 +185,19 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
     """
     replaced, new, one = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))], [np.empty(0, np.bool_)]
     median = fit.usual_chi_square
-    usual = float(np.clip(median, 1.0, USUAL_CHI_SQUARE))
+    usual = float(np.clip(median, 1.0, limits.USUAL_CHI_SQUARE))
     chance = FALSE_ALARM_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1))
-    limit = np.maximum(SUSPICIOUS_CHI_SQUARE, 1.0 + chance)
+    limit = np.maximum(limits.SUSPICIOUS_CHI_SQUARE, 1.0 + chance)
     bad = fit.chi_square > limit * usual
     left_over = np.sqrt(np.maximum(fit.chi_square - 1.0, 0.0)) * problem.pixel_noise
-    imperfect = bad & (left_over < IMPERFECT_RIM * problem.contrast)
+    imperfect = bad & (left_over < limits.IMPERFECT_RIM * problem.contrast)
     if imperfect.any():
         seen = look_at_pixels(problem, fit, rows=np.flatnonzero(imperfect))
-        imperfect[imperfect] = seen.elongation < LEAST_ELONGATION
+        imperfect[imperfect] = seen.elongation < shapes.LEAST_ELONGATION
     # the smallest groups first: most of them are resolved if the work does not suffice for all
-    coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
-    for members in sorted(_groups_with(bad, fit.disks, NEAR_BLUR_WIDTHS * fit.blur), key=len):
+    # By hand: a crowd of which half is covered takes 0.7 of the pixels of the image.
+    coarse, left = _no_finer_than_shapes(problem), 1.5 * problem.image.size
+    for members in sorted(_groups_with(bad, fit.disks, limits.NEAR_BLUR_WIDTHS * fit.blur), key=len):
         # a single disk must fit worse than most, as in a frame of ragged contacts all do, and be longer
         # than wide, as two disks are, or leave more than an imperfect rim, as three do
         usual_ones = fit.chi_square[members] < limit[members] * median
@@ -238,16 +206,17 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses
         window = GroupWindow.about(coarse, fit, members)
         if window is None:
             continue
-        left -= PIXELS_OF_A_GROUP + window.near.size
+        left -= 3000.0 + window.near.size  # that many pixels take as long as the smallest group
         if left < 0.0:
             break
         disks = fit.disks[members] - window.offset
         # what a small part of the group leaves does not stand out of the noise of all its pixels
         if 2 * fit.pixels[members[bad[members]]].sum() < fit.pixels[members].sum():
             window.near = window.pixels_of(*disks[bad[members]])
-        better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
+        # Covers of larger groups take too long. By hand.
+        better = _find_cover(window, disks, usual) if len(members) <= 20 else disks
         if len(members) == 1 and len(better) == 2:
-            found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
+            found = shapes.find_ellipses(coarse, fit, coarse.prior, shapes.EXACT_OPTICS, rows=members)
             # the first two that describe the pixels need not have settled
             better, chi_square = window.fit(better, np.full(2, np.inf))
             if any(_misfit(window, each) < chi_square for each in found.fitted):
@@ -268,9 +237,9 @@ def _simpler(window: GroupWindow, disks: NDArray, usual: float) -> tuple[NDArray
     they must remove to stay. Where they describe nothing, one contact of any shape may take their place. The
     second array says which of the fewer disks are proposed, and which stood beside them before.
     """
-    lit = window.model(disks) > FAINT_FRACTION * window.problem.contrast
+    lit = window.model(disks) > limits.FAINT_FRACTION * window.problem.contrast
     misfit = float(window.misfit(disks)[lit].mean()) / usual if lit.any() else 0.0
-    if misfit < USUAL_CHI_SQUARE:
+    if misfit < limits.USUAL_CHI_SQUARE:
         return None
     coarse, region = _coarser_cover(window, disks)
     if not len(coarse):
@@ -308,7 +277,7 @@ def _coarser_cover(window: GroupWindow, disks: NDArray) -> tuple[NDArray[np.floa
     The level is half of the median height within the disks of the group; a blur moves a rim there only in
     second order.
     """
-    image, blur = window.problem.image, COARSE_BLUR_WIDTHS * window.blur
+    image, blur = window.problem.image, 2.0 * window.blur  # much coarser. By hand
     smooth = cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
     inside = window.model(disks) > 0.5 * window.problem.contrast
     if not inside.any():
@@ -329,7 +298,7 @@ def _coarser_cover(window: GroupWindow, disks: NDArray) -> tuple[NDArray[np.floa
     return np.column_stack([places, np.full(len(places), plateau)]), region
 
 
-def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
+def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: shapes.Ellipses) -> Replacement:
     """Two disks of the common contrast in the place of each ellipse that describes its pixels worse.
 
     Both have as many parameters that the pixels determine: the likelihood decides.
@@ -343,8 +312,9 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
         if window is None or major < LONG_RATIO * minor:
             continue
         # only the pixels that the ellipse lights count: neighbours may still be described badly
-        model = render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
-        near = model > FAINT_FRACTION * problem.contrast
+        shape = window.problem.image.shape
+        model = shapes.render_ellipse(ellipse.parameters - window.corner, window.blur, shape)
+        near = model > limits.FAINT_FRACTION * problem.contrast
         misfit = window.misfit_of(model)[near].sum()
         covers = (disks for disks, _ in _larger_covers(window, fit.disks[[row]] - window.offset, 2))
         better = (two for two in covers if len(two) == 2 and window.misfit(two)[near].sum() < misfit)
@@ -355,7 +325,7 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipse
     return Replacement(replaced, np.vstack(new))
 
 
-def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
+def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: shapes.Ellipses) -> Replacement:
     """One disk, to become an ellipse, for disks that touch, where most contacts are ellipses.
 
     An ellipse takes their place unless they lower chi-square by the price of more disks.
@@ -367,17 +337,17 @@ def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Rep
     touching[ellipses.rows] = False
     for members in _groups_with(touching, fit.disks, fit.blur):
         window = GroupWindow.about(_no_finer_than_shapes(problem), fit, members)
-        if window is None or len(members) > MOST_JOINED:
+        if window is None or len(members) > 4:  # by hand: three disks in a row are an ellipse of 3 : 1
             continue
         disks = fit.disks[members] - window.offset
         share = disks[:, RADIUS] ** 2 / np.sum(disks[:, RADIUS] ** 2)
         centre, radius = share @ disks[:, :2], float(np.sqrt(np.sum(disks[:, RADIUS] ** 2)))
         away = (disks[:, 0] - centre[0] + 1j * (disks[:, 1] - centre[1])) ** 2
-        turn = np.exp(1j * np.angle(share @ away)) * JOINED_ELLIPTICITY
+        turn = 0.3 * np.exp(1j * np.angle(share @ away))  # a start, by hand
         start = np.array([*centre, radius, turn.real, turn.imag, problem.contrast])
-        ellipse = fit_ellipse(
+        ellipse = shapes.fit_ellipse(
             window.problem, start, blur=fit.blur, prior=(problem.contrast, problem.contrast),
-            covariance=EXACT_OPTICS,
+            covariance=shapes.EXACT_OPTICS,
         )  # fmt: skip
         price = DISK_PRICE * (len(members) - 1)
         if _misfit(window, ellipse) < window.chi_square(disks) + price:
@@ -387,9 +357,9 @@ def join_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Rep
     return Replacement(replaced, np.vstack(new), whole=True)
 
 
-def _misfit(window: GroupWindow, ellipse: FittedEllipse) -> float:
+def _misfit(window: GroupWindow, ellipse: shapes.FittedEllipse) -> float:
     """Chi-square of an ellipse in a window."""
-    model = render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
+    model = shapes.render_ellipse(ellipse.parameters - window.corner, window.blur, window.problem.image.shape)
     return float(window.misfit_of(model)[window.near].sum())
 
 
@@ -398,7 +368,7 @@ def _no_finer_than_shapes(problem: FitProblem) -> FitProblem:
 
     Where there is hardly any noise, the pixel that a digitised disk has more on one side is significant.
     """
-    variance = max(problem.noise.variance, (LEAST_NOISE_FRACTION * problem.contrast) ** 2)
+    variance = max(problem.noise.variance, (limits.LEAST_NOISE_FRACTION * problem.contrast) ** 2)
     return replace(problem, noise=replace(problem.noise, variance=variance))
 
 
@@ -419,8 +389,8 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     first = chi_square = window.chi_square(disks)
     allowed = expected + max(EXCESS_LEFT_FRACTION * (first - expected), slack)
     best = disks
-    unsettled = first < POOR_CHI_SQUARE * expected
-    for number in range(-1 if unsettled else 0, ROUNDS):
+    unsettled = first < limits.POOR_CHI_SQUARE * expected
+    for number in range(-1 if unsettled else 0, limits.ROUNDS):
         if chi_square < expected + slack:
             break
         count, before = len(best), chi_square
@@ -437,7 +407,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
             best, chi_square = cheapest
         same = len(best) == count and gain <= 0.0
         # rounds that gain as much as this one are not enough
-        hopeless = chi_square - (before - chi_square) * (ROUNDS - 1 - number) > allowed
+        hopeless = chi_square - (before - chi_square) * (limits.ROUNDS - 1 - number) > allowed
         if not again and (same or hopeless):
             break
     return disks if chi_square > allowed else best

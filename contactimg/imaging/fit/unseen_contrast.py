@@ -26,9 +26,8 @@ PLATEAU_STD_FRACTION = 0.02
 LARGEST_CONTRAST_RATIO = 10.0
 """Largest contrast over brightest light, without prior knowledge. By hand."""
 KURTOSIS_STD = 0.03
-"""Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
-be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
-ten times that."""
+"""Uncertainty of the excess kurtosis of the point spread function in one direction, which is assumed to be 0.
+Chosen: noise cut off at the full scale of 8 bits changes a blurred disk by as much, defocus ten times."""
 COARSE_STEPS, FINE_STEPS = 7, 4
 """Contrasts that are tried over the whole range, and then on both sides of the best, until the pixels do not
 exclude more than so many. Accuracy."""

@@ -42,9 +42,6 @@ EDGE_STEPS_PER_BLUR_WIDTH = 64  # theory: linear interpolation errs by (1/64)^2/
 EDGE_HALF = REACH_BLUR_WIDTHS * EDGE_STEPS_PER_BLUR_WIDTH
 EDGE = special.ndtr(np.arange(-EDGE_HALF, EDGE_HALF + 2) / EDGE_STEPS_PER_BLUR_WIDTH)  # a straight edge
 NODE_SPACING_BLUR_WIDTHS = 0.8  # of the integral; theory: exact to 1e-8, see above
-LEAST_NODES = 8  # theory: midpoint rule on the parabola of a thin lens, area right to 1/(2 x 8^2) = 0.8 %
-THINNEST_OVERLAP_PX = 0.02  # depth of overlaps that are ignored; theory: area 4/3 sqrt(a) 0.02^1.5
-CLEARED_PIXELS = 6000  # of the model image that are cleared in the time in which a disk is erased; speed only
 
 
 def draw_disks(
@@ -57,7 +54,8 @@ def draw_disks(
     ``near_pairs`` contains all pairs that overlap; ``shared``: the image contains other disks as well.
     """
     kept, erased = np.count_nonzero(drawn & wanted), np.count_nonzero(drawn & ~wanted)
-    if not shared and (erased - kept) * CLEARED_PIXELS > model.size:  # those that stay are sooner drawn anew
+    # 6000 pixels are cleared in the time in which a disk is erased
+    if not shared and (erased - kept) * 6000 > model.size:  # those that stay are sooner drawn anew
         model.fill(0.0)
         drawn[:] = False
     change = np.flatnonzero(drawn != wanted)
@@ -77,7 +75,8 @@ def _draw(model, disks, s, drawn, wanted, table, change, pairs):
         i, j = pairs[p]
         before, after = drawn[i] and drawn[j], wanted[i] and wanted[j]
         dx, dy = disks[j, 0] - disks[i, 0], disks[j, 1] - disks[i, 1]
-        limit = disks[i, 2] + disks[j, 2] - THINNEST_OVERLAP_PX
+        # Thinner overlaps are ignored. Theory: their area is 4/3 sqrt(a) 0.02^1.5.
+        limit = disks[i, 2] + disks[j, 2] - 0.02
         if before != after and limit > 0.0 and dx * dx + dy * dy < limit * limit:
             add_lens(model, disks[i], disks[j], s, -1.0 if after else 1.0)
 
@@ -138,7 +137,8 @@ def add_lens(model, one, two, s, sign):
     # half the height of the lens, and the nodes of the integral over it
     foot = 0.5 * (d + (a * a - b * b) / d) if d > 0.0 else -1.0
     tall = math.sqrt(max(a * a - foot * foot, 0.0)) if 0.0 <= foot <= d else min(a, b)
-    count = max(math.ceil(2.0 * tall / (NODE_SPACING_BLUR_WIDTHS * s)), LEAST_NODES)
+    # Theory: the midpoint rule on the parabola of a thin lens is right to 1/(2 x 8^2) = 0.8 % of the area.
+    count = max(math.ceil(2.0 * tall / (NODE_SPACING_BLUR_WIDTHS * s)), 8)
     step = 2.0 * tall / count
     low, high = np.empty(count), np.empty(count)
     for k in range(count):

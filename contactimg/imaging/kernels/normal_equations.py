@@ -36,7 +36,6 @@ from contactimg.imaging.pixels.robust import SIGNIFICANT_SIGMA
 from contactimg.imaging.profile.blurred_disk import END_BLUR_WIDTHS
 from contactimg.imaging.profile.limits import FIT_BLUR_WIDTHS
 
-THINNING_RADIUS_PX = 4.0  # radius for each row that a rough fit may skip; by hand
 LARGEST_TERM = 4.0 * SIGNIFICANT_SIGMA**2  # largest term of chi-square, that of 10 sigma; by hand
 SATURATED = 2  # in the mask: the light is at least what the pixel shows
 RINGS_PER_BLUR_WIDTH = 4  # rings over which the expected information of a rim is summed; accuracy
@@ -67,7 +66,7 @@ def sum_disk(image, model, weight, disk, s, noise, isolated, robust, row_step, t
     masked = _has_masked_pixel(weight, image.shape, j, bottom + 1, x, half)
     whole = not masked and x > half and x + half < columns - 1 and y > half and y + half < rows - 1
     flat = np.float32(1.0 / (noise[0] * (1.0 + noise[1] * c)))
-    step = min(row_step, 1 + int(a / THINNING_RADIUS_PX))
+    step = min(row_step, 1 + int(a / 4.0))  # a row for each 4 px, by hand
     while j <= bottom:
         left, right = next_blocks(j, bottom, step, half, 0.0 if masked else inner, x, y, columns)
         if n + left[1] * (left[4] + right[4]) > pixels.shape[1]:

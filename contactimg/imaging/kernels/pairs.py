@@ -11,10 +11,6 @@ from contactimg.imaging.profile.limits import EDGE_BLUR_WIDTHS, LEAST_VISIBLE
 DEEPEST = 0.35
 """Overlap over the diameter of the smaller disk above which two disks are one contact. Chosen by hand."""
 
-MOST_SHARED = 10.0
-"""Pixels that pairs of disks share, over those of the image, above which disks are no contacts. By hand: a
-close packing of small ones has 7, and the work of a fit grows with it."""
-
 
 def find_pairs(disks: NDArray[np.float64], space: float) -> NDArray[np.int64]:
     """Pairs of disks whose rims come closer than ``2 space``, by a sweep along x."""
@@ -55,7 +51,8 @@ def select_close(pairs: NDArray[np.int64], disks: NDArray[np.float64], space: fl
 def are_entangled(disks: NDArray[np.float64], pairs: NDArray[np.int64], blur: float, pixels: int) -> bool:
     """Whether pairs of disks share so many pixels, of those of the image, that the disks are no contacts."""
     smaller = np.minimum(*disks[pairs.T, 2]) + EDGE_BLUR_WIDTHS * blur
-    return bool(np.minimum(np.pi * smaller**2, pixels).sum() > MOST_SHARED * pixels)
+    # By hand: a close packing of small ones shares seven times the image; the work of a fit grows with it.
+    return bool(np.minimum(np.pi * smaller**2, pixels).sum() > 10.0 * pixels)
 
 
 def list_neighbours(n: int, pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -9,10 +9,6 @@ import numpy as np
 from contactimg.compiled import njit
 from contactimg.imaging.profile.edge_shape import INNER_NODES
 
-MOST_HIDDEN = 0.02
-"""Share of masked pixels, dead ones here and there, up to which a disk is summed over the others. Accuracy:
-steps become shorter by as much."""
-
 
 @njit(cache=True)
 def _window(centre, half, size):
@@ -34,7 +30,7 @@ def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
 
     Their product with a template at the nodes is the sum over pixels of residual times template. Residuals
     are clipped at ``clip``. ``steps`` are those of the profiles and of the sums. Masked pixels are passed
-    over; the sums of a disk with more than `MOST_HIDDEN` of them are NaN.
+    over; the sums of a disk with more than 2 % of them are NaN, whose steps would be shorter by as much.
     """
     rows, columns = image.shape
     sums = np.zeros((len(disks), INNER_NODES + count))
@@ -64,7 +60,7 @@ def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
                 k = int(place)
                 sums[i, k] += (1.0 - place + k) * rest
                 sums[i, k + 1] += (place - k) * rest
-        if hidden > MOST_HIDDEN * within:
+        if hidden > 0.02 * within:
             sums[i, 0] = np.nan
     return sums
 

@@ -21,9 +21,7 @@ FIELDS = 9
 BY_X, BY_Y, BY_A, BY_C, BY_S, DATA, WEIGHT, PLACE, MODEL = range(FIELDS)
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}  # all optimisations except assumptions on NaN and infinity
-CHUNK_PIXELS = 512  # pixels at a time, which fit into the fastest cache; speed only
 BLOCK_ROWS = 8  # rows of a block at most; speed only
-LEAST_INSIDE_PX = 12  # columns inside the rim for which a row is split in two blocks; speed only
 VECTOR_PIXELS = 32  # pixels in one pass of vector instructions; a remainder would be slow; speed only
 
 NONE, EACH = np.int64(0), np.int64(1)
@@ -65,7 +63,8 @@ def _chord_columns(radius, dy, centre, columns):
 def allocate_pixels(half):
     """An array for at least one block of a window."""
     width = 2 * int(half) + 3
-    passes = -(-max(CHUNK_PIXELS, BLOCK_ROWS * width) // VECTOR_PIXELS)
+    # 512 pixels at a time fit into the fastest cache.
+    passes = -(-max(512, BLOCK_ROWS * width) // VECTOR_PIXELS)
     return np.empty((FIELDS, passes * VECTOR_PIXELS), np.float32)
 
 
@@ -77,7 +76,7 @@ def next_blocks(j, bottom, step, half, inner, x, y, columns):
     nearest = 0.0 if j <= y <= last else min(abs(j - y), abs(last - y))
     first, end = _chord_columns(half, nearest, x, columns)
     left, right = _chord_columns(inner, max(abs(j - y), abs(last - y)), x, columns)
-    if right - left < LEAST_INSIDE_PX:
+    if right - left < 12:  # speed only
         left = right = end
     return (j, rows, step, first, left - first), (j, rows, step, right, end - right)
 

@@ -6,9 +6,6 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.kernels.pairs import list_neighbours
 
-LARGEST_INFLATION = 25.0  # of a variance by free neighbours; by hand: beyond, the two are not resolved
-MOST_SWEEPS = 40  # of the Gauss-Seidel iteration, which stops at 1e-4 px; accuracy
-
 
 @njit(cache=True)
 def invert_4x4(matrix, out):
@@ -55,7 +52,7 @@ def solve_coupled(
 def _sweep(coupled, inverse, gradient, start, link, blocks, steps):
     """Sweep through the disks until no step changes any more; whether the changes do not grow."""
     first = np.inf
-    for sweep in range(MOST_SWEEPS):
+    for sweep in range(40):  # accuracy: it stops at 1e-4 px
         largest = 0.0
         for i in coupled:
             change = _solve_one(i, inverse, gradient, start[i], start[i + 1], link, blocks, steps)
@@ -107,6 +104,6 @@ def marginal_variances(
     # without information from pixels, only the damping of the inverse keeps the matrix regular
     reduced = reduced[coupled] + 1e-9 / alone[:, None, :] * np.eye(4)
     full = np.einsum("iuu->iu", np.linalg.inv(reduced))
-    most = LARGEST_INFLATION * alone
+    most = 25.0 * alone  # by hand: beyond, the two are not resolved
     out[coupled] = np.where(full <= 0, most, np.clip(full, alone, most))
     return out

@@ -13,17 +13,8 @@ from contactimg.imaging.pixels.robust import MANY, SAMPLE, SOME, median, quantil
 BLOCK = 8
 """Side of the blocks, px; a power of 2."""
 
-ROUNDED_SHARE = 0.1
-"""Share of squares whose pixels are all equal from which compression has rounded them. By hand: noise of
-half a grey level leaves none."""
-BETWEEN_STEPS = 0.1
-"""Neighbouring blocks that differ by between a quarter and three quarters of the step at which compression
-rounds their means, over those that differ by more. By hand: 0.03 in JPEG files, 0.2 and more elsewhere."""
 ALL_FOUR = np.ones(BLOCK // 2, np.bool_).view(np.uint32)[0]  # flags of the pixels of a square in one number
-LARGEST_ROUNDING = 0.25  # of the range of these blocks: what they differ by more is a contrast. By hand
-SOME_CLIPPED, MOST_CLIPPED = 0.1, 0.8
-"""Share of clipped blocks or pixels of an image that matters, and of clipped pixels of such a block. By hand:
-half of the pixels are clipped where a background was subtracted."""
+SOME_CLIPPED = 0.1  # share of clipped blocks or pixels of an image that matters. By hand
 
 
 def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> Values:
@@ -97,7 +88,8 @@ def _rounding_step(image: NDArray) -> float:
     same = (squares == squares[:, :, :1]).all(axis=2).reshape(top.shape) & (top == top[..., :1])
     even = same.view(np.uint32)[..., 0] == ALL_FOUR
     levels = np.where(even, top[..., 0], np.nan)
-    if np.count_nonzero(even) > ROUNDED_SHARE * even.size:
+    # By hand: noise of half a grey level leaves no square whose pixels are all equal, compression does.
+    if np.count_nonzero(even) > 0.1 * even.size:
         steps = np.abs(np.append(levels[:, :, 2:] - levels[:, :, :-2], levels[1] - levels[0]))
         steps = steps[steps > 0.0]  # not NaN either
         step = float(np.median(steps)) if steps.size else 0.0
@@ -107,9 +99,11 @@ def _rounding_step(image: NDArray) -> float:
         far = steps[steps > 4.0 * quantile(steps, 0.25)] if steps.size else steps
         step = median(far) if far.size else 0.0
         beyond, over_quarter = (int(np.count_nonzero(steps > share * step)) for share in (0.75, 0.25))
-        if over_quarter - beyond > BETWEEN_STEPS * beyond:
+        # By hand: 0.03 in JPEG files, 0.2 and more elsewhere.
+        if over_quarter - beyond > 0.1 * beyond:
             return 0.0
-    return step if step < LARGEST_ROUNDING * float(np.ptp(image[::side, ::side])) else 0.0
+    # What differs by more than a quarter of the range is a contrast. By hand.
+    return step if step < 0.25 * float(np.ptp(image[::side, ::side])) else 0.0
 
 
 def find_clipped(image: NDArray) -> Mask:
@@ -121,7 +115,8 @@ def find_clipped(image: NDArray) -> Mask:
     lowest, highest = image.min(), image.max()
     if not any(np.mean(image[::7, ::11] == level) > SOME_CLIPPED for level in (lowest, highest)):
         return None
-    clipped = block_means(((image == lowest) | (image == highest)).astype(np.float32)) > MOST_CLIPPED
+    # By hand: half of the pixels are clipped where a background was subtracted.
+    clipped = block_means(((image == lowest) | (image == highest)).astype(np.float32)) > 0.8
     if not SOME_CLIPPED < np.mean(clipped) < 1.0 - SOME_CLIPPED:
         return None
     return to_pixels(clipped.astype(np.uint8), image.shape)

@@ -20,7 +20,6 @@ LEAST_UNLIT_BLOCKS = 12  # of one dark region at the border. By hand: a dark con
 # inside: in vignetted corners there is less. By hand: beside a stop there is 0.93 and more.
 STOP_EDGE_BLOCKS, STOP_LIGHT = (5, 7), 0.7
 EDGE_REACH_PX = 5  # of the blurred edge of a stop or of a contact: 3.5 blur widths of the usual optics
-DRAWN_EDGE_PX = 2  # of the edge of a margin, which enlarging or compression may have blurred. By hand
 
 
 def find_unlit(image: NDArray, valid: Mask) -> Mask:
@@ -74,7 +73,7 @@ def find_margin(image: NDArray, valid: Mask, full_scale: float) -> Mask:
     inside = to_pixels(1 - margin, image.shape)[:, 1:] > 0
     if level < full_scale and 2 * np.count_nonzero(inside & (np.diff(image) == 0)) > np.count_nonzero(inside):
         return None
-    return _pixels_of(margin, holes_too, DRAWN_EDGE_PX)
+    return _pixels_of(margin, holes_too, 2)  # blurred by enlarging or compression. By hand
 
 
 def _at_border(blocks: Flags) -> NDArray[np.uint8]:

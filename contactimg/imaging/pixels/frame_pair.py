@@ -18,7 +18,6 @@ Levels = NDArray[np.float32] | NDArray[np.uint8]
 SPAN_LEVELS = 200.0  # range of the internal levels of an image: about that of 8 bits, whatever the unit
 ROUNDING_STD = 12.0**-0.5
 """Standard deviation of the rounding error of whole numbers (theory)."""
-LARGEST_STEP_NOISE = 0.02  # of the range of levels without noise. By hand: of two levels it would hide dots
 FEW_LEVELS = 16  # that a frame shows at least; accuracy
 MESSAGES: dict[str, str] = {
     Status.BLACK: "the frame is black: no light reached the sensor",
@@ -78,7 +77,8 @@ class FramePair:
         if not self.whole_levels:
             return noise
         # where there is no noise the steps of few levels are none either: a threshold has made them
-        largest = np.inf if noise > 0.0 else LARGEST_STEP_NOISE * float(np.ptp(self.frame[::8, ::8]))
+        # By hand: of two levels a larger share would hide dots.
+        largest = np.inf if noise > 0.0 else 0.02 * float(np.ptp(self.frame[::8, ::8]))
         return max(noise, min(ROUNDING_STD / self.unit, largest))
 
     @property

@@ -18,19 +18,12 @@ from contactimg.imaging.pixels.masks import Flags, Values
 from contactimg.imaging.pixels.robust import CLIP_SIGMA, FEWEST_VALUES, MANY, SAMPLE, noise_std, robust_std
 
 LARGEST_LAG = 10
-"""Distance of pixels up to which their covariance is measured, px. Chosen by hand; sensitivity not
-measured."""
+"""Distance of pixels up to which their covariance is measured, px. By hand; sensitivity not measured."""
 
-WAVE_NUMBERS, LARGEST_WAVE_NUMBER = 256, 4.0
-"""Nodes of the integral over wave numbers, and its upper end over the inverse blur: ``exp(-k^2)`` is 1e-7
-there."""
 RADII = np.geomspace(0.3, 45.0, 12)
-"""Tabulated radii, blur widths; the derivative of the widest disk oscillates 30 times over the wave
-numbers."""
+"""Tabulated radii, blur widths; the derivative of the widest oscillates 30 times over the wave numbers."""
 LAGS = np.arange(0.0, 25.0, 0.02)
 """Tabulated distances of two pixels, blur widths."""
-STRIP_LAGS = 4
-"""Rows of the strips that give it, lags: three quarters of them have all their partners below."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +107,7 @@ class NoiseCorrelation:
 @lru_cache(maxsize=2)
 def _autocorrelation(*, rim: bool) -> NDArray[np.float64]:
     """Autocorrelation of the derivative by the radius, or by the contrast: a row for each of `RADII`."""
-    k = (np.arange(WAVE_NUMBERS) + 0.5) * (LARGEST_WAVE_NUMBER / WAVE_NUMBERS)
+    k = (np.arange(256) + 0.5) * (4.0 / 256)  # over the inverse blur: exp(-k^2) is 1e-7 at 4
     ka = np.outer(RADII, k)
     power = (special.j0(ka) if rim else special.j1(ka) / ka) ** 2 * np.exp(-(k**2)) * k
     return np.asarray(power @ special.j0(np.outer(k, LAGS)) / power.sum(axis=1, keepdims=True))
@@ -151,7 +144,7 @@ def measure_correlation(image: Values, model: Values, background: Flags, *, nois
     noise : float
         Standard deviation of a background pixel.
     """
-    height = STRIP_LAGS * LARGEST_LAG
+    height = 4 * LARGEST_LAG  # three quarters of the rows of a strip have all their partners below
     inside = (min(height, len(image)) - LARGEST_LAG, image.shape[1] - LARGEST_LAG)
     if min(inside) <= 0:
         return NoiseCorrelation.independent()

@@ -9,8 +9,7 @@ MAD_TO_STD = 1.4826
 QUARTILE_TO_STD = 1.0 / 0.3186
 """The same over the lower quartile of the absolute deviations: 1/Phi^-1(5/8)."""
 CLIP_SIGMA = 4.0
-"""Robust standard deviations beyond which a value is none of the others. False-alarm rate 6e-5 (theory:
-normal noise)."""
+"""Robust standard deviations beyond which a value is none of the others. Theory: 6e-5 of normal noise."""
 SIGNIFICANT_SIGMA = 5.0
 """Standard errors beyond which a mean or a covariance is not there by chance. False-alarm rate 6e-7 (theory).
 Also where the mean over a square, or the light of a contact, stands out of the noise."""
@@ -24,8 +23,6 @@ LIGHT_SIGMA = 8.0
 """Least summed light of a component or a faint region, in standard deviations of the noise, and height of a
 block or a peak of a correlation over the scatter of the others. Noise and texture alone stay below 6."""
 
-TAIL_SHARE, TAIL_TO_STD = 0.01, 2.576
-"""Share of the values below the centre that make the tail, and its place in standard deviations (theory)."""
 SOME = 60
 """Values that give a scatter to 10 % (theory: 1/sqrt(2 n))."""
 FEWEST_VALUES = 300
@@ -34,11 +31,6 @@ MANY = 160_000
 """Values that are looked at where each tells little: a covariance, or blocks of 64 of them. Accuracy."""
 SAMPLE = 20_000
 """Values that are looked at where there are many: they give a scatter to 0.6 % (theory)."""
-DECILE_TO_STD = 0.60790
-"""The same over the ninth decile of the absolute deviations: 1/Phi^-1(0.95)."""
-DEGENERATE_RATIO = 6.0
-"""Ratio of the two above which most of the values are equal. By hand: 1 for normal values, 3 among contacts
-that leave no block free of their light, 10 or more where values are clipped."""
 
 
 def finite_values(values: NDArray) -> NDArray:
@@ -106,8 +98,11 @@ def noise_std(values: NDArray) -> float:
     """
     middle = median(values)
     deviation = np.abs(values - np.asarray(middle, values.dtype))
-    usual, tail = MAD_TO_STD * median(deviation), DECILE_TO_STD * quantile(deviation, 0.9)
-    return tail if tail > DEGENERATE_RATIO * usual else usual
+    # 1/Phi^-1(0.95) = 0.6079.
+    usual, tail = MAD_TO_STD * median(deviation), 0.60790 * quantile(deviation, 0.9)
+    # Above, most values are equal. By hand: 1 for normal values, 3 among contacts that leave no block free of
+    # their light, 10 or more where values are clipped.
+    return tail if tail > 6.0 * usual else usual
 
 
 def reach_std(values: NDArray, centre: float) -> float:
@@ -126,4 +121,5 @@ def reach_std(values: NDArray, centre: float) -> float:
     if below.size < FEWEST_VALUES:
         return noise_std(values)
     scatter = MAD_TO_STD * median(below)
-    return min(scatter, quantile(below, 1.0 - TAIL_SHARE) / TAIL_TO_STD)
+    # Theory: of the values below the centre, a hundredth lies beyond 2.576 standard deviations.
+    return min(scatter, quantile(below, 0.99) / 2.576)

@@ -7,23 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.pixels import robust
 from contactimg.imaging.pixels.masks import Mask, Values
-from contactimg.imaging.pixels.robust import (
-    SAMPLE,
-    SIGNIFICANT_SIGMA,
-    median,
-    noise_std,
-    quantile,
-    robust_std,
-)
 
 MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corrected. By hand
-DEFECT_SIGMA = 10.0  # from the median of nine pixels. By hand: shot noise of bright contacts is below
-DEFECT_RATIO = 6.0  # of that to the range of the neighbours. Theory: 2.4 for a point behind a blur of 0.75 px
-DEFECT_COMPANIONS = 2  # neighbours that may be as far off: a line one pixel wide is no contact either
-# Least difference from the median, of the largest, where there is no noise; and share of the pixels that may
-# be defective: what has more is a texture. By hand: a transmission that flips bits spoils some in a hundred.
-LEAST_DEFECT, MOST_DEFECTS = 0.02, 0.1
 
 
 def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
@@ -37,26 +24,30 @@ def repair_defects(image: NDArray, valid: Mask) -> tuple[NDArray, Mask]:
     middle = cv2.medianBlur(image, 3)
     rest = cv2.absdiff(image, middle)
     worst = rest.max(axis=1)
-    every, largest = max(int(np.sqrt(image.size / SAMPLE)), 1), float(worst.max())
+    every, largest = max(int(np.sqrt(image.size / robust.SAMPLE)), 1), float(worst.max())
     some = rest[::every, ::every]
-    limit = DEFECT_SIGMA * noise_std(some.astype(np.int16 if some.dtype == np.uint8 else np.float32))
-    limit = min(max(limit, LEAST_DEFECT * largest), largest)
+    # By hand, from the median of nine pixels: shot noise of bright contacts is below.
+    limit = 10.0 * robust.noise_std(some.astype(np.int16 if some.dtype == np.uint8 else np.float32))
+    limit = min(max(limit, 0.02 * largest), largest)  # there may be no noise
     off = np.flatnonzero(worst > rest.dtype.type(limit))
     places, columns = np.nonzero(rest[off] > rest.dtype.type(limit))
     rows = off[places]
     if valid is not None:
         seen = valid[rows, columns] > 0
         rows, columns = rows[seen], columns[seen]
-    if not 0 < len(rows) < MOST_DEFECTS * image.size:
+    # More is a texture. By hand: a transmission that flips bits spoils some in a hundred.
+    if not 0 < len(rows) < 0.1 * image.size:
         return image, None
     (height, width), step = image.shape, np.arange(-1, 2)
     centre = np.clip(rows, 1, height - 2) * width + np.clip(columns, 1, width - 2)
     around = image.ravel()[centre[:, None] + (step[:, None] * width + step).ravel()].astype(np.float32)
     above = np.where(image[rows, columns] > middle[rows, columns], np.float32(1.0), np.float32(-1.0))
     ordered = np.sort(around * above[:, None], axis=1)
-    usual = ordered[:, -2 - DEFECT_COMPANIONS]  # the largest but for the companions and the pixel itself
+    # Two neighbours may be as far off: a line one pixel wide is no contact either.
+    usual = ordered[:, -4]  # the largest but for these and the pixel itself
     off, spread = above * image[rows, columns] - usual, usual - ordered[:, 1]  # one may be off the other way
-    defective = (off > limit) & (off > DEFECT_RATIO * spread)
+    # Theory: 2.4 for a point behind a blur of 0.75 px.
+    defective = (off > limit) & (off > 6.0 * spread)
     if not defective.any():
         return image, None
     rows, columns = rows[defective], columns[defective]
@@ -89,12 +80,11 @@ def mosaic_gains(image: NDArray, valid: Mask = None) -> NDArray[np.float64] | No
     rows, columns = (size // 2 * 2 for size in image.shape)
     if not rows * columns:
         return None
-    every = max(int(np.sqrt(rows * columns / 4 / SAMPLE)), 1)
+    every = max(int(np.sqrt(rows * columns / 4 / robust.SAMPLE)), 1)
 
     def of_colours(pixels: NDArray) -> NDArray:
-        return np.stack(
-            [pixels[y:rows:2, x:columns:2][::every, ::every].ravel() for y, x in np.ndindex(2, 2)]
-        )
+        phases = (pixels[y:rows:2, x:columns:2][::every, ::every] for y, x in np.ndindex(2, 2))
+        return np.stack([phase.ravel() for phase in phases])
 
     phases = np.asarray(of_colours(image), np.float32)
     if valid is not None:
@@ -104,18 +94,18 @@ def mosaic_gains(image: NDArray, valid: Mask = None) -> NDArray[np.float64] | No
     mean, levels = phases.mean(axis=0), phases.mean(axis=1)
     if np.ptp(levels) < 0.5 * MOSAIC_STEP * levels.mean():
         return None
-    bright = mean > max(0.2 * quantile(mean, 0.9), 1e-6)
+    bright = mean > max(0.2 * robust.quantile(mean, 0.9), 1e-6)
     if np.count_nonzero(bright) < 1000:
         return None
     ratio = phases[:, bright] / mean[bright]
-    gains = np.array([median(part) for part in ratio], float)
-    error = np.array([robust_std(part) for part in ratio]) / np.sqrt(ratio.shape[1])
+    gains = np.array([robust.median(part) for part in ratio], float)
+    error = np.array([robust.robust_std(part) for part in ratio]) / np.sqrt(ratio.shape[1])
     if not gains.min() > 0.0:
         return None
     step = np.abs(gains - 1.0)
     # the median of whole numbers is known to half of one
-    alike = np.max(step) < max(MOSAIC_STEP, 1.0 / median(mean[bright]))
-    return None if alike or np.max(step / (error + 1e-9)) < SIGNIFICANT_SIGMA else gains.reshape(2, 2)
+    alike = np.max(step) < max(MOSAIC_STEP, 1.0 / robust.median(mean[bright]))
+    return None if alike or np.max(step / (error + 1e-9)) < robust.SIGNIFICANT_SIGMA else gains.reshape(2, 2)
 
 
 def divide_by_mosaic(image: NDArray, gains: NDArray[np.float64]) -> Values:

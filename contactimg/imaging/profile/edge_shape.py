@@ -21,20 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.profile.blurred_disk import (
-    INNER_BLUR_WIDTHS,
-    PIXEL_VARIANCE,
-    blurred_disks,
-    disk_table,
-    look_up,
-)
+from contactimg.imaging.profile import blurred_disk, limits
 from contactimg.imaging.profile.film_rim import FilmRim, film_table
-from contactimg.imaging.profile.limits import (
-    CLEAR_BLUR_WIDTHS,
-    LEAST_FRACTION,
-    LONGEST_STEP,
-    SHOWN_BLUR_WIDTHS,
-)
 
 Values = NDArray[np.float64]
 
@@ -78,15 +66,9 @@ PRIOR_STD, LARGEST = np.array([parameter[1:] for parameter in PARAMETERS]).T
 
 SHARED = 2
 """ln C and the blur come before the parameters of the edge in what contacts share."""
-WIDTH_RATIOS = (0.5, 0.7, 1.4, 2.0, 2.9)
-"""Widths rho of the Gaussians of a point spread function, over the blur. Chosen: steps of sqrt(2), which a
-sum of Gaussians hardly resolves."""
-RIM_RADII = 0.1  # width of a rim outside. Chosen: with its height, what a blur leaves of other widths
-NARROWEST_BLUR_RATIO = 0.4  # of a blur that varies over the field, to its mean; accuracy: keeps it positive
 
 INNER_NODES = 6
 """Equal steps from the centre of a disk to its rim. Accuracy: the plateau of a contact is smooth."""
-STEPS_PER_BLUR = 4  # nodes of derivatives about the rim; accuracy: affects the efficiency alone
 FINE_STEPS_PER_BLUR = 16  # nodes of profiles; theory: linear interpolation errs by (1/16)^2/8 * 0.24 = 1e-4
 
 
@@ -113,8 +95,8 @@ class Nodes:
 
     @classmethod
     def about(
-        cls, disks: Values, shape: tuple[int, ...], blur: float, *, per_blur: int = STEPS_PER_BLUR,
-        reach: float = INNER_BLUR_WIDTHS,
+        cls, disks: Values, shape: tuple[int, ...], blur: float, *, per_blur: int = 4,
+        reach: float = blurred_disk.INNER_BLUR_WIDTHS,
     ) -> "Nodes":  # fmt: skip
         """Nodes about disks (x, y, radius) in an image of some shape, up to ``reach`` blur widths beyond.
 
@@ -124,8 +106,8 @@ class Nodes:
         array([ 0. ,  2. ,  4. ,  6. ,  8. , 10. , 12. , 12.5, 13. ])
         """
         x, y = (2.0 * disks[:, k] / max(shape[1 - k] - 1.0, 1.0) - 1.0 for k in (0, 1))
-        inner, step = np.maximum(disks[:, 2] - CLEAR_BLUR_WIDTHS * blur, 0.0), blur / per_blur
-        beyond = step * np.arange(round((CLEAR_BLUR_WIDTHS + reach) * per_blur) + 1)
+        inner, step = np.maximum(disks[:, 2] - limits.CLEAR_BLUR_WIDTHS * blur, 0.0), blur / per_blur
+        beyond = step * np.arange(round((limits.CLEAR_BLUR_WIDTHS + reach) * per_blur) + 1)
         inside = inner[:, None] * (np.arange(INNER_NODES) / INNER_NODES)
         return cls(
             disks[:, [2]], np.stack([x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3], axis=-1),
@@ -177,17 +159,19 @@ class Edge:
 
     def moved(self, chosen: NDArray[np.int64], delta: Values) -> "Edge":
         """The edge after a step of some shared quantities, within limits."""
-        change, longest = np.zeros(SHARED + len(PARAMETERS)), LONGEST_STEP * self.blur
+        change, longest = np.zeros(SHARED + len(PARAMETERS)), limits.LONGEST_STEP * self.blur
         change[chosen] = delta
-        blur = max(self.blur + float(np.clip(change[1], -longest, longest)), PIXEL_VARIANCE**0.5)
-        steps = np.clip(change[SHARED:], -LONGEST_STEP * LARGEST, LONGEST_STEP * LARGEST)
+        blur = max(self.blur + float(np.clip(change[1], -longest, longest)), blurred_disk.PIXEL_VARIANCE**0.5)
+        steps = np.clip(change[SHARED:], -limits.LONGEST_STEP * LARGEST, limits.LONGEST_STEP * LARGEST)
         return replace(self, blur=blur, shape=np.clip(self.shape + steps, -LARGEST, LARGEST))
 
     @property
     def reach(self) -> float:
         """Distance beyond the rim up to which the edge changes anything, blur widths."""
         return (
-            film_table(self.film, self.blur).outer if self.film and self.shape[LIGHT] else INNER_BLUR_WIDTHS
+            film_table(self.film, self.blur).outer
+            if self.film and self.shape[LIGHT]
+            else blurred_disk.INNER_BLUR_WIDTHS
         )
 
     def profile(self, nodes: Nodes) -> Values:
@@ -195,33 +179,36 @@ class Edge:
         shape, a, r = self.shape, nodes.radius, nodes.distance
         relative = 1.0 + (nodes.field @ shape[FIELD])[:, None]
         variance = (self.blur * relative) ** 2 + shape[SOFTNESS] * a**2
-        s = np.sqrt(np.maximum(variance, (NARROWEST_BLUR_RATIO * self.blur) ** 2))
-        plain = light = blurred_disks(r, a, s)
-        for weight, ratio in zip(shape[WEIGHTS], WIDTH_RATIOS, strict=True):
+        s = np.sqrt(np.maximum(variance, (0.4 * self.blur) ** 2))  # accuracy: stays positive
+        plain = light = blurred_disk.blurred_disks(r, a, s)
+        # Widths rho over the blur. Chosen: steps of sqrt(2), which a sum of Gaussians hardly resolves.
+        for weight, ratio in zip(shape[WEIGHTS], (0.5, 0.7, 1.4, 2.0, 2.9), strict=True):
             if weight:
-                light = light + weight * (blurred_disks(r, a, ratio * s) - plain)
+                light = light + weight * (blurred_disk.blurred_disks(r, a, ratio * s) - plain)
         if shape[DOME]:
             light = light + shape[DOME] * blurred_dome(r, a, s)
         if shape[RIM]:
-            light = light + shape[RIM] * (blurred_disks(r, (1.0 + RIM_RADII) * a, s) - plain)
+            # Chosen: with its height, a rim of a tenth of the radius is what a blur leaves of other widths.
+            light = light + shape[RIM] * (blurred_disk.blurred_disks(r, (1.0 + 0.1) * a, s) - plain)
         if shape[LIGHT] and self.film is not None:
             table = film_table(self.film, self.blur).values
-            light = light + shape[LIGHT] * (look_up(table, r, a, self.blur)[0] - plain)
+            light = light + shape[LIGHT] * (blurred_disk.look_up(table, r, a, self.blur)[0] - plain)
         if shape[TREND]:
-            light = light * (1.0 + shape[TREND] / (1.0 + (a / (SHOWN_BLUR_WIDTHS * self.blur)) ** 2))
+            light = light * (1.0 + shape[TREND] / (1.0 + (a / (limits.SHOWN_BLUR_WIDTHS * self.blur)) ** 2))
         return self._respond(light) if shape[RESPONSE] else light
 
     def _respond(self, light: Values) -> Values:
         """Grey levels over contrast of a camera of exponent ``1 - p``."""
         gamma = 1.0 - float(self.shape[RESPONSE])
-        full = max(1.0 + self.ratio, LEAST_FRACTION) ** (1.0 / gamma) - 1.0
-        return np.asarray((np.maximum(1.0 + full * light, LEAST_FRACTION) ** gamma - 1.0) / self.ratio)
+        full = max(1.0 + self.ratio, limits.LEAST_FRACTION) ** (1.0 / gamma) - 1.0
+        return np.asarray((np.maximum(1.0 + full * light, limits.LEAST_FRACTION) ** gamma - 1.0) / self.ratio)
 
     def derivatives(self, nodes: Nodes, profile: Values, chosen: NDArray[np.int64]) -> Values:
         """Derivatives of the profile by the radius and some of the shared quantities, shape (n, 1 + m, k)."""
-        out, step = np.empty((len(profile), 1 + len(chosen), profile.shape[1])), LEAST_FRACTION * self.blur
+        out = np.empty((len(profile), 1 + len(chosen), profile.shape[1]))
+        step = limits.LEAST_FRACTION * self.blur
         out[:, 0] = (self.profile(replace(nodes, radius=nodes.radius + step)) - profile) / step
-        steps = LEAST_FRACTION * np.array([1.0, self.blur, *np.minimum(PRIOR_STD, 1.0)])
+        steps = limits.LEAST_FRACTION * np.array([1.0, self.blur, *np.minimum(PRIOR_STD, 1.0)])
         for column, k in enumerate(chosen, 1):
             changed = self.shared
             changed[k] += steps[k]
@@ -232,5 +219,5 @@ class Edge:
 
 def blurred_dome(r: Values, a: Values, s: Values | float) -> Values:
     """The blurred ``1/2 - r^2/a^2``; products with x become x + s^2 d/dx under a Gaussian."""
-    p, by_a, by_r = look_up(disk_table().values, r, a, s, 3)
+    p, by_a, by_r = blurred_disk.look_up(blurred_disk.disk_table().values, r, a, s, 3)
     return np.asarray(0.5 * p - ((r**2 + 2 * s**2) * p + s * (r * by_r - a * by_a)) / a**2)

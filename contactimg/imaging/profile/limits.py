@@ -32,15 +32,13 @@ TWO_SIGNIFICANT = 30.0
 """Chi-square of two quantities that is not chance. False-alarm rate 3e-7: two degrees of freedom."""
 
 FEWEST = 3
-"""Values that give a scatter, and contacts that say something about a frame. Theory: two degrees of freedom.
-"""
+"""Values that give a scatter, and contacts that say something of a frame. Theory: two degrees of freedom."""
 FEW = 10
 """Values that give a variance to a half, or a mean. Theory: sqrt(2/n)."""
 ITERATIONS = 12
 """Newton or Gauss-Newton steps at most. Accuracy: four are usual."""
 ROUNDS = 5
-"""Rounds at most in which what a fit assumes and its result are settled in turn. Accuracy: each leaves about
-a fifth of the error."""
+"""Rounds at most of a fit and what it assumes, in turn. Accuracy: each leaves about a fifth of the error."""
 LONGEST_STEP = 0.25
 """Longest step of the blur, relative to it, of ln contrast, and of another parameter of the edge, relative to
 its largest magnitude. Accuracy: keeps Newton steps finite."""
@@ -63,8 +61,7 @@ is then not cut up, and the height of a peak near a rim, which then becomes no d
 disks in a triangle leave 0.17, an outline rough by 2 % of the radius 0.05."""
 SHOWN_BLUR_WIDTHS = 3.0
 """Radius above which a contact shows its contrast, and half way between small and large ones. Theory: a
-Gaussian spot of any contrast has 1.8 at half of its height, a disk of 3 has 99 % of its contrast at the
-centre."""
+Gaussian spot of any contrast has 1.8 at half of its height, a disk of 3 has 99 % of it at the centre."""
 SQUARE_PX = 2
 """Side of the squares whose means are looked at, px: they fit between crowded contacts. A power of 2."""
 SMALL_AREA_PX2 = 4

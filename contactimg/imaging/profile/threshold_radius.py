@@ -16,8 +16,6 @@ from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
 
-WIDEST_BLUR_WIDTHS = 60.0
-"""Largest radius of the table; above, a straight edge with its first correction is used (accuracy)."""
 
 NODES = 800  # radii in the table; accuracy
 
@@ -87,7 +85,8 @@ def _table(fraction: float) -> tuple[Values, Values]:
     """Crossings and radii in blur widths, from the smallest disk that reaches the threshold."""
     smallest = _smallest_radius(fraction)
     # the crossing rises as the square root from there
-    radii = smallest + (WIDEST_BLUR_WIDTHS - smallest) * np.linspace(0.0, 1.0, NODES) ** 3
+    # Up to 60 blur widths; above, a straight edge with its first correction is as accurate.
+    radii = smallest + (60.0 - smallest) * np.linspace(0.0, 1.0, NODES) ** 3
     crossed = threshold_radius(radii, blur_px=1.0, fraction=fraction)
     crossed[0] = 0.0
     return crossed, radii

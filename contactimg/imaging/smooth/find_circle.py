@@ -14,6 +14,7 @@ from scipy import optimize
 
 from contactimg.errors import FrameError
 from contactimg.imaging.detect.rim_blur import DEFAULT_BLUR_PX
+from contactimg.imaging.pixels.masks import Flags
 from contactimg.imaging.pixels.robust import MAD_TO_STD
 
 Values = NDArray[np.float64]
@@ -22,11 +23,8 @@ SMALLEST_RADIUS_PX = 8.0
 """Radius below which a contact is too small to be the contact of a smooth sphere. Chosen by hand."""
 SHORTEST_ARC = 0.25
 """Least fraction of the circumference that must be visible. Chosen by hand."""
-LARGEST_SCATTER = 0.05
-"""Robust scatter of the outline over the radius above which it is no circle. Chosen by hand."""
 SECTORS, RING_PX = 72, 0.5
-"""Number of sectors (5 degrees each) and width of the rings over which the image is averaged. Chosen by
-hand."""
+"""Number of sectors (5 degrees each) and width of the rings that the image is averaged over. By hand."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +94,7 @@ class EdgeSamples:
         return np.stack([once.real, once.imag, np.ones(len(once)), twice.real, twice.imag])
 
 
-def find_circle(
-    image: NDArray[np.float32], plateau: float, *, valid: NDArray[np.bool_] | None = None
-) -> Circle:
+def find_circle(image: NDArray[np.float32], plateau: float, *, valid: Flags | None = None) -> Circle:
     """Rough circle of the widest contact of an image.
 
     Parameters
@@ -150,7 +146,7 @@ def find_circle(
         raise FrameError(f"the widest contact has a radius of {radius:.3g} px: no wide smooth contact")
     if visible < SHORTEST_ARC:
         raise FrameError(f"only {visible:.0%} of the contact's edge are seen; {SHORTEST_ARC:.0%} are needed")
-    if scatter > LARGEST_SCATTER * radius:
+    if scatter > 0.05 * radius:  # by hand
         raise FrameError(f"the outline is no circle: its radius scatters by {scatter / radius:.0%}")
     return Circle(x, y, radius, arc=visible)
 
@@ -220,9 +216,8 @@ def sample_edge(
     near_edge = np.abs(low + (np.arange(rings) + 0.5) * RING_PX - circle.radius_px) < min(4.0, inside_px)
     whole = (count.reshape(SECTORS, rings)[:, near_edge] > 0).mean(axis=1) > 0.75
     kept = np.flatnonzero((count > 0) & np.repeat(whole, rings))
-    distance, value = (
-        np.bincount(cell, weights, SECTORS * rings)[kept] / count[kept] for weights in (r, part[used])
-    )
+    sums = (np.bincount(cell, weights, SECTORS * rings)[kept] for weights in (r, part[used]))
+    distance, value = (total / count[kept] for total in sums)
     middle = (kept // rings + 0.5) / SECTORS * 2 * np.pi - np.pi
     weight = np.sqrt(count[kept]) / max(noise, 1e-3 * float(np.ptp(value)) if len(value) else 1.0, 1e-9)
     return EdgeSamples(circle, middle, distance, value, weight, kept // rings)

@@ -31,15 +31,9 @@ Values = NDArray[np.float64]
 Loss = Literal["linear", "cauchy"]
 
 WIDEST_FILM_PX = 80.0
-"""Width of the film up to which its fringes are sampled, and length on both sides of it for the blur: four of
-the widest. Chosen by hand."""
-SCAN_OCTAVES = (-2.0, 4.0, 19)
-"""Openings that are tried: first and last power of two times the natural opening, and how many."""
+"""Width of film whose fringes are sampled, and on both sides for the blur: four of the widest. By hand."""
 WIDEST_BLUR_PX = 20.0
 """Upper limit of the blur, and of the width by which a halo exceeds it, in the fit."""
-HALO_START, HALO_LEAST, HALO_MOST = (0.02, 5.0), (0.0, 2.0), (0.5, WIDEST_BLUR_PX)
-"""Fraction of the light in the halo, and width by which it exceeds the blur (px): from which the fit starts,
-and its limits."""
 ELLIPSE_ARC = 0.75
 """Fraction of the circumference from which on an ellipse is told from a shifted circle. Chosen by hand."""
 LINE_STEP_PX = 0.1
@@ -169,7 +163,7 @@ def _start(
         grid = line.grid[line.grid > -3 * blur]
         half = grid[(line.blurred(grid, blur) < 0.5).argmax()]
         radius = samples.circle.radius_px - float(half)
-    return line, np.array([0.0, 0.0, radius, 0.0, 0.0, high - low, low, blur, *HALO_START])
+    return line, np.array([0.0, 0.0, radius, 0.0, 0.0, high - low, low, blur, 0.02, 5.0])
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # threads make the decomposition of narrow matrices slower
@@ -180,8 +174,9 @@ def _fit(
     free = np.setdiff1d(np.arange(len(start)), fixed)
     contrast = abs(start[5])
     low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
-    low[2], low[7:] = 0.5 * start[2], (PIXEL_VARIANCE**0.5, *HALO_LEAST)
-    high[7:] = WIDEST_BLUR_PX, *HALO_MOST
+    # the blur, the light in the halo and the width by which it exceeds the blur
+    low[2], low[7:] = 0.5 * start[2], (PIXEL_VARIANCE**0.5, 0.0, 2.0)
+    high[7:] = WIDEST_BLUR_PX, 0.5, WIDEST_BLUR_PX
     scale = np.array([1.0, 1.0, 1.0, 1.0, 1.0, contrast, contrast, 1.0, 0.1, 2.0])
     start = np.clip(start, low, high)
 
@@ -317,7 +312,7 @@ def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> Opening:
     gap, radius = model.excess.light.wavelength / 4, means[0].circle.radius_px * model.pixel_size
     curved = 8 * np.sqrt(2 * radius) / (3 * np.pi * model.sphere_radius)  # g = curved x^{3/2}
     scale = float(gap / 2 / (2 / np.pi * np.sqrt(2) * np.sqrt((gap / 2 / curved) ** (2 / 3))))
-    logs = np.linspace(*SCAN_OCTAVES)
+    logs = np.linspace(-2.0, 4.0, 19)  # powers of two times the natural opening
     best = int(np.argmin([cost(scale * 2.0**k, means[:1]) for k in logs]))
     bracket = (logs[max(best - 1, 0)], logs[min(best + 1, len(logs) - 1)])
     refined = optimize.minimize_scalar(

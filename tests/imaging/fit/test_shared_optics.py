@@ -9,7 +9,7 @@ from scipy import stats
 from contactimg.errors import InputError
 from contactimg.files import read_frames, read_scene
 from contactimg.frame import Frame
-from contactimg.imaging.fit import shared_optics, unseen_contrast
+from contactimg.imaging.fit import unseen_contrast
 from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.pooling import pool_optics
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
@@ -206,8 +206,7 @@ def blurred_points(radius, contrast, blur, *, noise=1.0, seed=0, n=5):
 
 
 def test_many_small_contacts_show_together_what_one_does_not(monkeypatch):
-    for module in (shared_optics, unseen_contrast):
-        monkeypatch.setattr(module, "KURTOSIS_STD", 0.0)
+    monkeypatch.setattr(unseen_contrast, "KURTOSIS_STD", 0.0)
     image, reference, _ = blurred_points(2.0, 80.0, 1.5)
     many = measure_image(image, reference, polarity="bright")
     assert many.optics.contrast == pytest.approx(80.0, abs=3 * many.optics.contrast_std)
@@ -234,7 +233,7 @@ def test_however_many_small_contacts_show_no_more_than_the_point_spread_function
     lowest = np.log(-np.expm1(-0.5 * 2.0**2 / blur_variance))
     change = np.linspace(lowest, lowest + np.log(10.0), 4001)
     kurtosis = (np.exp(-change) / (blur_variance + 1.0)) ** 2
-    off = (kurtosis - (blur_variance + 1.0) ** -2) / shared_optics.KURTOSIS_STD
+    off = (kurtosis - (blur_variance + 1.0) ** -2) / unseen_contrast.KURTOSIS_STD
     share = np.cumsum(np.exp(-0.5 * off**2))
     ends = np.interp([0.1587, 0.8413], share / share[-1], change)
     expected = np.sqrt(np.mean(ends**2))  # 0.28
