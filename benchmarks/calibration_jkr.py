@@ -254,7 +254,8 @@ def measure(
     if gain_stated:  # 1 % would hide the rest
         data["load"]["gain_std"] = 0.0
     result = run_jkr(open_experiment(scene_from_dict(data, folder=str(folder)), pulled=True))
-    return result.record | {"circles": result.tables["circles"][1]}
+    circles = next(table for schema, table in result.tables if schema.name == "circles")
+    return result.record | {"circles": circles}
 
 
 def frames(seed: int = 1) -> None:
