@@ -32,6 +32,8 @@ _load, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
 
 def __getattr__(name: str) -> _Any:
     """The public object of a name; a function checks the classes of its arguments."""
-    found = _checking_arguments(_load(name), __name__)
-    globals().pop(name, None)  # what the loader keeps does not check them
+    loaded = _load(name)
+    found = _checking_arguments(loaded, __name__)
+    if found is not loaded:
+        globals().pop(name, None)  # what the loader keeps does not check them
     return found
