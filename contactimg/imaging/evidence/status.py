@@ -212,11 +212,10 @@ def _contacts(seen: rules.Judged) -> Iterator[tuple[str, str]]:
     if seen.count and seen.evidence:
         yield from _fitted(seen.evidence)
     faint = seen.having(Flag.TOO_SMALL | Flag.LOW_SIGNAL)
-    specks = seen.contacts["radius_px"] < rules.SPECK_BLUR_WIDTHS * seen.optics.blur_px
-    specks = faint & (specks | seen.having(Flag.POOR_FIT))
-    n, few = np.count_nonzero(faint), np.count_nonzero(specks)
-    doubted = few >= FEWEST_DOUBTED and few > DOUBTED_SHARE * seen.count
-    if doubted or (n >= FEWEST and n > SPOILED_SHARE * seen.count):
+    specks = faint & (seen.contacts["radius_px"] < rules.SPECK_BLUR_WIDTHS * seen.optics.blur_px)
+    n, few, odd = (int(np.count_nonzero(one)) for one in (faint, specks, faint & seen.having(Flag.POOR_FIT)))
+    many = n >= FEWEST and (n > SPOILED_SHARE * seen.count or few > DOUBTED_SHARE * seen.count)
+    if many or FEWEST_DOUBTED <= odd > DOUBTED_SHARE * seen.count:
         text = f"{n} of {seen.count} contacts are no wider than the blur and hardly stand out of the noise"
         yield Status.FALSE_CANDIDATES, text
 
