@@ -201,8 +201,10 @@ def _up_to_comment(row: list[str], numbers: Iterable[int]) -> list[str]:
     return row if k is None else [*row[:k], row[k].partition("#")[0], *[""] * (len(row) - k - 1)]
 
 
-def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
-    """Separator and all cells of a CSV file as text, whatever its columns; blank lines are left out.
+def read_text_table(path: str | Path, schema: Schema) -> tuple[str, pd.DataFrame]:
+    """Separator and all cells of a CSV file as text; blank lines are left out.
+
+    Columns of the schema have its names, whatever their capitals in the file; all others are there as well.
 
     Raises
     ------
@@ -211,7 +213,8 @@ def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
     """
     separator, rows = _csv_rows(path)
     header, *cells = [row for _, row in rows]
-    return separator, pd.DataFrame(cells, columns=[name.strip() for name in header], dtype="str")
+    names = [_in_schema(name.strip(), schema)[0] for name in header]
+    return separator, pd.DataFrame(cells, columns=names, dtype="str")
 
 
 def _places(path: str | Path, header: list[str], schema: Schema, needed: Collection[str]) -> _Places:
