@@ -53,7 +53,7 @@ _KINDS = {
 
 
 class OtherFormError(InputError):
-    """A table is not of the form that its schema asks for."""
+    """A table has not the columns that are asked for."""
 
 
 def read_table(
@@ -325,9 +325,7 @@ def read_loads(path: str | Path, *, pulled: bool = False, column: str = "") -> p
     except OtherFormError as error:
         try:
             table = _loads_of_any_form(path, column)
-        except AmbiguousLoadsError:
-            raise
-        except InputError as other:
+        except OtherFormError as other:
             raise InputError(f"{error}; {str(other).removeprefix(f'{path}: ')}") from None
     table["frame"] = table["frame"].str.strip()
     negative = table[table["load_N"] < 0]
@@ -470,7 +468,7 @@ def _loads_of_any_form(path: str | Path, column: str) -> pd.DataFrame:
                 if any(map(any, lines[last:])):
                     table.attrs["remark"] = f"is read up to line {last}; a row below has another width"
                 return table
-    raise InputError(
+    raise OtherFormError(
         f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
         + (f"; the columns are {shown}" if shown else "")
     )
