@@ -200,7 +200,7 @@ def _without_mean_field(scene: Scene, asperities: pd.DataFrame) -> str:
 
 def _spans(asperities: pd.DataFrame) -> NDArray[np.float64]:
     """Sides in x and in y (m) of the box of the places."""
-    return np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0) if len(asperities) else np.zeros(2)
+    return np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0)
 
 
 def _mean_field(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool) -> MeanField:
@@ -341,7 +341,7 @@ def _frames(name: str, load: float, **row: Any) -> pd.DataFrame:
 
 def _table(asperities: pd.DataFrame | None, wanted: str) -> pd.DataFrame:
     """The table that a missing statistical parameter is derived from."""
-    if asperities is None:
+    if asperities is None or asperities.empty:
         raise InputError(f"a statistical model needs {wanted} in [asperities], or a table to derive it from")
     return asperities
 
@@ -369,7 +369,7 @@ def asperity_density(section: Asperities, asperities: pd.DataFrame | None) -> fl
         return section.density
     table = _table(asperities, "density_per_m2")
     spans, many = _spans(table), len(table) >= MIN_ASPERITIES_FOR_SIDES
-    sides = np.ptp(table_rectangle(Asperities(), table), axis=1) if len(table) else spans
+    sides = np.ptp(table_rectangle(Asperities(), table), axis=1)
     if section.generate is None and "side" not in section.model_fields_set:
         if not (many and spans.min() > 0):
             cure = "state side_m or density_per_m2 in [asperities]"
