@@ -120,10 +120,8 @@ def _region(roi: ImagejRoi) -> Region | None:
     """A region with an area; None for points and lines."""
     image = max(roi.position, roi.t_position, roi.z_position, 0)
     if roi.roitype in (ROI_TYPE.OVAL, ROI_TYPE.RECT):
-        x, y = float(roi.left), float(roi.top)  # in ImageJ's coordinates
-        width, height = float(roi.right - roi.left), float(roi.bottom - roi.top)
-        if roi.options & ROI_OPTIONS.SUB_PIXEL_RESOLUTION and roi.version >= 223:
-            x, y, width, height = map(float, (roi.xd, roi.yd, roi.widthd, roi.heightd))
+        box = roi.left, roi.top, roi.right - roi.left, roi.bottom - roi.top
+        x, y, width, height = (roi.xd, roi.yd, roi.widthd, roi.heightd) if roi.subpixelrect else box
         if not (width > 0 and height > 0):
             return None
         if roi.roitype == ROI_TYPE.OVAL:
