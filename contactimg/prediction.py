@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import ellipe
 
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
@@ -26,7 +25,6 @@ from contactimg.models.greenwood_williamson import RingSolution, ring_weights, s
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.solution import InteractingSolution
 from contactimg.models.surroundings import MeanField, rim_share
-from contactimg.pose import Pose
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import base_radius
 from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
@@ -471,37 +469,6 @@ def find_touching_load(
 def load_name(load: float) -> str:
     """One unique name a load, from its shortest exact decimal form."""
     return f"load_{float(load)!r}N"
-
-
-def see_contacts(
-    contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[float, float] = (0.0, 0.0)
-) -> pd.DataFrame:
-    """Fill the pixel columns of a contacts table given in metres, as the camera would see them.
-
-    Parameters
-    ----------
-    contacts : DataFrame
-        Contacts table with ``x_m, y_m, radius_m``; not changed.
-    pose : Pose
-        Pose of the camera over the reference frame.
-    shift_px : (float, float)
-        Position in the frame minus position in the reference.
-    """
-    x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
-    lengths = contacts[["radius_m", "semi_major_m", "semi_minor_m"]].to_numpy(float)
-    radius, major, minor = lengths.T / pose.pixel_size
-    return CONTACTS.conform(
-        contacts.assign(
-            x_px=x + shift_px[0],
-            y_px=y + shift_px[1],
-            radius_px=radius,
-            area_px2=np.pi * radius**2,
-            semi_major_px=major,
-            semi_minor_px=minor,
-            angle_rad=pose.angle_in_image(contacts["angle_rad"]),
-            perimeter_px=4 * major * ellipe(1 - (minor / major) ** 2),
-        )
-    )
 
 
 def hertz_circle(scene: Scene, load: float) -> tuple[float, float, float] | None:
