@@ -20,7 +20,7 @@ from openpyxl.cell.cell import ILLEGAL_CHARACTERS_RE
 from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi, roiread
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import read_bytes, replacing, write_text
+from contactimg.files.atomic import first_names, read_bytes, replacing, write_text
 from contactimg.files.decoders import LOSSLESS
 from contactimg.tables import Schema, flag_names
 from contactimg.tables.outlines import Outline
@@ -71,7 +71,7 @@ def read_regions(path: str | Path) -> list[Region]:
     Raises
     ------
     InputError
-        If the file cannot be read or holds no region with an area.
+        If the file cannot be read, or holds no region with an area, or one of several outlines.
     """
     path = Path(path)
     read_bytes(path)  # says what hinders
@@ -80,8 +80,11 @@ def read_regions(path: str | Path) -> list[Region]:
     except Exception:  # whatever a damaged file makes of the decoder
         cure = "save the regions with the ROI Manager (.roi, .zip), or the frame with its overlay as TIFF"
         raise InputError(f"{path}: is not an ImageJ ROI file; {cure}") from None
-    found = map(_region, rois if isinstance(rois, list) else [rois])
-    regions = [region for region in found if region is not None]
+    rois = rois if isinstance(rois, list) else [rois]
+    if composite := [roi.name or "one without a name" for roi in rois if roi.composite]:
+        cure = "split it in the ROI Manager (More > Split), or give its mask as an image (Create Mask)"
+        raise InputError(f"{path}: holds a region of several outlines ({first_names(composite)}); {cure}")
+    regions = [region for roi in rois if (region := _region(roi)) is not None]
     if not regions:
         raise InputError(f"{path}: holds no region with an area (oval, rectangle, polygon or freehand)")
     return regions
