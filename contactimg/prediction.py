@@ -24,7 +24,7 @@ from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import RingSolution, ring_weights, solve_greenwood_williamson
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.solution import InteractingSolution
-from contactimg.models.surroundings import MeanField, rim_share
+from contactimg.models.surroundings import MeanField
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import base_radius
 from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
@@ -209,7 +209,7 @@ def _mean_field(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled:
         indenter.radius, elastic.contact_modulus, indenter.apex, layer, load, None, elastic.poisson_ratio
     )
     rectangle = table_rectangle(scene.asperities or Asperities(), asperities)
-    return MeanField.of(asperities, rectangle, conditions, coupled=coupled)
+    return MeanField(asperities, rectangle, conditions, coupled)
 
 
 def table_rectangle(section: Asperities, asperities: pd.DataFrame) -> NDArray[np.float64]:
@@ -230,19 +230,15 @@ def _around_the_table(
         return f"around the table a mean field carries {carried}, which are not in the sums"
     if not load > 0 or _without_mean_field(scene, table):
         return ""
-    rectangle = table_rectangle(scene.asperities or Asperities(), table)
-    spacing = float(np.sqrt(np.prod(np.ptp(rectangle, axis=1)) / len(table)))
-    rows, apex = solution.touching, np.array(scene.need("indenter", PURPOSE).apex)
-    rim = rim_share(solution.x[rows], solution.y[rows], solution.force[rows], rectangle, spacing)
-    if rim == 0 and np.all((apex > rectangle[:, 0]) & (apex < rectangle[:, 1])):
-        return ""
-    outside = _mean_field(scene, table, load, coupled=solution.coupling != "none").share
-    if outside < 2e-3:  # of the load: too little to be said
+    outside, rows = _mean_field(scene, table, load, coupled=solution.coupling != "none"), solution.touching
+    rim = outside.rim_share(solution.x[rows], solution.y[rows], solution.force[rows])
+    (low, high), apex = outside.rectangle.T, outside.conditions.apex
+    if (rim == 0 and np.all((apex > low) & (apex < high))) or outside.share < 2e-3:  # too little to be said
         return ""
     return (
         f"the contact region runs off the table: {100 * rim:.3g} % of the load is borne within one mean "
-        f"spacing of its rim, and a mean field outside would carry {100 * outside:.3g} % of the load; take a "
-        'larger table, or [asperities] surroundings = "mean_field"'
+        f"spacing of its rim, and a mean field outside would carry {100 * outside.share:.3g} % of the load; "
+        'take a larger table, or [asperities] surroundings = "mean_field"'
     )
 
 
