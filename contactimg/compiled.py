@@ -38,7 +38,6 @@ _IMPORT = re.compile(
 )
 
 _settings: Any = numba.config
-_folders: dict[str, Path | None] = {}
 _declared: list[str] = []
 
 
@@ -109,20 +108,19 @@ def _content(path: Path) -> tuple[bytes, tuple[Path, ...]]:
     return hashlib.sha256(text).digest(), tuple(file for file in files if file.is_file())
 
 
+@cache
 def _folder_of(module: str, path: Path) -> Path | None:
     """The folder for the machine code of a module, marked as used now; None where nothing can be stored."""
-    if module not in _folders:
-        store = _store()
-        _folders[module] = None
-        with suppress(OSError):
-            if store is not None:
-                folder = store / f"{module}-{digest_of_sources(path)}"
-                if not folder.exists():
-                    _remove_unused(store.glob(f"{module}-*"))
-                folder.mkdir(exist_ok=True)
-                os.utime(folder)
-                _folders[module] = folder
-    return _folders[module]
+    if (store := _store()) is None:
+        return None
+    folder = store / f"{module}-{digest_of_sources(path)}"
+    with suppress(OSError):
+        if not folder.exists():
+            _remove_unused(store.glob(f"{module}-*"))
+        folder.mkdir(exist_ok=True)
+        os.utime(folder)
+        return folder
+    return None
 
 
 @cache

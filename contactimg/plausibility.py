@@ -146,23 +146,21 @@ def doubts_about_scene(
     if asperities is not None and len(asperities) > 1:
         yield from _doubts_about_table(scene, asperities)
         half_diagonal = float(np.hypot(*np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0))) / 2
-    elastic, indenter = scene.elastic, scene.indenter
-    stated = [("[load] zero_std_N", scene.load.zero_std or 0.0, max(loads, default=0.0))]
+    elastic, heaviest = scene.elastic, max(loads, default=0.0)
+    stated = [("[load] zero_std_N", scene.load.zero_std or 0.0, heaviest)]
     if elastic is not None:
         stated.append(("young_modulus_std_Pa", elastic.young_modulus_std, elastic.stated_modulus or 0.0))
     for name, std, value in stated:
         if std and value:
             key, hint = "standard uncertainty over its value", "is one of them relative, or in another unit?"
             yield from doubt_about(key, std / abs(value), said=f"{name} over {value:g}", hint=hint)
-    if not loads or max(loads) <= 0 or elastic is None or elastic.stated_modulus is None or indenter is None:
-        return
-    if np.isfinite(indenter.radius):
-        body = {"sphere_radius": indenter.radius, "contact_modulus": elastic.contact_modulus}
-        contact = float(hertz.radius(max(loads), **body))
+    lens = np.inf if scene.indenter is None else scene.indenter.radius
+    if elastic is not None and elastic.stated_modulus is not None and heaviest > 0 and lens < np.inf:
+        contact = hertz.radius(heaviest, sphere_radius=lens, contact_modulus=elastic.contact_modulus)
         hint = "is the load in mN or grams, a length in mm, the modulus in MPa?"
-        for key, length in ((CONTACT_OVER_RADIUS, indenter.radius), (CONTACT_OVER_SAMPLE, half_diagonal)):
-            said = key.replace(" over", f" at {max(loads):g} N over")
-            yield from doubt_about(key, contact / length, said=said, hint=hint)
+        for key, length in ((CONTACT_OVER_RADIUS, lens), (CONTACT_OVER_SAMPLE, half_diagonal)):
+            said = key.replace(" over", f" at {heaviest:g} N over")
+            yield from doubt_about(key, float(contact / length), said=said, hint=hint)
 
 
 def _doubts_about_table(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]:

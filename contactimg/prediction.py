@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import ellipe
 
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
@@ -25,8 +24,7 @@ from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import RingSolution, ring_weights, solve_greenwood_williamson
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.solution import InteractingSolution
-from contactimg.models.surroundings import MeanField, rim_share
-from contactimg.pose import Pose
+from contactimg.models.surroundings import MeanField
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import base_radius
 from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
@@ -200,7 +198,7 @@ def _without_mean_field(scene: Scene, asperities: pd.DataFrame) -> str:
 
 def _spans(asperities: pd.DataFrame) -> NDArray[np.float64]:
     """Sides in x and in y (m) of the box of the places."""
-    return np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0) if len(asperities) else np.zeros(2)
+    return np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0)
 
 
 def _mean_field(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool) -> MeanField:
@@ -211,7 +209,7 @@ def _mean_field(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled:
         indenter.radius, elastic.contact_modulus, indenter.apex, layer, load, None, elastic.poisson_ratio
     )
     rectangle = table_rectangle(scene.asperities or Asperities(), asperities)
-    return MeanField.of(asperities, rectangle, conditions, coupled=coupled)
+    return MeanField(asperities, rectangle, conditions, coupled)
 
 
 def table_rectangle(section: Asperities, asperities: pd.DataFrame) -> NDArray[np.float64]:
@@ -232,19 +230,15 @@ def _around_the_table(
         return f"around the table a mean field carries {carried}, which are not in the sums"
     if not load > 0 or _without_mean_field(scene, table):
         return ""
-    rectangle = table_rectangle(scene.asperities or Asperities(), table)
-    spacing = float(np.sqrt(np.prod(np.ptp(rectangle, axis=1)) / len(table)))
-    rows, apex = solution.touching, np.array(scene.need("indenter", PURPOSE).apex)
-    rim = rim_share(solution.x[rows], solution.y[rows], solution.force[rows], rectangle, spacing)
-    if rim == 0 and np.all((apex > rectangle[:, 0]) & (apex < rectangle[:, 1])):
-        return ""
-    outside = _mean_field(scene, table, load, coupled=solution.coupling != "none").share
-    if outside < 2e-3:  # of the load: too little to be said
+    outside, rows = _mean_field(scene, table, load, coupled=solution.coupling != "none"), solution.touching
+    rim = outside.rim_share(solution.x[rows], solution.y[rows], solution.force[rows])
+    (low, high), apex = outside.rectangle.T, outside.conditions.apex
+    if (rim == 0 and np.all((apex > low) & (apex < high))) or outside.share < 2e-3:  # too little to be said
         return ""
     return (
         f"the contact region runs off the table: {100 * rim:.3g} % of the load is borne within one mean "
-        f"spacing of its rim, and a mean field outside would carry {100 * outside:.3g} % of the load; take a "
-        'larger table, or [asperities] surroundings = "mean_field"'
+        f"spacing of its rim, and a mean field outside would carry {100 * outside.share:.3g} % of the load; "
+        'take a larger table, or [asperities] surroundings = "mean_field"'
     )
 
 
@@ -341,7 +335,7 @@ def _frames(name: str, load: float, **row: Any) -> pd.DataFrame:
 
 def _table(asperities: pd.DataFrame | None, wanted: str) -> pd.DataFrame:
     """The table that a missing statistical parameter is derived from."""
-    if asperities is None:
+    if asperities is None or asperities.empty:
         raise InputError(f"a statistical model needs {wanted} in [asperities], or a table to derive it from")
     return asperities
 
@@ -369,7 +363,7 @@ def asperity_density(section: Asperities, asperities: pd.DataFrame | None) -> fl
         return section.density
     table = _table(asperities, "density_per_m2")
     spans, many = _spans(table), len(table) >= MIN_ASPERITIES_FOR_SIDES
-    sides = np.ptp(table_rectangle(Asperities(), table), axis=1) if len(table) else spans
+    sides = np.ptp(table_rectangle(Asperities(), table), axis=1)
     if section.generate is None and "side" not in section.model_fields_set:
         if not (many and spans.min() > 0):
             cure = "state side_m or density_per_m2 in [asperities]"
@@ -471,37 +465,6 @@ def find_touching_load(
 def load_name(load: float) -> str:
     """One unique name a load, from its shortest exact decimal form."""
     return f"load_{float(load)!r}N"
-
-
-def see_contacts(
-    contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[float, float] = (0.0, 0.0)
-) -> pd.DataFrame:
-    """Fill the pixel columns of a contacts table given in metres, as the camera would see them.
-
-    Parameters
-    ----------
-    contacts : DataFrame
-        Contacts table with ``x_m, y_m, radius_m``; not changed.
-    pose : Pose
-        Pose of the camera over the reference frame.
-    shift_px : (float, float)
-        Position in the frame minus position in the reference.
-    """
-    x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
-    lengths = contacts[["radius_m", "semi_major_m", "semi_minor_m"]].to_numpy(float)
-    radius, major, minor = lengths.T / pose.pixel_size
-    return CONTACTS.conform(
-        contacts.assign(
-            x_px=x + shift_px[0],
-            y_px=y + shift_px[1],
-            radius_px=radius,
-            area_px2=np.pi * radius**2,
-            semi_major_px=major,
-            semi_minor_px=minor,
-            angle_rad=pose.angle_in_image(contacts["angle_rad"]),
-            perimeter_px=4 * major * ellipe(1 - (minor / major) ** 2),
-        )
-    )
 
 
 def hertz_circle(scene: Scene, load: float) -> tuple[float, float, float] | None:

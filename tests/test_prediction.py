@@ -15,8 +15,8 @@ from contactimg.prediction import (
     load_name,
     predict_average,
     predict_contacts,
-    see_contacts,
 )
+from contactimg.render.contacts import see_contacts
 from contactimg.scene import scene_from_dict
 from contactimg.surfaces import generate_asperities
 
@@ -281,3 +281,7 @@ def test_ellipses_are_seen_as_ellipses(asperities):
     slope = np.diff(ends[1])[0] / np.diff(ends[0])[0]
     np.testing.assert_allclose(np.tan(seen["angle_rad"]), slope, rtol=1e-9)
     np.testing.assert_allclose(seen["semi_major_px"] * seen["semi_minor_px"], seen["radius_px"] ** 2)
+    # Ramanujan: pi (3 (p + q) - sqrt((3 p + q) (p + 3 q))), too small by a share of order ((p - q)/(p + q))^6
+    p, q = seen["semi_major_px"], seen["semi_minor_px"]
+    perimeter = np.pi * (3 * (p + q) - np.sqrt((3 * p + q) * (p + 3 * q)))
+    np.testing.assert_allclose(seen["perimeter_px"], perimeter, rtol=3e-5)

@@ -6,7 +6,7 @@ import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, wait
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from functools import lru_cache
 from itertools import islice
@@ -232,9 +232,7 @@ def _stored(call: tuple[Callable[..., Any], bool], folder: Path | None) -> Itera
 def _call(file: str, *arguments: Any) -> tuple[Any, Seconds]:
     """The result of the function of a file, in a worker, and the times of its steps if they are asked for."""
     function, timed = _read(file)
-    if not timed:
-        return function(*arguments), {}
-    with collect() as seconds:
+    with collect() if timed else nullcontext(Seconds()) as seconds:
         return function(*arguments), seconds
 
 

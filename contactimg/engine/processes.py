@@ -104,10 +104,8 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 @contextmanager
 def _handled(handler: Callable[..., Any] | int, only: tuple[Any, ...] = ()) -> Iterator[None]:
     """Handle the signals that end a process in this way, where the handler was one of ``only`` if given."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in _ENDING}
+    in_main = threading.current_thread() is threading.main_thread()  # no other one can handle any
+    before = {number: signal.getsignal(number) for number in _ENDING if in_main}
     for number, old in before.items():
         if not only or old in only:
             signal.signal(number, handler)

@@ -383,7 +383,7 @@ class EditsFile:
         if not self.path.exists():
             return ",", EDITS.empty().astype("str")
         self.read()
-        return read_text_table(self.path)
+        return read_text_table(self.path, EDITS)
 
     def _write(self, separator: str, cells: pd.DataFrame) -> None:
         """Replace the file."""

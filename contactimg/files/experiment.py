@@ -17,7 +17,7 @@ import pandas as pd
 import tomlkit
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import first_names, flush_to_disk, read_bytes, write_text
+from contactimg.files.atomic import first_names, flush_to_disk, naming, read_bytes, write_text
 from contactimg.files.corrections import EDITS_FILE, PixelCorrections, find_areas, masked_areas, read_edits
 from contactimg.files.decoders import stated_pixel_size
 from contactimg.files.output import finish_commit
@@ -229,10 +229,8 @@ def _named_images(scene: Scene, kind: str) -> tuple[FrameSource, ...]:
     """The images that a key names."""
     named, found = getattr(scene.images, kind), list[FrameSource]()
     for entry in [named] if isinstance(named, str) else named or []:
-        try:
+        with naming(f"[images] {kind}"):
             found += list_frames(entry, folder=scene.folder)
-        except InputError as error:
-            raise InputError(f"[images] {kind}: {error}") from None
     return tuple(replace(one, camera=scene.camera) for one in dict.fromkeys(found))
 
 

@@ -20,7 +20,7 @@ from openpyxl.cell.cell import ILLEGAL_CHARACTERS_RE
 from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi, roiread
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import read_bytes, replacing, write_text
+from contactimg.files.atomic import first_names, read_bytes, replacing, write_text
 from contactimg.files.decoders import LOSSLESS
 from contactimg.tables import Schema, flag_names
 from contactimg.tables.outlines import Outline
@@ -71,7 +71,7 @@ def read_regions(path: str | Path) -> list[Region]:
     Raises
     ------
     InputError
-        If the file cannot be read or holds no region with an area.
+        If the file cannot be read, or holds no region with an area, or one of several outlines.
     """
     path = Path(path)
     read_bytes(path)  # says what hinders
@@ -80,8 +80,11 @@ def read_regions(path: str | Path) -> list[Region]:
     except Exception:  # whatever a damaged file makes of the decoder
         cure = "save the regions with the ROI Manager (.roi, .zip), or the frame with its overlay as TIFF"
         raise InputError(f"{path}: is not an ImageJ ROI file; {cure}") from None
-    found = map(_region, rois if isinstance(rois, list) else [rois])
-    regions = [region for region in found if region is not None]
+    rois = rois if isinstance(rois, list) else [rois]
+    if composite := [roi.name or "one without a name" for roi in rois if roi.composite]:
+        cure = "split it in the ROI Manager (More > Split), or give its mask as an image (Create Mask)"
+        raise InputError(f"{path}: holds a region of several outlines ({first_names(composite)}); {cure}")
+    regions = [region for roi in rois if (region := _region(roi)) is not None]
     if not regions:
         raise InputError(f"{path}: holds no region with an area (oval, rectangle, polygon or freehand)")
     return regions
@@ -120,10 +123,8 @@ def _region(roi: ImagejRoi) -> Region | None:
     """A region with an area; None for points and lines."""
     image = max(roi.position, roi.t_position, roi.z_position, 0)
     if roi.roitype in (ROI_TYPE.OVAL, ROI_TYPE.RECT):
-        x, y = float(roi.left), float(roi.top)  # in ImageJ's coordinates
-        width, height = float(roi.right - roi.left), float(roi.bottom - roi.top)
-        if roi.options & ROI_OPTIONS.SUB_PIXEL_RESOLUTION and roi.version >= 223:
-            x, y, width, height = map(float, (roi.xd, roi.yd, roi.widthd, roi.heightd))
+        box = roi.left, roi.top, roi.right - roi.left, roi.bottom - roi.top
+        x, y, width, height = (roi.xd, roi.yd, roi.widthd, roi.heightd) if roi.subpixelrect else box
         if not (width > 0 and height > 0):
             return None
         if roi.roitype == ROI_TYPE.OVAL:

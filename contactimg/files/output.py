@@ -271,13 +271,11 @@ class OutputFolder:
 
     def _refuse_others(self, files: set[Path]) -> None:
         """Raise if a run of another command wrote one of the files."""
-        task = task_of(self.record)
-        for record in records_of_runs(self.path):
-            common = files & files_of(record)
-            if common and task_of(record) != task:
+        for other in _files_and_others(self.path, self.record)[1]:
+            if common := files & files_of(other):
                 raise InputError(
-                    f"{self.path}: holds the output of '{task_of(record)}' ({min(common).as_posix()}), which "
-                    f"'{task}' does not replace; choose another output folder"
+                    f"{self.path}: holds the output of '{task_of(other)}' ({min(common).as_posix()}), which "
+                    f"'{task_of(self.record)}' does not replace; choose another output folder"
                 )
 
     def _commit(self) -> None:
@@ -299,8 +297,7 @@ class OutputFolder:
             for place in (self.path / parent for parent in name.parents[:-1]):
                 if place.exists() and not place.is_dir():
                     raise InputError(f"{place}: is a file, where the run needs a folder; move it away")
-        task, records = task_of(self.record), records_of_runs(self.path)
-        earlier = set[Path]().union(*(files_of(one) for one in records if task_of(one) == task))
+        earlier, others = _files_and_others(self.path, self.record)
         kept = {name for name in earlier if name.parts[0] in self._keeps and (self.path / name).is_file()}
         tables = (name for name in new if name.suffix in (".csv", ".parquet"))
         hashes = {name.as_posix(): sha256_of(self.folder / name) for name in tables}
@@ -311,12 +308,18 @@ class OutputFolder:
             with suppress(ValueError):  # on another drive
                 relative = os.path.relpath(configuration["scene_folder"], self.path.resolve())
                 top["configuration"] = configuration | {"scene_folder_relative": Path(relative).as_posix()}
-        others = [one for one in records if task_of(one) != task]
         write_json(top | ({"beside": others} if others else {}), self.folder / PROVENANCE_FILE)
         flush_to_disk(self.folder / PROVENANCE_FILE)
         self.folder.rename(self.path / PENDING_FOLDER)
         _complete_commit(self.path)
         shutil.rmtree(self.path / PARTS_FOLDER, ignore_errors=True)
+
+
+def _files_and_others(folder: Path, record: Mapping[str, Any]) -> tuple[set[Path], list[dict[str, Any]]]:
+    """The files that runs of the same task wrote in a folder, and the records of the runs of other tasks."""
+    task, records = task_of(record), records_of_runs(folder)
+    earlier = (files_of(one) for one in records if task_of(one) == task)
+    return set[Path]().union(*earlier), [one for one in records if task_of(one) != task]
 
 
 def _remove_empty(folders: Iterable[Path]) -> None:
@@ -338,8 +341,7 @@ def _complete_commit(folder: Path) -> None:
         except (ValueError, KeyError, TypeError):
             file = pending / PROVENANCE_FILE
             raise InputError(f"{file}: is damaged; delete {pending} and repeat the run") from None
-        before = [one for one in records_of_runs(folder) if task_of(one) == task_of(record)]
-        earlier = set[Path]().union(*map(files_of, before))
+        earlier, _ = _files_and_others(folder, record)
         for name in sorted(new):
             source, target = pending / name, folder / name
             if not source.exists():  # it is in its place already

@@ -53,7 +53,7 @@ _KINDS = {
 
 
 class OtherFormError(InputError):
-    """A table is not of the form that its schema asks for."""
+    """A table has not the columns that are asked for."""
 
 
 def read_table(
@@ -201,8 +201,10 @@ def _up_to_comment(row: list[str], numbers: Iterable[int]) -> list[str]:
     return row if k is None else [*row[:k], row[k].partition("#")[0], *[""] * (len(row) - k - 1)]
 
 
-def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
-    """Separator and all cells of a CSV file as text, whatever its columns; blank lines are left out.
+def read_text_table(path: str | Path, schema: Schema) -> tuple[str, pd.DataFrame]:
+    """Separator and all cells of a CSV file as text; blank lines are left out.
+
+    Columns of the schema have its names, whatever their capitals in the file; all others are there as well.
 
     Raises
     ------
@@ -211,7 +213,8 @@ def read_text_table(path: str | Path) -> tuple[str, pd.DataFrame]:
     """
     separator, rows = _csv_rows(path)
     header, *cells = [row for _, row in rows]
-    return separator, pd.DataFrame(cells, columns=[name.strip() for name in header], dtype="str")
+    names = [_in_schema(name.strip(), schema)[0] for name in header]
+    return separator, pd.DataFrame(cells, columns=names, dtype="str")
 
 
 def _places(path: str | Path, header: list[str], schema: Schema, needed: Collection[str]) -> _Places:
@@ -322,9 +325,7 @@ def read_loads(path: str | Path, *, pulled: bool = False, column: str = "") -> p
     except OtherFormError as error:
         try:
             table = _loads_of_any_form(path, column)
-        except AmbiguousLoadsError:
-            raise
-        except InputError as other:
+        except OtherFormError as other:
             raise InputError(f"{error}; {str(other).removeprefix(f'{path}: ')}") from None
     table["frame"] = table["frame"].str.strip()
     negative = table[table["load_N"] < 0]
@@ -467,7 +468,7 @@ def _loads_of_any_form(path: str | Path, column: str) -> pd.DataFrame:
                 if any(map(any, lines[last:])):
                     table.attrs["remark"] = f"is read up to line {last}; a row below has another width"
                 return table
-    raise InputError(
+    raise OtherFormError(
         f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
         + (f"; the columns are {shown}" if shown else "")
     )

@@ -32,47 +32,42 @@ MOST_CELLS = 400
 
 @dataclass(frozen=True, eq=False)
 class MeanField:
-    """The mean field of the asperities of a table around it.
+    """The mean field of the asperities of a table around it, under a lens at a load.
 
     Parameters
     ----------
-    rings : RingSolution
-        The averages at the whole load.
+    asperities : DataFrame
     rectangle : ndarray, shape (2, 2), m
-        Limits of the table in x and in y.
-    spacing : float, m
-        Mean distance of the asperities.
+        Limits in x and in y of what the table fills.
     conditions : ContactConditions
+    coupled : bool
+        Whether the contacts displace each other.
     """
 
-    rings: RingSolution
+    asperities: pd.DataFrame
     rectangle: Values
-    spacing: float
     conditions: ContactConditions
+    coupled: bool = True
 
-    @classmethod
-    def of(
-        cls,
-        asperities: pd.DataFrame,
-        rectangle: Values,
-        conditions: ContactConditions,
-        *,
-        coupled: bool = True,
-    ) -> "MeanField":
-        """The mean field of a table that fills a rectangle, under a lens at a load."""
-        area, lens = float(np.prod(np.ptp(rectangle, axis=1))), conditions.indenter_radius
-        radius = float(asperities["radius_m"].mean())
-        heights = np.quantile(asperities["height_m"], (np.arange(HEIGHTS) + 0.5) / HEIGHTS)
-        solve = solve_greenwood_tripp if coupled else solve_greenwood_williamson
-        rings = solve(
+    @cached_property
+    def spacing(self) -> float:
+        """Mean distance of the asperities, m."""
+        return float(np.sqrt(np.prod(np.ptp(self.rectangle, axis=1)) / len(self.asperities)))
+
+    @cached_property
+    def rings(self) -> RingSolution:
+        """The averages at the whole load."""
+        radius, lens = float(self.asperities["radius_m"].mean()), self.conditions.indenter_radius
+        heights = np.quantile(self.asperities["height_m"], (np.arange(HEIGHTS) + 0.5) / HEIGHTS)
+        solve = solve_greenwood_tripp if self.coupled else solve_greenwood_williamson
+        return solve(
             SampleHeights(heights),
-            density=len(asperities) / area,
+            density=1 / self.spacing**2,
             radius=radius * lens / (radius + lens),
             indenter_radius=lens,
-            contact_modulus=conditions.contact_modulus,
-            load=conditions.load or 0.0,
+            contact_modulus=self.conditions.contact_modulus,
+            load=self.conditions.load or 0.0,
         )
-        return cls(rings, rectangle, float(np.sqrt(area / len(asperities))), conditions)
 
     @cached_property
     def _cells(self) -> tuple[Values, Values, float]:
@@ -134,12 +129,11 @@ class MeanField:
         )
         return float(alone["height_m"].max() - sunk["height_m"].max())
 
-
-def rim_share(x: Values, y: Values, force: Values, rectangle: Values, spacing: float) -> float:
-    """Share of the load on contacts within one mean spacing of the rim of a rectangle."""
-    total = float(force.sum())
-    if not total > 0:
-        return 0.0
-    places, (low, high) = np.stack([x, y]), rectangle.T[:, :, None]
-    depth = np.minimum(places - low, high - places).min(axis=0)
-    return float(force[depth < spacing].sum()) / total
+    def rim_share(self, x: Values, y: Values, force: Values) -> float:
+        """Share of the load of contacts that is on those within one mean spacing of the table's rim."""
+        total = float(force.sum())
+        if not total > 0:
+            return 0.0
+        places, (low, high) = np.stack([x, y]), self.rectangle.T[:, :, None]
+        depth = np.minimum(places - low, high - places).min(axis=0)
+        return float(force[depth < self.spacing].sum()) / total

@@ -15,15 +15,8 @@ from contactimg.engine.parallel import in_parallel
 from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.pipeline.inputs import largest_load, need_asperities, scene_asperities
 from contactimg.pipeline.results import write_results
-from contactimg.prediction import (
-    Coupling,
-    Model,
-    Prediction,
-    load_name,
-    predict_average,
-    predict_contacts,
-    see_contacts,
-)
+from contactimg.prediction import Coupling, Model, Prediction, load_name, predict_average, predict_contacts
+from contactimg.render.contacts import see_contacts
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 

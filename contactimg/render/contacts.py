@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import elliprg
 
 from contactimg.errors import InputError
 from contactimg.mechanics import jkr
@@ -22,6 +23,7 @@ from contactimg.optics.spots import (
     surround_with_film,
 )
 from contactimg.optics.wide_edge import edge_light, film_opening
+from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
@@ -29,6 +31,37 @@ Values = NDArray[np.float64]
 
 PIXEL_COLUMNS = ["x_px", "y_px", "radius_px"]
 ELLIPSE_COLUMNS = ["semi_major_px", "semi_minor_px", "angle_rad"]
+
+
+def see_contacts(
+    contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[float, float] = (0.0, 0.0)
+) -> pd.DataFrame:
+    """Fill the pixel columns of a contacts table given in metres, as the camera would see them.
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        Contacts table with ``x_m, y_m, radius_m``; not changed.
+    pose : Pose
+        Pose of the camera over the reference frame.
+    shift_px : (float, float)
+        Position in the frame minus position in the reference.
+    """
+    x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
+    lengths = contacts[["radius_m", "semi_major_m", "semi_minor_m"]].to_numpy(float)
+    radius, major, minor = lengths.T / pose.pixel_size
+    return CONTACTS.conform(
+        contacts.assign(
+            x_px=x + shift_px[0],
+            y_px=y + shift_px[1],
+            radius_px=radius,
+            area_px2=np.pi * radius**2,
+            semi_major_px=major,
+            semi_minor_px=minor,
+            angle_rad=pose.angle_in_image(contacts["angle_rad"]),
+            perimeter_px=8 * elliprg(0.0, major**2, minor**2),
+        )
+    )
 
 
 def place_contacts(
@@ -61,14 +94,9 @@ def place_contacts(
     table = CONTACTS.conform(contacts)
     by_metres = ~np.isfinite(table[PIXEL_COLUMNS].to_numpy()).all(axis=1)
     if by_metres.any():
-        pose, rows = scene.pose(shape), table.loc[by_metres]
-        x_px, y_px = pose.to_pixels(rows["x_m"].to_numpy(), rows["y_m"].to_numpy())
-        radius_px = rows["radius_m"].to_numpy() / pose.pixel_size
-        table.loc[by_metres, PIXEL_COLUMNS] = np.column_stack([x_px, y_px, radius_px])
-        ellipses = by_metres & (table["shape"] == "ellipse").to_numpy(bool)
-        axes = table.loc[ellipses, ["semi_major_m", "semi_minor_m"]].to_numpy() / pose.pixel_size
-        angle = pose.angle_in_image(table.loc[ellipses, "angle_rad"].to_numpy())
-        table.loc[ellipses, ELLIPSE_COLUMNS] = np.column_stack([axes, angle])
+        seen, ellipses = see_contacts(table, scene.pose(shape)), by_metres & (table["shape"] == "ellipse")
+        for rows, columns in ((by_metres, PIXEL_COLUMNS), (ellipses, ELLIPSE_COLUMNS)):
+            table.loc[rows, columns] = seen.loc[rows, columns]
     values = table[PIXEL_COLUMNS].to_numpy()
     wrong = ~np.isfinite(values).all(axis=1) | (values[:, 2] < 0)
     if wrong.any():

@@ -5,11 +5,12 @@ import math
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 from contact_frames import Optics, match, render, scatter
 
 from contactimg import Frame, InputError, measure_series, open_experiment, scene_from_dict
-from contactimg.files import recognise_folder, write_frame
+from contactimg.files import EditsFile, recognise_folder, write_frame
 from contactimg.files.corrections import PixelCorrections
 from contactimg.files.exports import Region, polygon_region, write_regions
 from contactimg.files.sources import FrameSource
@@ -186,3 +187,13 @@ def test_bad_masks_and_darks_get_one_sentence(tmp_path, images, sentence):
         measure_series(scene(tmp_path, images))
     assert sentence in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_rows_go_into_the_columns_of_a_table_with_other_capitals_and_columns(tmp_path):
+    edits = EditsFile(tmp_path / "edits.csv")
+    edits.path.write_text("Frame;Action;X_px;y_px;lens\na.tif;exclude;1,5;2;20x\n")
+    edits.insert(pd.DataFrame([{"frame": "b.tif", "action": "exclude", "x_px": 3.0, "y_px": 4.0}]))
+    assert edits.read()[["frame", "x_px"]].to_numpy().tolist() == [["a.tif", 1.5], ["b.tif", 3.0]]
+    assert pd.read_csv(edits.path, sep=";")["lens"].to_list()[0] == "20x"
+    edits.remove(0)
+    assert edits.read()["frame"].tolist() == ["b.tif"]

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from roifile import ROI_TYPE, ImagejRoi
 
+from contactimg.errors import InputError
 from contactimg.files.exports import (
     Region,
     polygon_region,
@@ -60,6 +62,16 @@ def test_polygons_come_back(tmp_path):
     np.testing.assert_allclose(box.polygon[:-1], corners, atol=1e-4)
     assert math.pi * box.radius**2 == pytest.approx(10.5 * 4.5, rel=1e-6)
     assert (box.x, box.y) == pytest.approx((6.5, 4.75))
+
+
+def test_a_region_of_several_outlines_is_not_taken_for_its_box(tmp_path):
+    """Such as of a selection by a threshold: two triangles, far smaller than the box around both."""
+    roi = ImagejRoi(roitype=ROI_TYPE.RECT, right=100, bottom=100, name="dust")
+    path = [0, 0, 0, 1, 9, 0, 1, 0, 9, 4, 0, 100, 100, 1, 91, 100, 1, 100, 91, 4]  # move, lines, close
+    roi.multi_coordinates, roi.shape_roi_size = np.array(path, np.float32), len(path)
+    (tmp_path / "a.roi").write_bytes(roi.tobytes())
+    with pytest.raises(InputError, match=r"a\.roi: holds a region of several outlines \(dust\); split it"):
+        read_regions(tmp_path / "a.roi")
 
 
 def test_the_overlay_of_a_tiff_comes_back(regions, tmp_path, rng):

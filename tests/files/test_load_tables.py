@@ -96,7 +96,7 @@ def test_a_cell_that_is_no_number_is_named_by_its_line(tmp_path, caplog):
     assert "has no load for the frames: a.tif" in caplog.text
     assert loads[1] == 0.0015
     (tmp_path / "k.txt").write_text("rig 2\n\nBild\tKraft [mN]\na.tif\t1,5\nb.tif\tx\n")
-    with pytest.raises(InputError, match="line 5, column load_N must be a number, got 'x'"):
+    with pytest.raises(InputError, match=r"k\.txt: line 5, column load_N must be a number, got 'x'"):
         read_loads(tmp_path / "k.txt")
 
 

@@ -190,6 +190,14 @@ def average_scene(**asperities):
     return scene_of(SA_LENS, asperities=uniform | asperities)
 
 
+@pytest.mark.parametrize("table", [None, pd.DataFrame()])
+def test_a_touching_load_of_averages_needs_a_radius(table):
+    section = average_scene().source["asperities"]
+    unstated = scene_of(SA_LENS, asperities={name: section[name] for name in section if name != "radius_m"})
+    with pytest.raises(InputError, match=r"needs radius_m in \[asperities\], or a table"):
+        find_touching_load(unstated, table, model="gw")
+
+
 def test_averages_state_the_gap_of_their_mean_planes():
     scene = average_scene()
     touching = find_touching_load(scene, None, model="gw")

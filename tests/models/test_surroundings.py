@@ -92,9 +92,9 @@ def test_all_of_a_pattern_that_is_a_mean_field_adds_up():
     """Of a rectangle without extent everything is outside: the whole load and area of the rings."""
     whole, _, _ = whole_and_part(3)
     where = ContactConditions(LENS, 4e6, APEX, np.inf, 0.2, None)
-    full = MeanField.of(whole, np.array([[0.0, 0.01], [0.0, 0.01]]), where)
+    full = MeanField(whole, np.array([[0.0, 0.01], [0.0, 0.01]]), where)
     assert full.load == 0.0
-    beside = MeanField.of(whole, np.array([[0.02, 0.03], [0.02, 0.03]]), where)
+    beside = MeanField(whole, np.array([[0.02, 0.03], [0.02, 0.03]]), where)
     assert beside.load == pytest.approx(0.2, rel=2e-3)
     assert beside.area == pytest.approx(beside.rings.area, rel=5e-3)
     # at 15 mm the field is that of one force: P/(pi E* r)
