@@ -240,7 +240,7 @@ def run_modulus(experiment: Experiment, *, threshold: CoverageEstimate | None) -
     sought = {name: getattr(scene, name).model_copy(update=keys) for name, keys in parts.items()}
     fixed = replace(experiment, scene=scene.model_copy(update=sought))
     run = measure_parts(fixed).run
-    good = run.frames["contrast"].fillna(0.0) > 0
+    good = run.frames["contrast"].fillna(0.0) != 0  # negative of dark contacts
     forces = np.where(_lacks_forces(run), np.nan, run.frames["force_sum_N"].to_numpy(float))[good]
     areas, frames = run.frames.loc[good, "area_m2"].to_numpy(float), run.frames[good].reset_index(drop=True)
     level = np.array([0.5 if threshold is None else threshold.value])
