@@ -144,8 +144,9 @@ def _stated_modulus(experiment: Experiment) -> CoverageEstimate:
 
 
 def _notes(series: ThresholdSeries) -> list[str]:
-    """Sentences of the frames' rows."""
-    return frame_notes(series.frames) + [str(text) for text in series.failed["message"]]
+    """Sentences of the frames' rows; each frame that failed is named."""
+    failed = series.failed[["frame", "message"]].itertuples(index=False)
+    return frame_notes(series.frames) + [text if name in text else f"{name}: {text}" for name, text in failed]
 
 
 def _result(

@@ -425,6 +425,15 @@ def test_the_modulus_is_that_of_the_forces_of_process_with_their_uncertainty(sma
     assert 0.05 < found["value"] / value - 1 < 2 * found["std"] / value < 1.5
 
 
+@pytest.mark.parametrize("kind", ["threshold", "modulus", "plateau"])
+def test_a_frame_without_contact_is_named(kind, small_series, tmp_path):
+    folder = copy_of(small_series, tmp_path / "frames")
+    (folder / "frame_1.tif").write_bytes((folder / "reference.tif").read_bytes())
+    assert run("calibrate", kind, folder, "-o", tmp_path / "out", "--quiet", "--workers", 1) == 1
+    said = "frame_1.tif: the frame is identical to its reference: no contact can show"
+    assert said in read_calibration(tmp_path / "out")["notes"]
+
+
 def test_dark_contacts_give_the_modulus_of_bright_ones(small_series, tmp_path):
     folder, found = copy_of(small_series, tmp_path / "frames"), []
     for polarity in ("bright", "dark"):
