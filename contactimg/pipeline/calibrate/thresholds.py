@@ -309,6 +309,5 @@ def run_plateau(experiment: Experiment) -> Calibrated:
     ends: dict[str, Any] = {"low": found.threshold_low, "high": found.threshold_high}
     figure = plot_plateau(series.thresholds, series.areas, **ends, names=names)
     areas = Schema("areas", FORCE_SUMS.description, **FORCE_SUMS.first)
-    columns = [name for name in areas.columns if name in table]
-    tables = [(THRESHOLD_CURVE, pd.DataFrame(curve)), (areas, table[columns])]
+    tables = [(THRESHOLD_CURVE, pd.DataFrame(curve)), (areas, table[list(areas.columns)])]
     return Calibrated(record, tables, {"plateau": figure}, failed=len(series.failed) > 0)
