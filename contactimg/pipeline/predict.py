@@ -136,10 +136,10 @@ def predict_in_view(
 
 
 def choice_sentence(prediction: Prediction) -> str:
-    """One sentence on a prediction: level of coupling, effects left out and what that changes."""
+    """One sentence on a planned prediction: level of coupling, effects left out and what that changes."""
     plan, row = prediction.plan, prediction.frames.iloc[0]
     if plan is None:
-        return f"{row['frame']}: {row['message'] or 'averages over random patterns'}"
+        return ""
     level = {"none": "no coupling", "asymptotic": "coupling by point forces", "full": "full coupling"}
     what = {"all": "every output"}.get(plan.output, f"the {plan.output}")
     return (
