@@ -81,7 +81,7 @@ def predict(
         out.record |= record | touching
         level = f", coupling {coupling}" if model == "interacting" else ""
         echo_frames(frames, title=f"{scene}, model {model}{level}")
-        say(*(pipeline.choice_sentence(one) for one in predictions if one.plan is not None))
+        say(*map(pipeline.choice_sentence, predictions))
     return int((frames["status"] == tables.FAILED).any())
 
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 import click
 
 from contactimg import files
-from contactimg.cli.printing import QUIET, echo_timings, progress_bars, say
+from contactimg.cli.printing import echo_timings, progress_bars, say
 from contactimg.scene import Scene, section_keys
 from contactimg.timings import collect
 
@@ -156,7 +156,6 @@ PREPARING = ("quiet", "verbose", "timings", "no_plausibility", "workers", "clust
 
 def _prepare(context: click.Context, asked: dict[str, Any]) -> None:
     """Do what `PREPARING` options ask for, as long as the command runs."""
-    context.meta[QUIET] = asked["quiet"]
     if asked["verbose"]:
         logging.getLogger("contactimg").setLevel(logging.INFO)
     if asked["timings"]:

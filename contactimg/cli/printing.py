@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 Cells = Mapping[Any, Any]
 """Heading -> what stands in one row, or in all rows, below it; nothing for a number that is missing."""
 
-QUIET = "contactimg.quiet"
-"""Where the context of a command holds that it is quiet."""
-
 WIDTH_OF_FILES = 160
 """Characters of a line where the output is a file or a pipe. Chosen: names of frames stay whole."""
 
@@ -30,7 +27,7 @@ WIDTH_OF_FILES = 160
 def is_quiet() -> bool:
     """Whether the command that runs prints nothing but warnings and errors."""
     context = click.get_current_context(silent=True)
-    return context is not None and context.meta.get(QUIET, False)
+    return context is not None and context.params.get("quiet", False)
 
 
 def say(*sentences: str, fault: bool = False) -> None:

@@ -82,15 +82,15 @@ def check_experiment(experiment: Experiment, *, seed: int = 1) -> MeasurementChe
     nothing = "no frame shows contacts like which others could be drawn"
     tables, failed = measured_and_failed(results, nothing)
     drawn = DRAWN.joined(table for table, _ in tables)
-    classes = summarise_drawn(drawn)
+    classes = summarise_drawn(drawn, count=8)  # chosen
     sentence = _sentence(drawn, classes, float(pd.Series([limit for _, limit in tables]).median()))
     return MeasurementCheck(drawn, classes, sentence, pd.DataFrame(failed, columns=["frame", "message"]))
 
 
-def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
-    """Completeness, errors and coverage by classes of the true radius: `contactimg.tables.CHECK`."""
+def summarise_drawn(drawn: pd.DataFrame, *, count: int) -> pd.DataFrame:
+    """Completeness, errors and coverage by so many classes of the true radius: `contactimg.tables.CHECK`."""
     radius, error = drawn["radius_px"], drawn["measured_px"] - drawn["radius_px"]
-    edges = np.geomspace(radius.min() * (1 - 1e-9), radius.max() * (1 + 1e-9), 9)  # eight classes
+    edges = np.geomspace(radius.min() * (1 - 1e-9), radius.max() * (1 + 1e-9), count + 1)
     apart, missed = error.abs() / drawn["measured_std_px"], drawn["found"] == 0
     columns = {"completeness": drawn["found"], "bias_px": error, "rms_px": error**2}
     columns |= {f"within_{n}_std": apart.le(n).astype(float).mask(missed) for n in (1, 2)}
@@ -109,19 +109,17 @@ def _sentence(drawn: pd.DataFrame, classes: pd.DataFrame, stated_px: float) -> s
     if first == len(classes):
         return f"fewer than {100 * FOUND:.0f} % of the drawn contacts are found, whatever their radius"
     low = classes["low_px"].iloc[first]
-    large = drawn[drawn["radius_px"] > low]
-    seen = large[large["found"] == 1]
-    error = seen["measured_px"] - seen["radius_px"]
-    covered = [100 * float(np.mean(np.abs(error) <= n * seen["measured_std_px"])) for n in (1, 2)]
+    large = summarise_drawn(drawn[drawn["radius_px"] > low], count=1).iloc[0]
+    scatter = np.sqrt(max(large["rms_px"] ** 2 - large["bias_px"] ** 2, 0.0) / large["found"])
     limit = ""
     if share[0] < 0.5:
         half = np.exp(np.interp(0.5, np.maximum.accumulate(share), np.log(classes["radius_px"])))
         limit = f"; half of those of {half:.2g} px are found, the frames state {stated_px:.2g} px"
     return (
-        f"of {len(drawn)} contacts drawn into the frames, {100 * len(seen) / len(large):.0f} % of those "
-        f"above {low:.2g} px in radius are found; their radii are off by {np.mean(error):+.2g} ± "
-        f"{np.std(error) / np.sqrt(len(seen)):.1g} px in the mean and {np.sqrt(np.mean(error**2)):.2g} px "
-        f"root mean square; stated uncertainties hold {covered[0]:.0f} and {covered[1]:.0f} % (68 and 95 "
+        f"of {len(drawn)} contacts drawn into the frames, {100 * large['completeness']:.0f} % of those "
+        f"above {low:.2g} px in radius are found; their radii are off by {large['bias_px']:+.2g} ± "
+        f"{scatter:.1g} px in the mean and {large['rms_px']:.2g} px root mean square; stated uncertainties "
+        f"hold {100 * large['within_1_std']:.0f} and {100 * large['within_2_std']:.0f} % (68 and 95 "
         f"expected){limit}"
     )
 

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.effects.render_without import measuring
 from contactimg.errors import FrameWarning, InputError
 from contactimg.files import FrameTables, read_part
-from contactimg.forces import common_radius
 from contactimg.frame import Frame, as_pixels, full_scale_of_type
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.fit.film_choice import FilmVerdict
@@ -248,16 +247,13 @@ def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None
     InputError
         If the film is switched on, and the pixel size or the asperities' radius is not known.
     """
-    asked = scene.effects.film
-    if scene.measure.method != "disk":
-        return None
-    radius = common_radius(scene, None)
-    if not np.isfinite(radius) and sites is not None and len(sites):
+    asked, radius = scene.effects.film, scene.common_radius
+    if radius is None and sites is not None and len(sites):
         radius = float(sites["radius_m"].mean())
-    if asked != "on" and (scene.camera is None or not np.isfinite(radius)):
+    if scene.measure.method != "disk" or (asked != "on" and None in (scene.camera, radius)):
         return None
     camera = scene.need("camera", 'measuring with [effects] film = "on"')
-    if not np.isfinite(radius):
+    if radius is None:
         cure = 'give [asperities] radius_m, or a file with it, or set film = "off"'
         raise InputError(f'[effects] film = "on" needs the radius of the asperities; {cure}')
     rim = FilmRim(lamp(scene.light), radius, camera.pixel_size)

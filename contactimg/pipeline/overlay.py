@@ -92,14 +92,12 @@ def compare_run(run: Run, asperities: pd.DataFrame, *, min_radius_px: float = 1.
         for frame, load in zip(frames["frame"], frames["load_N"].tolist(), strict=True)
         for model in COMPARED_MODELS
     ]
-    (rows, columns), contacts = pose.shape, run.contacts
-    inside = contacts["x_px"].between(-0.5, columns - 0.5) & contacts["y_px"].between(-0.5, rows - 0.5)
-    contacts = contacts[inside]
-    for (model, frame, *_), found in zip(jobs, predict_in_view(surfaces, jobs), strict=True):
+    for (model, frame, _, field), found in zip(jobs, predict_in_view(surfaces, jobs), strict=True):
         if not isinstance(found, Prediction):
             left_out[frame] = "; ".join(filter(None, (left_out.get(frame), f"{model}: {found}")))
             continue
-        measured = contacts[contacts["frame"] == frame].reset_index(drop=True)
+        measured = run.contacts[run.contacts["frame"] == frame]
+        measured = measured[field.holds(measured["x_m"], measured["y_m"])].reset_index(drop=True)
         if model == "coupled":
             scene = run.scene
             if found.plan is not None:

@@ -95,12 +95,11 @@ def draw_frames(
 
 def series_stretch(sources: Sequence[FrameSource]) -> tuple[float, float]:
     """Grey levels that are shown black and white in every frame of a series."""
-    levels = []
+    levels = list[float]()
     for source in evenly_spread(sources, 8):  # chosen: a fraction of a second
         with suppress(FrameError):
-            levels.append(overlay.black_and_white(source.read().image))
-    known = [one for one in levels if one]
-    low, high = min((one[0] for one in known), default=0.0), max((one[1] for one in known), default=255.0)
+            levels += overlay.black_and_white(source.read().image)
+    low, high = min(levels, default=0.0), max(levels, default=255.0)
     return low, high if high > low else low + 1.0
 
 

@@ -129,10 +129,10 @@ def predict_in_view(
 
 
 def choice_sentence(prediction: Prediction) -> str:
-    """One sentence on a prediction: level of coupling, effects left out and what that changes."""
+    """One sentence on a planned prediction: level of coupling, effects left out and what that changes."""
     plan, row = prediction.plan, prediction.frames.iloc[0]
     if plan is None:
-        return f"{row['frame']}: {row['message'] or 'averages over random patterns'}"
+        return ""
     level = {"none": "no coupling", "asymptotic": "coupling by point forces", "full": "full coupling"}
     what = {"all": "every output"}.get(plan.output, f"the {plan.output}")
     return (
@@ -155,13 +155,12 @@ def write_predictions(
     record : dict
         For the provenance: name of the load -> the plan of its effects, and the errors expected of it.
     """
-    schemas = CONTACTS, FRAMES, PROFILE
-    contacts, frames, profiles = (
-        one.joined(getattr(part, one.name) for part in predictions) for one in schemas
-    )
+    contacts = CONTACTS.joined(one.contacts for one in predictions)
+    frames = FRAMES.joined(one.frames for one in predictions)
+    profile = PROFILE.joined(one.profile for one in predictions)
     if scene.camera is not None and scene.simulate is not None:
         contacts = see_contacts(contacts, scene.pose(scene.simulate.shape))
-    write_results(folder, zip(schemas, (contacts, frames, profiles), strict=True))
+    write_results(folder, [(CONTACTS, contacts), (FRAMES, frames), (PROFILE, profile)])
     planned = zip(frames["frame"], predictions, strict=True)
     plans = {name: one.plan for name, one in planned if one.plan is not None}
     errors = {name: plan.error_record for name, plan in plans.items()}

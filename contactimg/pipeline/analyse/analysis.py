@@ -22,7 +22,6 @@ from contactimg.errors import InputError
 from contactimg.files import Run
 from contactimg.pipeline.analyse.places import (
     Place,
-    Tables,
     annuli_of,
     differences,
     fit_or_note,
@@ -39,8 +38,8 @@ from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE,
 
 logger = logging.getLogger(__name__)
 
-Seen = dict[str, Tables]
-"""Name of a model, or "measured" or "predicted" for those of the runs -> contacts and frames."""
+Seen = dict[str, list[Place]]
+"""Name of a model, or "measured" or "predicted" for the runs themselves -> what it says of the places."""
 
 
 @dataclass(frozen=True)
@@ -144,12 +143,13 @@ def analyse_places(places: Sequence[Place], options: AnalysisOptions) -> Analysi
         notes.append(f"no model curves: {'; '.join(lacking)}")
     elif options.models:
         for model in COMPARED_MODELS:
-            seen[model], left_out = predict_places(places, seen[own][1], model)
+            seen[model], left_out = predict_places(seen[own], model)
             notes += left_out
-        for place in places if own == "measured" else ():
-            _doubt_match(place, *seen["coupled"], options.min_radius_px)
-    groups = seen[own][1].groupby("group")
-    averages = [_average_load(part, places, seen, options, notes) for _, part in groups]
+        for place, predicted in zip(places, seen["coupled"], strict=True) if own == "measured" else ():
+            _doubt_match(place, predicted, options.min_radius_px)
+    groups = pd.concat([place.frames for place in seen[own]]).groupby("group")[["group_name", "group_load"]]
+    loads = groups.first().itertuples(index=False)
+    averages = [_average_load(name, load, seen, options, notes) for name, load in loads]
     sheared = analyse_shear(places, notes, load_tolerance=options.load_tolerance)
     stress = None if friction.empty else fit_or_note(notes, "friction", _shear_stress, friction, options)
     points = [_points(average, density) for average in averages]
@@ -183,16 +183,16 @@ def _run_model(places: Sequence[Place]) -> str:
     return "predicted" if predicted == {True} else "measured"
 
 
-def _doubt_match(place: Place, contacts: pd.DataFrame, frames: pd.DataFrame, min_radius_px: float) -> None:
+def _doubt_match(place: Place, predicted: Place, min_radius_px: float) -> None:
     """Stop where fewer than half of the contacts of a place are on the asperities of the predicted ones."""
     if place.pose is None or place.asperities is None:
         return
     smallest = min_radius_px * place.pose.pixel_size
-    predicted = frames.loc[frames["place"] == place.name, "frame"]
     ours, theirs = (
-        table.loc[(table["radius_m"] >= smallest) & table["frame"].isin(predicted), ["frame", "asperity"]]
-        for table in (place.contacts, contacts[contacts["place"] == place.name])
+        table.loc[table["radius_m"] >= smallest, ["frame", "asperity"]]
+        for table in (place.contacts, predicted.contacts)
     )
+    ours = ours[ours["frame"].isin(predicted.frames["frame"])]
     counts = {"measured": len(ours), "predicted": len(theirs), "matched": len(ours.dropna().merge(theirs))}
     run = Run(place.scene, place.contacts, place.frames)
     doubt_match(run, place.pose, place.asperities, place.name, **counts)
@@ -262,25 +262,19 @@ def _density(place: Place) -> float:
 
 
 def _average_load(
-    frames: pd.DataFrame, places: Sequence[Place], seen: Seen, options: AnalysisOptions, notes: list[str]
+    name: str, load: float, seen: Seen, options: AnalysisOptions, notes: list[str]
 ) -> LoadAverage:
     """Average the contacts of one load over annuli; where models were solved, Greenwood-Tripp is added.
 
-    ``frames`` are those of the load; what cannot be computed is added to the notes.
+    ``name`` and ``load`` are those of a group of frames; what cannot be computed is added to the notes.
     """
-    name, load, scene = str(frames["group_name"].iloc[0]), frames["group_load"].iloc[0], places[0].scene
-    shots = {model: table[table["group_load"] == load] for model, (_, table) in seen.items()}
-    kept = {model: table.merge(shots[model][["place", "frame"]]) for model, (table, _) in seen.items()}
-    own = ((table[table["place"] == place.name], place) for table in kept.values() for place in places)
-    every = (annulus_edges(one, centre=place.centre, width=options.annulus) for one, place in own)
-    edges = max(every, key=len)  # of the annuli that hold the contacts of all places
+    shots = {model: [place.at(load) for place in places] for model, places in seen.items()}
+    every = [place for places in shots.values() for place in places]
+    widths = (annulus_edges(one.contacts, centre=one.centre, width=options.annulus) for one in every)
+    edges, scene = max(widths, key=len), every[0].scene  # the annuli that hold the contacts of all places
     moments = {
-        model: {
-            place.name: annuli_of(kept[model], table, place, edges, options.min_radius_px)
-            for place in places
-            if (table["place"] == place.name).any()
-        }
-        for model, table in shots.items()
+        model: {one.name: annuli_of(one, edges, options.min_radius_px) for one in places if len(one.frames)}
+        for model, places in shots.items()
     }
     profiles = [
         radial_profiles.average_profile(list(tables.values()), frame=name, model=model)
@@ -289,7 +283,7 @@ def _average_load(
     ]
     ring_area, normalised = np.nan, NORMALISED.empty()
     if len(seen) > 1:
-        lost, caps = f"{name}: no Greenwood-Tripp curve", places[0].asperities
+        lost, caps = f"{name}: no Greenwood-Tripp curve", every[0].asperities
         rings = fit_or_note(notes, lost, predict_average, scene, caps, load=load, model="gt")
         if rings is not None:
             ring_area = float(rings.frames["area_m2"].iloc[0])
@@ -331,13 +325,10 @@ def _areas(
     """Areas of each load, and exponents of A(P), measured and of every model."""
     density, tables, laws = _density(places[0]), list[pd.DataFrame](), dict[str, PowerLaw]()
     stated = {name: getattr(options, name) for name in ("load_relative_std", "load_std")}
-    for model, (contacts, frames) in seen.items():
-        parts = []
-        for name, centre in ((place.name, place.centre) for place in places):
-            own = (table[table["place"] == name] for table in (frames, contacts))
-            parts.append(frame_areas(*own, place=name, centre=centre))
+    for model, own in seen.items():
+        parts = [frame_areas(one.frames, one.contacts, place=one.name, centre=one.centre) for one in own]
         areas = pd.concat([table for table in parts if len(table)] or parts, ignore_index=True)
-        groups = frames["group"].to_numpy(np.intp)
+        groups = np.concatenate([one.frames["group"].to_numpy(np.intp) for one in own])
         table = area_by_load(areas, groups, model=model, asperity_density=density)
         spread = np.hypot(options.load_relative_std * table["load_N"], options.load_std)
         tables.append(table.assign(load_std_N=spread / np.sqrt(table["n_frames"].astype(float))))

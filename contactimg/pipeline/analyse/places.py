@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,9 +30,6 @@ Point = tuple[float, float]
 
 Result = TypeVar("Result")
 
-Tables = tuple[pd.DataFrame, pd.DataFrame]
-"""Contacts and frames of several places, whose names are in the column ``place``."""
-
 CHANCE = 1e-4
 """Probability of asperities as different as these on one surface, below which they are taken for those of
 another. Chosen: a false alarm in 200 analyses of twenty-four places."""
@@ -42,7 +39,7 @@ STATED = (("indenter", "radius_m"), ("elastic", "young_modulus_Pa"), ("elastic",
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """One place on a sample: the frames taken there, measured.
+    """One place on a sample: the frames taken there, measured, or what a model says of them.
 
     Parameters
     ----------
@@ -82,6 +79,12 @@ class Place:
     def field(self, frame: str) -> FieldOfView | None:
         """Field of view of the camera in a frame; None if everything is visible."""
         return None if self.pose is None else FieldOfView(self.pose, frame_shift(self.frames, frame))
+
+    def at(self, load: float) -> "Place":
+        """The place with only the frames of a ``group_load`` (N), from `grouped`, and their contacts."""
+        frames = self.frames[self.frames["group_load"] == load]
+        contacts = self.contacts[self.contacts["frame"].isin(frames["frame"])]
+        return replace(self, contacts=contacts, frames=frames)
 
 
 def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
@@ -233,8 +236,8 @@ def usable_frames(place: Place) -> pd.DataFrame:
     return frames[(frames["load_N"] > 0) & (frames["area_m2"] > 0)]
 
 
-def grouped(places: Sequence[Place], *, tolerance: float) -> Tables:
-    """Contacts and usable frames of places, the frames grouped by nearly equal load.
+def grouped(places: Sequence[Place], *, tolerance: float) -> list[Place]:
+    """The places with their usable frames only, which are grouped by nearly equal load.
 
     Columns ``group`` (from the lowest load), ``group_name`` (the common name of its frames, or of the load)
     and ``group_load`` (N, the mean over the places) are added to the frames.
@@ -253,66 +256,64 @@ def grouped(places: Sequence[Place], *, tolerance: float) -> Tables:
     shots["group_load"] = shots["group"].map(load)
     alone = shots.groupby("group")["frame"].transform("nunique") == 1
     shots["group_name"] = shots["frame"].where(alone, shots["group_load"].map(load_name))
-    tables = [place.contacts.assign(place=place.name) for place in places]
-    return pd.concat([table for table in tables if len(table)] or tables, ignore_index=True), shots
+    return [replace(place, frames=shots[shots["place"] == place.name]) for place in places]
 
 
-def annuli_of(
-    contacts: pd.DataFrame, frames: pd.DataFrame, place: Place, edges: NDArray, least: float
-) -> pd.DataFrame:
-    """Sums over annuli of the contacts from radius ``least`` (px) on, averaged over frames of a place."""
+def annuli_of(place: Place, edges: NDArray, least: float) -> pd.DataFrame:
+    """Sums over annuli of the contacts from radius ``least`` (px) on, averaged over the frames of a place."""
     smallest = -np.inf if place.pose is None else least * place.pose.pixel_size
-    shown = contacts[(contacts["place"] == place.name) & (contacts["radius_m"] >= smallest)]
+    shown = place.contacts[place.contacts["radius_m"] >= smallest]
     how: dict[str, Any] = {"centre": place.centre, "edges": edges, "sectors": SECTORS}
     tables = [
         annulus_moments(shown[shown["frame"] == frame], field=place.field(frame), **how)
-        for frame in frames["frame"][frames["place"] == place.name]
+        for frame in place.frames["frame"]
     ]
     mean, columns = tables[0].copy(), list(MOMENTS)
     mean[columns] = sum(table[columns] for table in tables) / len(tables)
     return mean
 
 
-def predict_places(places: Sequence[Place], frames: pd.DataFrame, model: str) -> tuple[Tables, list[str]]:
-    """Solve a model for frames of places and keep the contacts in the field of view.
+def predict_places(places: Sequence[Place], model: str) -> tuple[list[Place], list[str]]:
+    """Solve a model for the frames of places and keep the contacts in the field of view.
 
     Parameters
     ----------
     places : sequence of Place
-        With lens, rubber and asperities.
-    frames : DataFrame
-        Their frames with a load, from `grouped`.
+        With lens, rubber and asperities, from `grouped`.
     model : {"coupled", "uncoupled"}
 
     Returns
     -------
-    Tables
-        The model's contacts, and the frames with their areas. A frame beyond the model's range is left out.
+    list of Place
+        With the model's contacts, and the frames with their areas. A frame beyond the model's range is left
+        out.
     list of str
         Why frames were left out.
     """
-    known = {place.name: place for place in places}
     surfaces = {
-        name: (scene_of_model(place.scene, model), place.asperities)
-        for name, place in known.items()
+        place.name: (scene_of_model(place.scene, model), place.asperities)
+        for place in places
         if place.asperities is not None
     }
-    shots, contacts, solved, notes = frames.to_dict("records"), list[pd.DataFrame](), [], list[str]()
-    asked = frames[["place", "frame", "load_N"]].itertuples(index=False)
-    jobs = [(place, frame, load, known[place].field(frame)) for place, frame, load in asked]
+    shots = [(place, row) for place in places for row in place.frames.to_dict("records")]
+    jobs = [(place.name, row["frame"], row["load_N"], place.field(row["frame"])) for place, row in shots]
     solutions = predict_in_view(surfaces, jobs, shown=f"solving the {model} model")
-    for row, found in zip(shots, solutions, strict=True):
+    solved, notes = {place.name: list[tuple[Any, pd.DataFrame]]() for place in places}, list[str]()
+    for (place, row), found in zip(shots, solutions, strict=True):
         if isinstance(found, ModelRangeError | ConvergenceError):
-            notes.append(f"{row['place']}, {row['frame']}: the {model} model is left out: {found}")
+            notes.append(f"{place.name}, {row['frame']}: the {model} model is left out: {found}")
         elif isinstance(found, ContactimgError):
             raise found
         else:
-            seen, place = found.contacts, known[row["place"]]
-            ratios = radius_ratios(seen, place.scene, place.asperities)
-            contacts.append(seen.assign(radius_ratio=ratios, place=place.name))
-            area = float(seen["area_m2"].sum())
+            count, area = len(found.contacts), float(found.contacts["area_m2"].sum())
             # free of measurement errors
-            solved.append(row | {"n_contacts": len(seen), "area_m2": area, "area_std_m2": 0.0})
-    none = CONTACTS.empty().assign(radius_ratio=pd.Series(dtype=float), place=pd.Series(dtype=str))
-    table = pd.concat(contacts or [none], ignore_index=True)
-    return (table, pd.DataFrame(solved, columns=frames.columns)), notes
+            row |= {"n_contacts": count, "area_m2": area, "area_std_m2": 0.0}
+            solved[place.name].append((row, found.contacts))
+
+    def predicted(place: Place) -> Place:
+        contacts = CONTACTS.joined(seen for _, seen in solved[place.name])
+        ratios = radius_ratios(contacts, place.scene, place.asperities)
+        frames = pd.DataFrame([row for row, _ in solved[place.name]], columns=place.frames.columns)
+        return replace(place, contacts=contacts.assign(radius_ratio=ratios), frames=frames)
+
+    return [predicted(place) for place in places], notes

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from contactimg.analysis.area_power_law import group_loads
 from contactimg.analysis.estimates import Estimate
-from contactimg.errors import ContactimgError
 from contactimg.files.runs import frame_shift
 from contactimg.frame import Frame
 from contactimg.pipeline.analyse.places import Place, fit_or_note
@@ -57,13 +57,11 @@ class Sheared:
                 note = f"Q/A(Q) of the largest tangential load: sigma, if the contact slides there{at}"
                 yield "shear_strength_at_largest", fit_strength(total, law.largest), "Pa", note, count
         if self.beta is not None:
-            note, count = (
-                "of single contacts, alpha = beta A0^(-3/2); loads shared as the areas",
-                self.beta.n_points,
-            )
-            yield "shear_beta", self.beta.beta, "m5/N2", note, count
-            if np.isfinite(self.beta.exponent.value):
-                yield "shear_rate_exponent", self.beta.exponent, "1", "the same with a free exponent", count
+            beta, exponent, count = self.beta.beta, self.beta.exponent, self.beta.n_points
+            note = "of single contacts, alpha = beta A0^(-3/2); loads shared as the areas"
+            yield "shear_beta", beta, "m5/N2", note, count
+            if np.isfinite(exponent.value):
+                yield "shear_rate_exponent", exponent, "1", "the same with a free exponent", count
 
     def table(self) -> tuple[Schema, pd.DataFrame]:
         """The table asperities.csv, with the column ``place`` where there are several."""
@@ -92,16 +90,13 @@ def analyse_shear(places: Sequence[Place], notes: list[str], *, load_tolerance: 
         resting = table[table["frame"].isin(still) & table["tangential_N"].notna() & table["load_N"].notna()]
         direction = place.scene.load.tangential_direction
         angle = direction if place.pose is None else float(place.pose.angle_in_image(direction))
-        loads, own = resting["load_N"].to_numpy(float), list[ShearLaws]()
-        said = f"{place.name}: no laws under shear: no frame at rest has a normal and a tangential load"
-        for _, part in resting.groupby(group_loads(loads, tolerance=load_tolerance)):
-            try:
-                own.append(fit_shear_laws(part, place.frames, direction=angle))
-            except ContactimgError as error:
-                said = f"{place.name}: {error}"
+        groups = resting.groupby(group_loads(resting["load_N"].to_numpy(float), tolerance=load_tolerance))
+        why = [f"{place.name}: no laws under shear: no frame at rest has a normal and a tangential load"]
+        fit = partial(fit_or_note, why, place.name, fit_shear_laws, frames=place.frames, direction=angle)
+        own = [law for _, part in groups if (law := fit(part)) is not None]
         laws += own
         if not own:
-            notes.append(said)
+            notes.append(why[-1])
         elif all(law.along is None for law in own):
             cure = 'process with [measure] shape = "ellipse"'
             notes.append(f"{place.name}: no law of half-axes: no contact is an ellipse in all frames; {cure}")

@@ -144,8 +144,9 @@ def _stated_modulus(experiment: Experiment) -> CoverageEstimate:
 
 
 def _notes(series: ThresholdSeries) -> list[str]:
-    """Sentences of the frames' rows."""
-    return frame_notes(series.frames) + [str(text) for text in series.failed["message"]]
+    """Sentences of the frames' rows; each frame that failed is named."""
+    failed = series.failed[["frame", "message"]].itertuples(index=False)
+    return frame_notes(series.frames) + [text if name in text else f"{name}: {text}" for name, text in failed]
 
 
 def _result(
@@ -240,7 +241,7 @@ def run_modulus(experiment: Experiment, *, threshold: CoverageEstimate | None) -
     sought = {name: getattr(scene, name).model_copy(update=keys) for name, keys in parts.items()}
     fixed = replace(experiment, scene=scene.model_copy(update=sought))
     run = measure_parts(fixed).run
-    good = run.frames["contrast"].fillna(0.0) > 0
+    good = run.frames["contrast"].fillna(0.0) != 0  # negative of dark contacts
     forces = np.where(_lacks_forces(run), np.nan, run.frames["force_sum_N"].to_numpy(float))[good]
     areas, frames = run.frames.loc[good, "area_m2"].to_numpy(float), run.frames[good].reset_index(drop=True)
     level = np.array([0.5 if threshold is None else threshold.value])
@@ -308,6 +309,5 @@ def run_plateau(experiment: Experiment) -> Calibrated:
     ends: dict[str, Any] = {"low": found.threshold_low, "high": found.threshold_high}
     figure = plot_plateau(series.thresholds, series.areas, **ends, names=names)
     areas = Schema("areas", FORCE_SUMS.description, **FORCE_SUMS.first)
-    columns = [name for name in areas.columns if name in table]
-    tables = [(THRESHOLD_CURVE, pd.DataFrame(curve)), (areas, table[columns])]
+    tables = [(THRESHOLD_CURVE, pd.DataFrame(curve)), (areas, table[list(areas.columns)])]
     return Calibrated(record, tables, {"plateau": figure}, failed=len(series.failed) > 0)

@@ -17,6 +17,7 @@ from contactimg.files import (
     list_frames,
     open_experiment,
     read_calibration,
+    read_frames,
     read_scene,
     write_frame,
     write_scene,
@@ -422,6 +423,28 @@ def test_the_modulus_is_that_of_the_forces_of_process_with_their_uncertainty(sma
     higher = CoverageEstimate.of_normal(0.6, 0.0)
     found = thresholds.run_modulus(experiment, threshold=higher).record["young_modulus"]
     assert 0.05 < found["value"] / value - 1 < 2 * found["std"] / value < 1.5
+
+
+@pytest.mark.parametrize("kind", ["threshold", "modulus", "plateau"])
+def test_a_frame_without_contact_is_named(kind, small_series, tmp_path):
+    folder = copy_of(small_series, tmp_path / "frames")
+    (folder / "frame_1.tif").write_bytes((folder / "reference.tif").read_bytes())
+    assert run("calibrate", kind, folder, "-o", tmp_path / "out", "--quiet", "--workers", 1) == 1
+    said = "frame_1.tif: the frame is identical to its reference: no contact can show"
+    assert said in read_calibration(tmp_path / "out")["notes"]
+
+
+def test_dark_contacts_give_the_modulus_of_bright_ones(small_series, tmp_path):
+    folder, found = copy_of(small_series, tmp_path / "frames"), []
+    for polarity in ("bright", "dark"):
+        with_scene(folder, images={"polarity": polarity})
+        record = thresholds.run_modulus(open_experiment(read_scene(folder)), threshold=None).record
+        found.append((record["young_modulus"], record["quality"]["frames_used"]))
+        for path in folder.glob("*.tif"):  # the negatives
+            write_frame(Frame(255 - read_frames(path)[0].image), path)
+    (bright, count), (dark, dark_count) = found
+    assert count == dark_count == 3
+    assert dark["value"] == pytest.approx(bright["value"], abs=bright["std"])
 
 
 def test_a_frame_whose_contacts_have_no_forces_is_left_out_and_named(small_series, tmp_path, capsys):
