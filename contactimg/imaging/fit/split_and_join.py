@@ -144,8 +144,14 @@ class GroupWindow:
 
     def pixels_of(self, *disks: NDArray) -> NDArray[np.bool_]:
         """The pixels on and about some disks."""
-        depth = [np.hypot(*self.from_centre(disk)) - disk[RADIUS] for disk in disks]
-        return np.asarray(np.min(depth, axis=0) < limits.NEAR_BLUR_WIDTHS * self.blur)
+        near = np.zeros(self.problem.image.shape, np.bool_)
+        for x, y, a, _ in disks:
+            reach = a + limits.NEAR_BLUR_WIDTHS * self.blur
+            left, top = max(int(x - reach), 0), max(int(y - reach), 0)
+            part = near[top : max(int(y + reach) + 2, 0), left : max(int(x + reach) + 2, 0)]
+            rows, columns = np.ogrid[: part.shape[0], : part.shape[1]]
+            part |= np.hypot(columns + (left - x), rows + (top - y)) < reach
+        return near
 
     def from_centre(self, disk: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Columns and rows counted from the centre of a disk, to be broadcast."""
