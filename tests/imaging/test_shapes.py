@@ -169,6 +169,17 @@ def test_contacts_with_holes_or_speckles_are_all_found_and_said(world):
     assert result.status != "ok"
 
 
+@pytest.mark.parametrize("world", ["Newton white 1 um", "mottled"])
+def test_pairs_among_hundreds_of_contacts_that_are_no_disks_are_told_apart(world):
+    """Covers are tried for the first of them only, the longest first."""
+    scene = make_scene(world, 450, 17)
+    result = measure_image(scene.frame, scene.reference)
+    needed = scene.truth[scene.truth.required].reset_index(drop=True)
+    assert len(match(needed, result.disks)) > 0.96 * len(needed)
+    assert len(result.disks) < 1.02 * len(scene.truth)
+    assert result.status == "poor fit"
+
+
 def test_sharp_contacts_with_holes_are_no_lines():
     """A rim of 2 px around a hole is as thin as a hair."""
     layout = Layout(radii=(5.4, 8.7), pairs=0.3)

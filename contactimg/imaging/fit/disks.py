@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem, X, Y
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem
 from contactimg.imaging.kernels.model_image import draw_disks
 from contactimg.imaging.kernels.normal_equations import SATURATED, build_normal_equations, build_pair_blocks
 from contactimg.imaging.kernels.pairs import (
@@ -26,11 +26,12 @@ from contactimg.imaging.kernels.pairs import (
     are_entangled,
     count_touching,
     find_pairs,
+    largest_move,
     overlapping,
     select_close,
     visible_share,
 )
-from contactimg.imaging.kernels.solve import marginal_variances, solve_coupled
+from contactimg.imaging.kernels.solve import marginal_variances, solve_coupled, take_steps
 from contactimg.imaging.pixels.blocks import BLOCK
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.pixels.robust import MAD_TO_STD, QUARTILE_TO_STD, SIGNIFICANT_SIGMA, quantile
@@ -44,6 +45,7 @@ QUANTILES_TO_STD = {0.25: QUARTILE_TO_STD, 0.5: MAD_TO_STD}
 """Standard deviation of normal deviates over quantiles of their size: ``1/Phi^-1(1/2 + share/2)``."""
 PAIR_MARGIN_PX = 2.0  # move of a rim (or 10 % of the blur) after which pairs are searched again; speed only
 SMALLEST_BLUR_WIDTHS = 0.1  # least radius: keeps a disk from vanishing; accuracy
+LEAST = (SMALLEST_BLUR_WIDTHS, FAINT_FRACTION)  # radius in blur widths, contrast over its mean
 NARROWEST_BLUR_PX = PIXEL_VARIANCE**0.5  # theory: that of the pixel alone
 WELL_FITTED_CHI_SQUARE = 3.0  # worse fits do not determine the blur or the contrast; by hand
 GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.5, 2.0
@@ -261,7 +263,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     near_pairs, paired, paired_blur = find_pairs(disks, far * s + PAIR_MARGIN_PX), disks.copy(), s
     pairs, blocks, count = np.empty((0, 2), np.int64), np.zeros((0, 4, 4)), 0
     for iteration in range(control.iterations):
-        if s > 1.1 * paired_blur or _largest_move(disks, paired) > PAIR_MARGIN_PX:
+        if s > 1.1 * paired_blur or largest_move(disks, paired) > PAIR_MARGIN_PX:
             wider_pairs = find_pairs(disks, far * s + PAIR_MARGIN_PX)
             if are_entangled(disks, select_close(wider_pairs, disks, 0.0), s, image.size):
                 disks = before  # nothing that moved since is drawn
@@ -289,10 +291,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
                 chosen &= chi_square < max(WELL_FITTED_CHI_SQUARE, 2.0 * usual)
             change = _blur_step(s, *(part[chosen] for part in (inverse, cross, gradient, blurs, chi_square)))
         gradient[moving] -= change * cross[moving]
-        alone = np.where(moving[:, None], np.einsum("iuv,iv->iu", inverse, gradient), 0.0)
-        steps = alone.copy()
-        if len(pairs) and not solve_coupled(inverse, gradient, moving, pairs, blocks, steps):
-            steps = alone
+        steps = solve_coupled(inverse, gradient, moving, pairs, blocks)
         still = drawn & ~moving & (change == 0.0)
         draw_disks(model, disks, s, drawn, still, near_pairs, table, shared=shared)
         s = max(s + change, NARROWEST_BLUR_PX)
@@ -301,7 +300,7 @@ def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
         steady = abs(change) < blur_tolerance * s and (control.robust or iteration >= 1)
         free_blur = free_blur and not steady
         before = disks.copy()
-        disks[moving] = _moved(disks[moving], steps[moving], s, prior[:, moving], largest[moving])
+        take_steps(disks, steps, moving, s, prior, largest, LEAST)
         blurs[:, 1] -= blurs[:, 0] * change + np.einsum("iu,iu->i", cross, disks - before)
         if steady:
             # quadratic convergence: the next step is of the order of this one squared over the blur
@@ -326,12 +325,6 @@ def reach_of(table: EdgeTable) -> float:
     return 2.75 if table.outer <= INNER_BLUR_WIDTHS else table.outer
 
 
-def _largest_move(disks: NDArray[np.float64], before: NDArray[np.float64]) -> float:
-    """Largest distance that a rim has moved."""
-    moved = np.hypot(disks[:, X] - before[:, X], disks[:, Y] - before[:, Y])
-    return float(np.max(moved + disks[:, RADIUS] - before[:, RADIUS], initial=0.0))
-
-
 def _blur_step(
     s: float, inverse: NDArray, cross: NDArray, gradient: NDArray, blurs: NDArray, chi_square: NDArray
 ) -> float:
@@ -340,19 +333,6 @@ def _blur_step(
     bottom = weight @ (blurs[:, 0] - np.einsum("iu,iu->i", cross, t))
     top = weight @ (blurs[:, 1] - np.einsum("iu,iu->i", gradient, t))
     return 0.0 if bottom <= 0.0 else float(min(max(top / bottom, -0.2 * s), 0.2 * s))
-
-
-def _moved(disks: NDArray, steps: NDArray, s: float, prior: NDArray, largest: NDArray) -> NDArray[np.float64]:
-    """The disks after a step within limits."""
-    (x, y, a, c), step, (mean, _, brightest) = disks.T, steps.T, prior
-    limit = 0.5 * np.maximum(a, s)
-    wider = a + np.clip(step[RADIUS], -0.4 * a, np.maximum(0.4 * a, 0.5 * s))
-    return np.column_stack([
-        x + np.clip(step[X], -limit, limit),
-        y + np.clip(step[Y], -limit, limit),
-        np.minimum(np.maximum(wider, SMALLEST_BLUR_WIDTHS * s), largest),
-        np.minimum(np.maximum(c + step[CONTRAST], FAINT_FRACTION * mean), brightest),
-    ])  # fmt: skip
 
 
 def largest_radii(

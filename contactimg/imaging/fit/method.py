@@ -253,7 +253,7 @@ class _Frame:
             if not len(rows):
                 break
             original, _ = made_round(best.problem, shown, best.ellipses, -1.0)
-            found = find_ellipses(original, shown, *optics, rows=rows)
+            found = find_ellipses(original, shown, *optics, rows=rows, known=best.ellipses)
             problem, disks = made_round(original, shown, found)
             joint = self.refine(problem, replace(shown, disks=disks), self.prior)
             best = replace(best, problem=problem, fit=joint.fit, joint=joint, ellipses=found)

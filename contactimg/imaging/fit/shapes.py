@@ -203,12 +203,12 @@ NO_ELLIPSES = Ellipses(np.zeros(0, np.intp), [])
 def find_ellipses(
     problem: FitProblem, fit: FittedDisks, prior: ContrastPrior, covariance: NDArray[np.float64], *,
     everywhere: bool = False, among: NDArray[np.bool_] | None = None, rows: NDArray[np.intp] | None = None,
-    elongation: tuple[float, float] = (LEAST_ELONGATION, np.inf),
+    elongation: tuple[float, float] = (LEAST_ELONGATION, np.inf), known: Ellipses = NO_ELLIPSES,
 ) -> Ellipses:  # fmt: skip
     """Ellipses where no disk describes a contact, ``everywhere``, or of some ``rows``.
 
     ``covariance`` is that of (ln contrast, blur); ``among`` are the disks that may be ellipses, those whose
-    counted pixels have axes of a ratio between the two of ``elongation``.
+    counted pixels have axes of a ratio between the two of ``elongation``; ``known`` ones are started from.
     """
     chosen = rows
     if chosen is None:
@@ -220,9 +220,9 @@ def find_ellipses(
             chosen = chosen[(looked.elongation > low) & (looked.elongation < high) & (looked.border == 0.0)]
     # The widest 400 bound the work.
     chosen = chosen[np.argsort(-fit.disks[chosen, RADIUS], kind="stable")][:400]
-    kept, fitted = [], []
+    kept, fitted, starts = [], [], dict(zip(known.rows.tolist(), known.fitted, strict=True))
     for row in chosen:
-        ellipse = _fit_one(problem, fit, prior, covariance, int(row))
+        ellipse = _fit_one(problem, fit, prior, covariance, int(row), starts.get(int(row)))
         if ellipse is None:
             continue
         least, disk = float(ellipse.chi_square[0]), float(fit.chi_square[row])
@@ -244,9 +244,10 @@ def poor_disks(fit: FittedDisks, chi_square: float = limits.POOR_CHI_SQUARE) -> 
 
 
 def _fit_one(
-    problem: FitProblem, fit: FittedDisks, prior: ContrastPrior, covariance: NDArray[np.float64], row: int
-) -> FittedEllipse | None:
-    """An ellipse in the place of one disk, all others subtracted."""
+    problem: FitProblem, fit: FittedDisks, prior: ContrastPrior, covariance: NDArray[np.float64], row: int,
+    known: FittedEllipse | None,
+) -> FittedEllipse | None:  # fmt: skip
+    """An ellipse in the place of a disk, all others subtracted; one ``known`` that describes it starts it."""
     x, y, a, c = fit.disks[row]
     reach = 1.5 * a + limits.REACH_BLUR_WIDTHS * fit.blur
     rows, columns = problem.image.shape
@@ -258,9 +259,12 @@ def _fit_one(
     disk = render_disks(own, fit.blur, problem.image[box].shape, profile=problem.profile)
     image = np.asarray(problem.image[box] - fit.model[box] + disk, np.float32)
     window = problem.window(box, image, float(fit.brightness[row]))
-    moments = cv2.moments((window.image > 0.5 * c).astype(np.uint8), binaryImage=True)
-    angle = 0.5 * np.arctan2(2 * moments["mu11"], moments["mu20"] - moments["mu02"])
-    start = np.array([*own[0, :2], a, 0.1 * np.cos(2 * angle), 0.1 * np.sin(2 * angle), c])
+    if known is None or not known.chi_square[0] < limits.POOR_CHI_SQUARE:
+        moments = cv2.moments((window.image > 0.5 * c).astype(np.uint8), binaryImage=True)
+        angle = 0.5 * np.arctan2(2 * moments["mu11"], moments["mu20"] - moments["mu02"])
+        start = np.array([*own[0, :2], a, 0.1 * np.cos(2 * angle), 0.1 * np.sin(2 * angle), c])
+    else:
+        start = known.parameters - np.array([left, top, 0.0, 0.0, 0.0, 0.0])
     (mean,), (spread,) = prior.of_disks(fit.disks[[row]], fit.blur)
     # variances are larger by the noise that pixels share
     chi_square = max(float(fit.chi_square[row]), 1.0)

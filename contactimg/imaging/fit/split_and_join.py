@@ -46,6 +46,9 @@ DISK_PRICE = 40.0
 """Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
 EXCESS_LEFT_FRACTION = 0.35
 """Fraction of the excess chi-square that a new cover may leave. By hand."""
+ENOUGH_TRIED = 20
+"""Groups, or single disks, for which covers are tried; beyond, only if a fifth of them had one: where fewer
+have, contacts are no disks. By hand."""
 LONG_RATIO = 1.12
 """Ratio of the axes from which two disks are tried for an ellipse. By hand: two told apart make 1.24."""
 
@@ -103,6 +106,7 @@ class GroupWindow:
             fit = fit_disks(self.problem, disks, blur=self.blur, control=CONTROL, largest=largest)
             kept = ~find_insignificant(fit, self.problem, final=True)
             if kept.all() or not kept.any():
+                self._misfits[fit.disks.tobytes()] = self.misfit_of(fit.model)
                 return fit.disks, self.chi_square(fit.disks)
             disks, largest = fit.disks[kept], largest[kept]
 
@@ -140,8 +144,14 @@ class GroupWindow:
 
     def pixels_of(self, *disks: NDArray) -> NDArray[np.bool_]:
         """The pixels on and about some disks."""
-        depth = [np.hypot(*self.from_centre(disk)) - disk[RADIUS] for disk in disks]
-        return np.asarray(np.min(depth, axis=0) < limits.NEAR_BLUR_WIDTHS * self.blur)
+        near = np.zeros(self.problem.image.shape, np.bool_)
+        for x, y, a, _ in disks:
+            reach = a + limits.NEAR_BLUR_WIDTHS * self.blur
+            left, top = max(int(x - reach), 0), max(int(y - reach), 0)
+            part = near[top : max(int(y + reach) + 2, 0), left : max(int(x + reach) + 2, 0)]
+            rows, columns = np.ogrid[: part.shape[0], : part.shape[1]]
+            part |= np.hypot(columns + (left - x), rows + (top - y)) < reach
+        return near
 
     def from_centre(self, disk: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Columns and rows counted from the centre of a disk, to be broadcast."""
@@ -191,17 +201,22 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: shapes.E
     bad = fit.chi_square > limit * usual
     left_over = np.sqrt(np.maximum(fit.chi_square - 1.0, 0.0)) * problem.pixel_noise
     imperfect = bad & (left_over < limits.IMPERFECT_RIM * problem.contrast)
-    if imperfect.any():
-        seen = look_at_pixels(problem, fit, rows=np.flatnonzero(imperfect))
-        imperfect[imperfect] = seen.elongation < shapes.LEAST_ELONGATION
-    # the smallest groups first: most of them are resolved if the work does not suffice for all
+    elongation = np.ones(len(fit.disks))
+    elongation[bad] = look_at_pixels(problem, fit, rows=np.flatnonzero(bad)).elongation
+    imperfect &= elongation < shapes.LEAST_ELONGATION
+    # the smallest groups first, and of single disks the longest, which two contacts are
+    groups = _groups_with(bad, fit.disks, limits.NEAR_BLUR_WIDTHS * fit.blur)
+    order = sorted(groups, key=lambda members: (len(members), -elongation[members[0]]))
     # By hand: a crowd of which half is covered takes 0.7 of the pixels of the image.
     coarse, left = _no_finer_than_shapes(problem), 1.5 * problem.image.size
-    for members in sorted(_groups_with(bad, fit.disks, limits.NEAR_BLUR_WIDTHS * fit.blur), key=len):
+    tried, found = np.zeros((2, 2), np.int64)  # groups, and single disks
+    for members in order:
         # a single disk must fit worse than most, as in a frame of ragged contacts all do, and be longer
         # than wide, as two disks are, or leave more than an imperfect rim, as three do
-        usual_ones = fit.chi_square[members] < limit[members] * median
-        if len(members) == 1 and (usual_ones[0] or imperfect[members[0]] or members[0] in ellipses.rows):
+        usual_ones, alone = fit.chi_square[members] < limit[members] * median, len(members) == 1
+        kind = int(alone)
+        hopeless = tried[kind] >= ENOUGH_TRIED and tried[kind] > 5 * found[kind]
+        if alone and (hopeless or usual_ones[0] or imperfect[members[0]] or members[0] in ellipses.rows):
             continue
         window = GroupWindow.about(coarse, fit, members)
         if window is None:
@@ -213,15 +228,18 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: shapes.E
         # what a small part of the group leaves does not stand out of the noise of all its pixels
         if 2 * fit.pixels[members[bad[members]]].sum() < fit.pixels[members].sum():
             window.near = window.pixels_of(*disks[bad[members]])
-        # Covers of larger groups take too long. By hand.
-        better = _find_cover(window, disks, usual) if len(members) <= 20 else disks
-        if len(members) == 1 and len(better) == 2:
-            found = shapes.find_ellipses(coarse, fit, coarse.prior, shapes.EXACT_OPTICS, rows=members)
+        better = disks
+        if not hopeless and len(members) <= 20:  # covers of larger groups take too long. By hand
+            better = _find_cover(window, disks, usual)
+            tried[kind] += 1
+        if alone and len(better) == 2:
+            one_ellipse = shapes.find_ellipses(coarse, fit, coarse.prior, shapes.EXACT_OPTICS, rows=members)
             # the first two that describe the pixels need not have settled
             better, chi_square = window.fit(better, np.full(2, np.inf))
-            if any(_misfit(window, each) < chi_square for each in found.fitted):
+            if any(_misfit(window, each) < chi_square for each in one_ellipse.fitted):
                 continue
         simple = _simpler(window, better, usual)
+        found[kind] += simple is None and better is not disks
         better, shaped = (better, np.zeros(len(better), np.bool_)) if simple is None else simple
         if better is not disks:
             replaced[members] = True
@@ -315,7 +333,10 @@ def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: shapes.
         shape = window.problem.image.shape
         model = shapes.render_ellipse(ellipse.parameters - window.corner, window.blur, shape)
         near = model > limits.FAINT_FRACTION * problem.contrast
-        misfit = window.misfit_of(model)[near].sum()
+        misfit, expected = window.misfit_of(model)[near].sum(), np.count_nonzero(near)
+        # wide disks leave dark notches between them, which an ellipse would not describe
+        if minor > limits.CLEAR_BLUR_WIDTHS * fit.blur and misfit < expected + np.sqrt(2.0 * expected):
+            continue
         covers = (disks for disks, _ in _larger_covers(window, fit.disks[[row]] - window.offset, 2))
         better = (two for two in covers if len(two) == 2 and window.misfit(two)[near].sum() < misfit)
         two = next(better, None)

@@ -42,10 +42,26 @@ def _sweep(disks, left, order, space):
     return pairs[:count]
 
 
-def select_close(pairs: NDArray[np.int64], disks: NDArray[np.float64], space: float) -> NDArray[np.int64]:
+@njit(cache=True)
+def select_close(pairs, disks, space):
     """The pairs whose rims come closer than ``2 space``."""
-    (x, y, a), (u, v, b) = disks[pairs[:, 0], :3].T, disks[pairs[:, 1], :3].T
-    return pairs[(x - u) ** 2 + (y - v) ** 2 <= (a + b + 2 * space) ** 2]
+    out, count = np.empty(pairs.shape, np.int64), 0
+    for i, j in pairs:
+        dx, dy = disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1]
+        if dx * dx + dy * dy <= (disks[i, 2] + disks[j, 2] + 2.0 * space) ** 2:
+            out[count, 0], out[count, 1] = i, j
+            count += 1
+    return out[:count]
+
+
+@njit(cache=True)
+def largest_move(disks, before):
+    """Largest distance that a rim has moved."""
+    largest = 0.0
+    for i in range(len(disks)):
+        moved = np.hypot(disks[i, 0] - before[i, 0], disks[i, 1] - before[i, 1])
+        largest = max(largest, moved + disks[i, 2] - before[i, 2])
+    return largest
 
 
 def are_entangled(disks: NDArray[np.float64], pairs: NDArray[np.int64], blur: float, pixels: int) -> bool:
@@ -53,14 +69,6 @@ def are_entangled(disks: NDArray[np.float64], pairs: NDArray[np.int64], blur: fl
     smaller = np.minimum(*disks[pairs.T, 2]) + EDGE_BLUR_WIDTHS * blur
     # By hand: a close packing of small ones shares seven times the image; the work of a fit grows with it.
     return bool(np.minimum(np.pi * smaller**2, pixels).sum() > 10.0 * pixels)
-
-
-def list_neighbours(n: int, pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Neighbours of each disk: start of its list, and rows of (pair, side in the pair, the other disk)."""
-    ends = pairs.ravel()
-    order = np.argsort(ends, kind="stable")
-    start = np.searchsorted(ends[order], np.arange(n + 1))
-    return start, np.column_stack([order // 2, order % 2, pairs[:, ::-1].ravel()[order]])
 
 
 def overlapping(disks: NDArray, deepest: float) -> NDArray[np.bool_]:

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.kernels.pairs import list_neighbours
 
 
 @njit(cache=True)
@@ -33,34 +32,50 @@ def invert_4x4(matrix, out):
             out[u, v] = total
 
 
-def solve_coupled(
-    inverse: NDArray[np.float64], gradient: NDArray[np.float64], moving: NDArray[np.bool_],
-    pairs: NDArray[np.int64], blocks: NDArray[np.float64], steps: NDArray[np.float64],
-) -> bool:  # fmt: skip
-    """Solve the coupled normal equations by block Gauss-Seidel; ``steps`` starts at the uncoupled solution.
-
-    The sweeps converge for a positive definite matrix. It may not be positive definite where many disks
-    describe something that is not a disk: False if the sweeps diverge.
-    """
-    start, link = list_neighbours(len(gradient), pairs)
-    coupled = np.flatnonzero(moving & (start[:-1] < start[1:]))
-    settled = _sweep(coupled, inverse, gradient, start, link, blocks, steps)
-    return bool(settled and np.isfinite(steps).all())
-
-
 @njit(cache=True)
-def _sweep(coupled, inverse, gradient, start, link, blocks, steps):
-    """Sweep through the disks until no step changes any more; whether the changes do not grow."""
-    first = np.inf
+def solve_coupled(inverse, gradient, moving, pairs, blocks):
+    """Steps of the disks that move: the coupled normal equations, by block Gauss-Seidel.
+
+    The sweeps start at the uncoupled steps and converge for a positive definite matrix. It may not be
+    positive definite where many disks describe something that is not a disk: where the sweeps diverge, the
+    uncoupled steps are returned.
+    """
+    n = len(gradient)
+    alone = np.zeros((n, 4))
+    for i in range(n):
+        if moving[i]:
+            for u in range(4):
+                for v in range(4):
+                    alone[i, u] += inverse[i, u, v] * gradient[i, v]
+    start, link = _list_neighbours(n, pairs)
+    steps, first, largest = alone.copy(), np.inf, 0.0
     for sweep in range(40):  # accuracy: it stops at 1e-4 px
         largest = 0.0
-        for i in coupled:
-            change = _solve_one(i, inverse, gradient, start[i], start[i + 1], link, blocks, steps)
-            largest = max(largest, change)
+        for i in range(n):
+            if moving[i] and start[i] < start[i + 1]:
+                change = _solve_one(i, inverse, gradient, start[i], start[i + 1], link, blocks, steps)
+                largest = max(largest, change)
         first = largest if sweep == 0 else first
         if not largest >= 1e-4:
             break
-    return largest <= first
+    return steps if largest <= first and np.isfinite(steps).all() else alone
+
+
+@njit(cache=True)
+def _list_neighbours(n, pairs):
+    """Neighbours of each disk: start of its list, and rows of (pair, side in the pair, the other disk)."""
+    start, link = np.zeros(n + 2, np.int64), np.empty((2 * len(pairs), 3), np.int64)
+    for i, j in pairs:
+        start[i + 2] += 1
+        start[j + 2] += 1
+    for i in range(n):
+        start[i + 2] += start[i + 1]
+    for p in range(len(pairs)):
+        for side in range(2):
+            at = start[pairs[p, side] + 1]
+            link[at, 0], link[at, 1], link[at, 2] = p, side, pairs[p, 1 - side]
+            start[pairs[p, side] + 1] += 1
+    return start[: n + 1], link
 
 
 @njit(cache=True)
@@ -81,6 +96,25 @@ def _solve_one(i, inverse, gradient, first, end, link, blocks, steps):
             largest = max(largest, abs(value - steps[i, u]))
         steps[i, u] = value
     return largest
+
+
+@njit(cache=True)
+def take_steps(disks, steps, moving, s, prior, largest, least):
+    """Move disks by a step within limits.
+
+    ``prior`` holds the mean and the upper bound of each contrast, ``largest`` the upper bounds of the radii,
+    ``least`` the smallest radius in blur widths and the smallest contrast over its mean.
+    """
+    for i in range(len(disks)):
+        if moving[i]:
+            a = disks[i, 2]
+            limit, wider = 0.5 * max(a, s), max(0.4 * a, 0.5 * s)
+            disks[i, 0] += min(max(steps[i, 0], -limit), limit)
+            disks[i, 1] += min(max(steps[i, 1], -limit), limit)
+            radius = a + min(max(steps[i, 2], -0.4 * a), wider)
+            disks[i, 2] = min(max(radius, least[0] * s), largest[i])
+            contrast = max(disks[i, 3] + steps[i, 3], least[1] * prior[0, i])
+            disks[i, 3] = min(contrast, prior[2, i])
 
 
 def marginal_variances(
