@@ -2,6 +2,7 @@
 
     python benchmarks/imaging_ablation.py --counts 25 --seeds 31
     python benchmarks/imaging_ablation.py --only "halo,wide residuals" --page docs/imaging_results.md
+    OMP_NUM_THREADS=1 python benchmarks/imaging_ablation.py --costs
 
 A mechanism is left out by putting a function that does nothing in its place. The table says how many frames
 are right, said or WRONG (see `imaging_battery`) and the mean F1, then which worlds come out otherwise than
@@ -13,10 +14,13 @@ import importlib
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 import imaging_battery as battery
+from contact_frames import Optics, render, scatter
+from imaging_speed import label_with_opencv, seconds
 
 START, END = "<!-- table: ablation -->", "<!-- end -->"
 """Marks around the table in a page of the documentation."""
@@ -104,7 +108,7 @@ class LeftOut:
             setattr(owner, last, instead)
 
     def __exit__(self, *_error):
-        for owner, name, value in self.before:
+        for owner, name, value in reversed(self.before):
             setattr(owner, name, value)
 
 
@@ -124,18 +128,42 @@ def line(name, rows, base):
     }  # fmt: skip
 
 
+def costs(table, chosen, *, count=500, largest=30.0, rounds=31):
+    """Time in F that a plain frame takes less without a mechanism: the least of some by turns."""
+    measure, optics = importlib.import_module(BASE + "measure").measure_image, Optics()
+    rng = np.random.default_rng(count)
+    images = render(scatter(count, optics, rng, radii=(1.5, largest)), optics, rng)
+    options = {"polarity": "bright", "full_scale": 255}
+    table = table | {"": [], "all of these": [place for name in chosen for place in table[name]]}
+    least = dict.fromkeys(["", *chosen, "all of these"], np.inf)
+    cv2.setNumThreads(1)
+    base = min(seconds(label_with_opencv, *images) for _ in range(rounds))
+    for _ in range(rounds):
+        for name in least:
+            with LeftOut(table[name]):
+                least[name] = min(least[name], seconds(measure, *images, **options))
+    whole = least.pop("")
+    print(f"{count} contacts of 1.5 to {largest:g} px: {whole / base:.1f} F, less without")
+    for name in sorted(least, key=least.__getitem__):
+        print(f"  {(whole - least[name]) / base:5.2f} F  {name}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--worlds", default="*")
     parser.add_argument("--counts", default="25")
     parser.add_argument("--seeds", default="31")
     parser.add_argument("--only", help="names of mechanisms, separated by commas")
+    parser.add_argument("--costs", action="store_true", help="what each takes of the time of a plain frame")
     parser.add_argument("--page", help="page of the documentation whose table is written anew")
     given = parser.parse_args()
     options = battery.parse(["--worlds", given.worlds, "--counts", given.counts, "--seeds", given.seeds])
     cases = [(*case, options) for case in battery.choose_cases(options)]
     table = mechanisms()
     chosen = [part.strip() for part in given.only.split(",")] if given.only else list(table)
+    if given.costs:
+        costs(table, chosen)
+        return
     base = battery.measure_all(cases, options)
     lines = [line("nothing", base, base)]
     print(lines[0], flush=True)
