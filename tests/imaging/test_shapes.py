@@ -171,7 +171,7 @@ def test_contacts_with_holes_or_speckles_are_all_found_and_said(world):
 
 @pytest.mark.parametrize("world", ["Newton white 1 um", "mottled"])
 def test_pairs_among_hundreds_of_contacts_that_are_no_disks_are_told_apart(world):
-    """Covers are tried for the first of them only, the longest first."""
+    """Covers are tried for some of them only, the smallest first."""
     scene = make_scene(world, 450, 17)
     result = measure_image(scene.frame, scene.reference)
     needed = scene.truth[scene.truth.required].reset_index(drop=True)

@@ -201,12 +201,12 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, ellipses: shapes.E
     bad = fit.chi_square > limit * usual
     left_over = np.sqrt(np.maximum(fit.chi_square - 1.0, 0.0)) * problem.pixel_noise
     imperfect = bad & (left_over < limits.IMPERFECT_RIM * problem.contrast)
-    elongation = np.ones(len(fit.disks))
-    elongation[bad] = look_at_pixels(problem, fit, rows=np.flatnonzero(bad)).elongation
-    imperfect &= elongation < shapes.LEAST_ELONGATION
-    # the smallest groups first, and of single disks the longest, which two contacts are
+    if imperfect.any():
+        seen = look_at_pixels(problem, fit, rows=np.flatnonzero(imperfect))
+        imperfect[imperfect] = seen.elongation < shapes.LEAST_ELONGATION
+    # the smallest groups, and of these the smallest disks first: wide ones that touch are told apart before
     groups = _groups_with(bad, fit.disks, limits.NEAR_BLUR_WIDTHS * fit.blur)
-    order = sorted(groups, key=lambda members: (len(members), -elongation[members[0]]))
+    order = sorted(groups, key=lambda members: (len(members), fit.disks[members, RADIUS].max()))
     # By hand: a crowd of which half is covered takes 0.7 of the pixels of the image.
     coarse, left = _no_finer_than_shapes(problem), 1.5 * problem.image.size
     tried, found = np.zeros((2, 2), np.int64)  # groups, and single disks
