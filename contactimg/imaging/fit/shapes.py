@@ -208,7 +208,8 @@ def find_ellipses(
     """Ellipses where no disk describes a contact, ``everywhere``, or of some ``rows``.
 
     ``covariance`` is that of (ln contrast, blur); ``among`` are the disks that may be ellipses, those whose
-    counted pixels have axes of a ratio between the two of ``elongation``; ``known`` ones are started from.
+    counted pixels have axes of a ratio between the two of ``elongation``. Fits of ``known`` ellipses
+    start from these where they describe the pixels.
     """
     chosen = rows
     if chosen is None:
@@ -247,7 +248,10 @@ def _fit_one(
     problem: FitProblem, fit: FittedDisks, prior: ContrastPrior, covariance: NDArray[np.float64], row: int,
     known: FittedEllipse | None,
 ) -> FittedEllipse | None:  # fmt: skip
-    """An ellipse in the place of a disk, all others subtracted; one ``known`` that describes it starts it."""
+    """An ellipse in the place of one disk, all others subtracted.
+
+    The fit starts from the ``known`` ellipse if that describes the pixels, else from the disk.
+    """
     x, y, a, c = fit.disks[row]
     reach = 1.5 * a + limits.REACH_BLUR_WIDTHS * fit.blur
     rows, columns = problem.image.shape

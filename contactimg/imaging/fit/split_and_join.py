@@ -47,8 +47,8 @@ DISK_PRICE = 40.0
 EXCESS_LEFT_FRACTION = 0.35
 """Fraction of the excess chi-square that a new cover may leave. By hand."""
 ENOUGH_TRIED = 20
-"""Groups, or single disks, for which covers are tried; beyond, only if a fifth of them had one: where fewer
-have, contacts are no disks. By hand."""
+"""Groups, or single disks, for which covers are tried in any case; more are tried only while a fifth of them
+have one. By hand: in a frame with fewer the contacts are no disks."""
 LONG_RATIO = 1.12
 """Ratio of the axes from which two disks are tried for an ellipse. By hand: two told apart make 1.24."""
 
